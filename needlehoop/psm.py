@@ -1,0 +1,241 @@
+"""The da Vinci patient-side manipulator (PSM): constants and kinematics.
+
+Frames. The remote centre of motion (RCM) is the point where the yaw, pitch and
+insertion axes meet. In the RCM frame z points up, and with all joints at zero the
+instrument hangs along -z. The *tool frame* sits at the wrist-yaw joint, turned by the
+tool-tip offset: z along the jaws, x along the axis the jaws turn about.
+
+Sources: jhu-dvrk/sawIntuitiveResearchKit ``share/kinematic/PSM.json`` and
+``share/tool/LARGE_NEEDLE_DRIVER_400006.json`` (Denavit-Hartenberg rows, limits,
+efforts). Modified (Craig) convention throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from math import pi
+
+import numpy as np
+import pytorch_kinematics as pk
+import torch
+from pytorch_kinematics.frame import Frame, Link
+from pytorch_kinematics.frame import Joint as ChainJoint
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One row of the modified DH table, with the joint's limits.
+
+    Lengths in m, angles in rad. ``effort`` is the actuator's limit in N m, or in N for
+    the prismatic insertion.
+    """
+
+    name: str
+    prismatic: bool
+    alpha: float
+    a: float
+    d: float
+    theta: float
+    lower: float
+    upper: float
+    effort: float
+
+
+JOINTS = (
+    Joint("yaw", False, pi / 2, 0.0, 0.0, pi / 2, -1.588, 1.588, 3.316),
+    Joint("pitch", False, -pi / 2, 0.0, 0.0, -pi / 2, -0.925, 0.925, 3.316),
+    Joint("insertion", True, pi / 2, 0.0, -0.4318, 0.0, 0.0, 0.24, 9.878),
+    Joint("roll", False, 0.0, 0.0, 0.4162, 0.0, -4.538, 4.538, 0.33),
+    Joint("wrist_pitch", False, -pi / 2, 0.0, 0.0, -pi / 2, -1.396, 1.396, 0.25),
+    Joint("wrist_yaw", False, -pi / 2, 0.0091, 0.0, -pi / 2, -1.396, 1.396, 0.20),
+)
+JOINT_NAMES = tuple(joint.name for joint in JOINTS)
+
+JAW_LOWER, JAW_UPPER = -0.698, 1.396
+"""Limits of the jaw's opening angle, rad (0: blades parallel)."""
+JAW_EFFORT = 0.16
+"""Limit of the jaw actuator, N m."""
+JAW_LENGTH = 0.0102
+"""Wrist-yaw axis to the blades' tips, m."""
+JAW_WIDTH = 0.005
+"""Width of a blade at its root, m."""
+
+WRIST_LENGTH = 0.0091
+"""Wrist-pitch axis to wrist-yaw axis, m."""
+SHAFT_OFFSET = 0.4318 - 0.4162
+"""Insertion at which the wrist-pitch axis is in the RCM, m."""
+
+TOOL_OFFSET = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+"""Tool-tip offset: the tool frame's axes (columns) in the wrist-yaw frame."""
+
+
+def dh_transform(joint: Joint, q: float = 0.0) -> np.ndarray:
+    """Pose ``(4, 4)`` of a joint's frame in its parent's, at position ``q`` (rad or m)."""
+    theta = joint.theta + (0.0 if joint.prismatic else q)
+    d = joint.d + (q if joint.prismatic else 0.0)
+    ca, sa, ct, st = np.cos(joint.alpha), np.sin(joint.alpha), np.cos(theta), np.sin(theta)
+    return np.array(
+        [
+            [ct, -st, 0.0, joint.a],
+            [st * ca, ct * ca, -sa, -d * sa],
+            [st * sa, ct * sa, ca, d * ca],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Unit quaternion (w, x, y, z) of a rotation matrix ``(3, 3)``, with w >= 0."""
+    # The largest of the four squared components is divided by, so nothing cancels.
+    r = rotation
+    squares = np.array(
+        [
+            1 + r[0, 0] + r[1, 1] + r[2, 2],
+            1 + r[0, 0] - r[1, 1] - r[2, 2],
+            1 - r[0, 0] + r[1, 1] - r[2, 2],
+            1 - r[0, 0] - r[1, 1] + r[2, 2],
+        ]
+    )
+    wx, wy, wz = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
+    xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
+    rows = np.array(
+        [
+            [squares[0], wx, wy, wz],
+            [wx, squares[1], xy, xz],
+            [wy, xy, squares[2], yz],
+            [wz, xz, yz, squares[3]],
+        ]
+    )
+    row = rows[int(np.argmax(squares))]
+    row = row / np.linalg.norm(row)
+    return row if row[0] >= 0 else -row
+
+
+@cache
+def _chain() -> pk.SerialChain:
+    """The arm's chain, built frame by frame from the DH rows in float64.
+
+    pytorch-kinematics' own MJCF reader does not know MuJoCo 3.17's joint enum, and
+    MjSpec.to_xml rounds to six digits, which would cost a micrometre at the tip.
+    """
+    child = Frame("tool", link=Link("tool", offset=_offset(TOOL_OFFSET, np.zeros(3))))
+    for joint in reversed(JOINTS):
+        pose = dh_transform(joint)
+        kind = "prismatic" if joint.prismatic else "revolute"
+        parent = Frame(
+            joint.name,
+            link=Link(joint.name, offset=_offset(pose[:3, :3], pose[:3, 3])),
+            joint=ChainJoint(
+                joint.name,
+                joint_type=kind,
+                axis=(0.0, 0.0, 1.0),
+                limits=(joint.lower, joint.upper),
+            ),
+        )
+        parent.add_child(child)
+        child = parent
+    root = Frame("rcm", link=Link("rcm"), joint=ChainJoint())
+    root.add_child(child)
+    chain = pk.Chain(root.to(dtype=torch.float64, device="cpu"), dtype=torch.float64)
+    return pk.SerialChain(chain, "tool", dtype=torch.float64)
+
+
+def _offset(rotation: np.ndarray, position: np.ndarray) -> pk.Transform3d:
+    return pk.Transform3d(
+        rot=torch.as_tensor(rotation, dtype=torch.float64),
+        pos=torch.as_tensor(position, dtype=torch.float64),
+        dtype=torch.float64,
+    )
+
+
+def forward_kinematics(q: Tensor) -> Tensor:
+    """Pose of the tool frame in the RCM frame.
+
+    Args:
+        q: joint positions ``(..., 6)``: yaw, pitch (rad), insertion (m), roll,
+            wrist_pitch, wrist_yaw (rad).
+
+    Returns:
+        Homogeneous poses ``(..., 4, 4)``, float64, translation in m.
+
+    Raises:
+        ValueError: the last dimension is not 6.
+    """
+    _check_joints(q)
+    flat = q.reshape(-1, len(JOINTS)).to(torch.float64)
+    pose = _chain().forward_kinematics(flat).get_matrix()
+    return pose.reshape(*q.shape[:-1], 4, 4)
+
+
+def straight_wrist(position: Tensor, roll: Tensor, reach: float) -> Tensor:
+    """Joint positions that put a point of a straight-wristed tool at ``position``.
+
+    With the wrist at zero the instrument is a line through the RCM, so direction gives
+    yaw and pitch and distance gives the insertion: no iteration.
+
+    Args:
+        position: target ``(..., 3)`` in the RCM frame, m, below the RCM (z < 0).
+        roll: rotation about the instrument's axis ``(...,)``, rad.
+        reach: distance of the controlled point from the wrist-yaw axis, m.
+
+    Returns:
+        Joint positions ``(..., 6)``, in the order of ``JOINTS``.
+    """
+    x, y, z = position.unbind(-1)
+    in_plane = x * x + z * z
+    length = torch.sqrt(in_plane + y * y)
+    # Not atan2, whose last bit depends on where in a batch an element stands.
+    yaw = torch.atan(x / -z)
+    pitch = torch.atan(-y / torch.sqrt(in_plane))
+    insertion = length + (SHAFT_OFFSET - WRIST_LENGTH - reach)
+    zero = torch.zeros_like(roll)
+    return torch.stack((yaw, pitch, insertion, roll, zero, zero), -1)
+
+
+def inverse_kinematics(
+    pose: Tensor, start: Tensor, iterations: int = 8, damping: float = 1e-4
+) -> Tensor:
+    """Joint positions for a full tool pose, by damped least squares from ``start``.
+
+    Args:
+        pose: target pose of the tool frame ``(n, 4, 4)`` in the RCM frame.
+        start: joint positions to start from ``(n, 6)``; the nearer, the better.
+        iterations: Newton steps; each is clamped to the joint limits.
+        damping: squared damping factor, relative to metres and radians alike.
+
+    Returns:
+        Joint positions ``(n, 6)`` within the limits, float64. A pose out of reach gives
+        the nearest that the iteration found.
+    """
+    _check_joints(start)
+    chain, q = _chain(), start.to(torch.float64)
+    lower, upper = joint_limits()
+    identity = damping * torch.eye(6, dtype=torch.float64)
+    for _ in range(iterations):
+        jacobian, now = chain.jacobian(q, ret_eef_pose=True)
+        twist = torch.cat((pose[:, :3, 3] - now[:, :3, 3], _rotation_error(now, pose)), -1)
+        step = torch.linalg.solve(jacobian @ jacobian.mT + identity, twist.unsqueeze(-1))
+        q = torch.clamp(q + (jacobian.mT @ step).squeeze(-1), lower, upper)
+    return q
+
+
+def joint_limits() -> tuple[Tensor, Tensor]:
+    """Lower and upper limits of the six joints, ``(6,)`` each, rad or m."""
+    lower = torch.tensor([joint.lower for joint in JOINTS], dtype=torch.float64)
+    upper = torch.tensor([joint.upper for joint in JOINTS], dtype=torch.float64)
+    return lower, upper
+
+
+def _rotation_error(now: Tensor, goal: Tensor) -> Tensor:
+    """Rotation vector ``(n, 3)`` that turns ``now`` to ``goal``, base frame, rad."""
+    turn = goal[:, :3, :3] @ now[:, :3, :3].mT
+    return pk.matrix_to_axis_angle(turn)
+
+
+def _check_joints(q: Tensor) -> None:
+    if q.shape[-1:] != (len(JOINTS),):
+        raise ValueError(
+            f"q has shape {tuple(q.shape)}; expected (..., 6): {', '.join(JOINT_NAMES)}"
+        )
