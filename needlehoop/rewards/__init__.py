@@ -1,0 +1,9 @@
+"""Rewards: functions from signals to named terms. They prefer; they never decide success.
+
+The terms are summed to a potential, and each step pays the potential's difference, so
+an episode's return is its last potential.
+"""
+
+from needlehoop.rewards.loader import REWARDS, Reward, load, potential
+
+__all__ = ["REWARDS", "Reward", "load", "potential"]

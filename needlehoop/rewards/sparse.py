@@ -1,0 +1,20 @@
+"""Success and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from needlehoop.signals import Signals
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """Pays ``success`` once the needle is through the hoop."""
+
+    success: float
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` by name."""
+        return {"success": self.success * signals.threaded.double()}
