@@ -1,0 +1,138 @@
+"""From Hydra's YAML and overrides to ``Settings``: the only file that knows omegaconf."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cattrs
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from needlehoop.settings import Settings
+
+CONF = Path(__file__).parent / "conf"
+
+
+def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
+    """Settings from a config file of ``conf/`` and Hydra overrides.
+
+    Raises:
+        ValueError: an unknown key, option or value; the message lists the valid ones.
+    """
+    return structure(compose(overrides, config))
+
+
+def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
+    """The composed config as plain values; errors as in ``settings``."""
+    given = list(overrides)
+    register_cameras()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        try:
+            composed = hydra_compose(config, overrides=given)
+            values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+        except (HydraException, OmegaConfBaseException) as error:
+            message = _explain(error, config)
+            if not any(word.partition("=")[0].lstrip("+~") in message for word in given):
+                message += f" (in: {' '.join(given)})"
+            raise ValueError(message) from error
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
+
+
+def structure(values: dict[str, Any]) -> Settings:
+    """Plain values as checked dataclasses; keys of other tools are left aside."""
+    missing = [name for name in Settings.__dataclass_fields__ if name not in values]
+    if missing:
+        raise ValueError(f"{missing[0]}: missing; every environment needs it")
+    own = {name: values[name] for name in Settings.__dataclass_fields__}
+    try:
+        return _converter.structure(own, Settings)
+    except cattrs.ClassValidationError as error:
+        raise ValueError("; ".join(_flatten(error))) from error
+
+
+def register_cameras() -> None:
+    """Tell Hydra of every view and rendering that has a YAML file.
+
+    Reading the folders keeps a new camera a matter of one file.
+    """
+    defaults: list[Any] = [
+        {f"{group}@{group}s.{file.stem}": file.stem}
+        for group in ("view", "rendering")
+        for file in sorted((CONF / group).glob("*.yaml"))
+    ]
+    ConfigStore.instance().store(name="cameras", node={"defaults": defaults})
+
+
+def _explain(error: Exception, config: str) -> str:
+    """Hydra's message; for an unknown key, with the keys that stand beside it."""
+    text = str(error)
+    found = re.search(r"Could not override '([^']+)'", text)
+    if not found:
+        return _one_line(text)
+    here: Any = hydra_compose(config)
+    known: list[str] = []
+    for key in found.group(1).split("."):
+        if not isinstance(here, DictConfig):
+            break
+        if key not in here:
+            where = ".".join(known) or "the top level"
+            valid = ", ".join(sorted(map(str, here)))
+            return f"{found.group(1)}: unknown key {key!r} in {where}; choose from {valid}"
+        known.append(key)
+        here = here[key]
+    return _one_line(text)
+
+
+def _one_line(text: str) -> str:
+    """Hydra's message without the folders it searched."""
+    return re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()
+
+
+def _flatten(error: BaseException, path: str = "") -> Iterable[str]:
+    """One line per invalid value, named by its key."""
+    if isinstance(error, cattrs.IterableValidationError | cattrs.ClassValidationError):
+        notes = {id(inner): note for inner, note in error.group_exceptions()[0]}
+        for inner in error.exceptions:
+            note = notes.get(id(inner))
+            name = str(getattr(note, "name", getattr(note, "index", ""))) if note else ""
+            yield from _flatten(inner, f"{path}.{name}" if path and name else path or name)
+    elif isinstance(error, KeyError):
+        yield f"{path or error.args[0]}: missing"
+    elif isinstance(error, cattrs.ForbiddenExtraKeysError):
+        yield f"{path}: unknown key {', '.join(sorted(error.extra_fields))}"
+    elif path and not str(error).startswith(path.split(".")[0]):
+        yield f"{path}: {error}"
+    else:
+        yield str(error)
+
+
+def _whole_number(value: Any, _: type) -> int:
+    if isinstance(value, bool) or int(value) != value:
+        raise ValueError(f"{value!r} is not a whole number")
+    return int(value)
+
+
+def _truth(value: Any, _: type) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{value!r} is not true or false")
+    return value
+
+
+def _names(value: Any, _: type) -> tuple[str, ...]:
+    """A list of names, or one string with commas between them."""
+    parts = value.split(",") if isinstance(value, str) else value
+    return tuple(str(part) for part in parts)
+
+
+_converter = cattrs.Converter(forbid_extra_keys=True)
+_converter.register_structure_hook(int, _whole_number)
+_converter.register_structure_hook(bool, _truth)
+_converter.register_structure_hook_func(lambda kind: kind == tuple[str, ...], _names)

@@ -1,0 +1,81 @@
+"""What an engine is: physics and cameras of ``n`` copies of one scene.
+
+An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import mujoco
+from torch import Tensor
+
+from needlehoop.task import Start, Weld
+
+
+@dataclass(frozen=True)
+class EngineConfig:
+    """Values in ``conf/engine``."""
+
+    threads: int
+    """Threads for physics and cameras; 0: every CPU this process may use."""
+
+    def __post_init__(self) -> None:
+        if self.threads < 0:
+            raise ValueError(f"engine.threads: {self.threads} is negative; 0 means every CPU")
+
+
+class Frame(NamedTuple):
+    """What one view saw; ``None`` where a channel was not asked for.
+
+    ``bgra`` ``(n, h, w, 4)`` uint8; ``depth`` ``(n, h, w)`` float32, m along the optical
+    axis, 0 where nothing was hit; ``geom`` ``(n, h, w)`` int32 geom ids, -1 for nothing.
+    Buffers of the engine: valid until its next render.
+    """
+
+    bgra: Tensor | None
+    depth: Tensor | None
+    geom: Tensor | None
+
+
+class Channels(NamedTuple):
+    """What a view is asked for."""
+
+    colour: bool
+    depth: bool
+    geom: bool
+
+    def __or__(self, other: Channels) -> Channels:  # type: ignore[override]
+        """Channels that either asks for."""
+        return Channels(*(a or b for a, b in zip(self, other, strict=True)))
+
+
+class Engine(Protocol):
+    """Physics and cameras of ``num_envs`` scenes."""
+
+    num_envs: int
+    model: mujoco.MjModel
+
+    def reset(self, ids: Tensor, start: Start) -> None:
+        """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
+        ...
+
+    def step(self, control: Tensor) -> None:
+        """Advance all by one control step under ``control`` ``(n, 7)``, then forward."""
+        ...
+
+    def weld(self, weld: Weld) -> None:
+        """Switch the grasp's weld; it acts from the next step on."""
+        ...
+
+    def sensordata(self) -> Tensor:
+        """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
+        ...
+
+    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+        """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
+
+        Views are chosen at construction.
+        """
+        ...

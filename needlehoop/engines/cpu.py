@@ -1,0 +1,133 @@
+"""The CPU engine: mujoco.batch on all cores and the ray tracer on threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+import torch
+from mujoco.batch import Batch
+from torch import Tensor
+
+from needlehoop.engines.contract import Channels, EngineConfig, Frame
+from needlehoop.engines.placement import WELD, Placement, weld_data
+from needlehoop.engines.tracer import FIELDS, Tracer
+from needlehoop.task import Start, Weld
+
+_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
+_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
+
+
+class CpuEngine:
+    """``n`` scenes on the CPU; see ``contract.Engine``.
+
+    Args:
+        model: the compiled scene.
+        num_envs: copies of it.
+        substeps: physics steps per control step.
+        views: channels to trace by view; empty for no cameras.
+        size: image width and height, px.
+        quality: see ``Tracer``.
+        config: threads.
+
+    Raises:
+        ValueError: fewer than one environment.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        substeps: int,
+        views: Mapping[str, Channels],
+        size: int,
+        quality: int,
+        config: EngineConfig,
+    ):
+        if num_envs < 1:
+            raise ValueError(f"num_envs: {num_envs} must be at least 1")
+        self.num_envs, self.model = num_envs, model
+        self._substeps = substeps
+        threads = config.threads or available_cpus()
+        self._batch = Batch(model, num_envs, threads)
+        self._placement = Placement(model)
+        self._sensordata = self._batch.bind("sensordata")
+        self._tracer = Tracer(model, num_envs, views, size, threads, quality) if views else None
+        self._scratch_data: mujoco.MjData | None = None
+        self._scratch_model: mujoco.MjModel | None = None
+        self._fields = {name: self._batch.bind(name) for name in FIELDS} if views else {}
+        names = [model.equality(i).name for i in range(model.neq)]
+        self._weld = names.index(WELD) if WELD in names else None
+        if self._weld is not None:
+            self._weld_data = self._batch.expand("eq_data")
+            self._weld_active = self._batch.bind("eq_active")
+
+    def reset(self, ids: Tensor, start: Start) -> None:
+        rows, batch = ids.numpy(), self._batch
+        batch.reset(rows, stage=_NOTHING)
+        batch.bind("qpos")[rows] = self._placement.qpos(start)
+        batch.bind("mocap_pos")[rows] = self._placement.mocap(start)
+        batch.bind("ctrl")[rows] = self._placement.control(start)
+        batch.forward(rows, stage=_VELOCITY)
+
+    def step(self, control: Tensor) -> None:
+        self._batch.bind("ctrl")[:] = control.numpy()
+        self._batch.step(nstep=self._substeps, stage=_VELOCITY)
+        self._check_health()
+
+    def weld(self, weld: Weld) -> None:
+        if self._weld is None or not bool(weld.changed.any()):
+            return
+        rows = weld.changed.nonzero().flatten().numpy()
+        self._weld_data[rows, self._weld, :10] = weld_data(weld.pose[weld.changed].numpy())
+        self._weld_active[rows, self._weld] = weld.active[weld.changed].double().numpy()
+
+    def sensordata(self) -> Tensor:
+        return torch.tensor(self._sensordata)
+
+    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+        if self._tracer is None:
+            return {}
+        return self._tracer.render(self._fields, None if ids is None else ids.numpy())
+
+    def data(self, env: int) -> mujoco.MjData:
+        """One environment's MjData, forwarded; valid until the next call."""
+        self._scratch_data = self._batch.get_data(env, self._scratch_data)
+        self._scratch_model = self._batch.get_model(env, self._scratch_model)
+        mujoco.mj_forward(self._scratch_model, self._scratch_data)
+        return self._scratch_data
+
+    @property
+    def qpos(self) -> np.ndarray:
+        """Generalised positions ``(n, nq)``, live."""
+        return self._batch.bind("qpos")
+
+    @property
+    def qvel(self) -> np.ndarray:
+        """Generalised velocities ``(n, nv)``, live."""
+        return self._batch.bind("qvel")
+
+    def penetration(self) -> np.ndarray:
+        """Depth of the deepest contact of each environment ``(n,)``, m; 0 for none."""
+        depths = np.zeros(self.num_envs)
+        for env in range(self.num_envs):
+            contacts = self.data(env).contact.dist
+            depths[env] = max(0.0, -contacts.min()) if len(contacts) else 0.0
+        return depths
+
+    def _check_health(self) -> None:
+        """MuJoCo resets a diverged simulation on its own; here that is an error."""
+        warned = self._batch.warning.any(-1).nonzero()[0]
+        if warned.size:
+            kinds = self._batch.warning[warned[0]].nonzero()[0]
+            names = ", ".join(mujoco.mjtWarning(int(kind)).name for kind in kinds)
+            raise RuntimeError(f"physics diverged in environments {warned.tolist()}: {names}")
+
+
+def available_cpus() -> int:
+    """CPUs that this process may run on: a Slurm job's share, not the machine's."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,136 @@
+"""The task on an engine: what every environment interface steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from needlehoop import task
+from needlehoop.engines.contract import Engine
+from needlehoop.layout import Layout
+from needlehoop.rewards import Reward, potential
+from needlehoop.signals import Readings, Signals
+from needlehoop.task import Episode
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is known after a reset or a step; leading dimension ``n``.
+
+    ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
+    (the potential's rise; the first step pays it whole). ``cheat``: the tip has touched
+    the goal in this episode, and the needle is not through.
+    """
+
+    signals: Signals
+    terms: dict[str, Tensor]
+    potential: Tensor
+    reward: Tensor
+    terminated: Tensor
+    truncated: Tensor
+    cheat: Tensor
+
+
+class Simulation:
+    """Drives an engine through episodes of the task.
+
+    ``act``, then ``engine.step`` with the returned control, then ``observe``: three calls,
+    because dm_control steps the physics itself. ``step`` does all three.
+
+    Args:
+        engine: physics of ``n`` scenes.
+        layout: sizes and ranges.
+        episode: control and termination.
+        reward: terms of the potential.
+        seed: decides every episode of every environment.
+        first_env: index of the engine's first environment among all that share the seed.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        layout: Layout,
+        episode: Episode,
+        reward: Reward,
+        seed: int,
+        first_env: int = 0,
+    ):
+        self.engine, self.layout, self.episode, self.reward = engine, layout, episode, reward
+        self._readings = Readings(engine.model)
+        self._first_env = first_env
+        self.reseed(seed)
+
+    @property
+    def num_envs(self) -> int:
+        """Environments."""
+        return self.engine.num_envs
+
+    def reseed(self, seed: int) -> None:
+        """Start over with the first episodes of a seed; takes effect at the next reset."""
+        self._seed = seed
+        self._episodes = np.zeros(self.num_envs, dtype=np.int64)
+        self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
+        self.state: task.State | None = None
+
+    def reset(self, mask: Tensor | None = None) -> Moment:
+        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default)."""
+        if self.state is None or mask is None:
+            mask = torch.ones(self.num_envs, dtype=torch.bool)
+        ids = mask.nonzero().flatten()
+        if len(ids):
+            rows = [
+                task.draws(self._seed, self._first_env + env, int(self._episodes[env]))
+                for env in ids.tolist()
+            ]
+            begun = task.start(self.layout, torch.from_numpy(np.stack(rows)))
+            fresh = task.begin(self.layout, self.episode, begun)
+            if self.state is None:
+                self.state = fresh
+            else:
+                self.state = self.state.clone()
+                self.state[ids] = fresh
+            self.engine.reset(ids, begun)
+            self._potential[ids] = 0.0
+            self._episodes[ids.numpy()] += 1
+        return self._moment(pays=False)
+
+    def act(self, action: Tensor) -> Tensor:
+        """Take an action ``(n, action_size)``; returns the servo commands ``(n, 7)``."""
+        self.state, control = task.act(self.layout, self.episode, self._begun(), action)
+        return control
+
+    def observe(self) -> Moment:
+        """Facts, reward and termination after the physics has moved."""
+        return self._moment(pays=True)
+
+    def step(self, action: Tensor) -> Moment:
+        """One control step of every environment."""
+        self.engine.step(self.act(action))
+        return self.observe()
+
+    def _moment(self, pays: bool) -> Moment:
+        readings = self._readings(self.engine.sensordata())
+        self.state, signals, weld = task.observe(self.layout, self.episode, self._begun(), readings)
+        self.engine.weld(weld)
+        terms = self.reward(signals)
+        total = potential(terms)
+        reward = total - self._potential
+        if pays:
+            self._potential = total
+        return Moment(
+            signals=signals,
+            terms=terms,
+            potential=total,
+            reward=reward,
+            terminated=task.is_terminated(signals),
+            truncated=task.is_truncated(self.episode, self.state, signals),
+            cheat=self.state.has_touched & ~signals.threaded,
+        )
+
+    def _begun(self) -> task.State:
+        if self.state is None:
+            raise RuntimeError("reset before the first step")
+        return self.state
