@@ -1,0 +1,215 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import needlehoop
+from needlehoop import config
+from needlehoop.cameras import parse_cameras
+
+GROUPS = ("task", "episode", "reward", "engine")
+ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml"))
+
+
+def options(group: str) -> list[str]:
+    return sorted(file.stem for file in (config.CONF / group).glob("*.yaml"))
+
+
+BAD = [
+    # override, then what the message has to say: the key, and what would be valid.
+    ("cams=[rgb_top]", ["cams", "rgb_top", "default, front, side"]),
+    ("cams=[rgbd_front]", ["cams", "rgbd", "dep, rgb, seg, segdep"]),
+    ("cams=[front]", ["cams", "<rendering>_<view>", "dep, rgb, seg, segdep", "front, side"]),
+    ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
+    ("reward=nope", ["reward", "nope", "human", "sparse"]),
+    ("task=nope", ["task", "nope", "near", "standard", "wide"]),
+    ("episode=nope", ["episode", "nope", "default"]),
+    ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
+    ("episode.control=joints", ["episode.control", "joints", "tip, pose"]),
+    ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
+    ("reward.kind=nope", ["reward.kind", "nope", "human, sparse"]),
+    ("renderings.rgb.colour=grey", ["renderings.rgb", "colour", "grey", "rgb, flat, none"]),
+    ("renderings.dep.depth=far", ["renderings.dep", "depth", "far", "channel, shade, none"]),
+    ("task.needle_radius=-0.01", ["task.needle_radius", "-0.01", "positive"]),
+    ("task.needle_radius=nan", ["task.needle_radius", "nan", "positive"]),
+    ("task.needle_pickup=1.0", ["task.needle_pickup", "1.0", "(0, 1)"]),
+    ("task.needle_yaw_range=-0.1", ["task.needle_yaw_range", "-0.1", "negative"]),
+    ("task.tool_position_range=[0,-0.1,0]", ["task.tool_position_range", "negative"]),
+    ("task.workspace_lower=[0,0.5,0]", ["task.workspace_lower", "0.5", "below"]),
+    ("task.jaw_closed=2", ["task.jaw_closed", "2.0", "below"]),
+    ("episode.substeps=0", ["episode.substeps", "0", "positive"]),
+    ("episode.close_below=0.9", ["episode.close_below", "0.9", "below"]),
+    ("views.front.fovy=180", ["views.front", "fovy", "180", "(0, 180)"]),
+    ("views.front.elevation=90", ["views.front", "elevation", "90", "(-90, 90)"]),
+    ("views.front.near=0.9", ["views.front", "near", "0.9", "far"]),
+    ("image_size=0", ["image_size", "0", "at least 1"]),
+    ("num_envs=0", ["num_envs", "0", "at least 1"]),
+    ("seed=-1", ["seed", "-1", "at least 0"]),
+    ("engine.threads=-1", ["engine.threads", "-1", "every CPU"]),
+    ("image_size=64.5", ["image_size", "64.5", "whole number"]),
+    ("num_envs=true", ["num_envs", "True", "whole number"]),
+    ("image_size=big", ["image_size", "big"]),
+    ("task.needle_radius=thin", ["task.needle_radius", "thin"]),
+    ("task.needle_radius=null", ["task.needle_radius"]),
+    ("task.needle_position=[0.1]", ["task.needle_position", "0.1"]),
+    ("task.hoop_position=[0,0,0,0]", ["task.hoop_position"]),
+    ("task.hoop_position=[0,0,high]", ["task.hoop_position", "high"]),
+    ("obs.proprio=maybe", ["obs.proprio", "maybe", "true or false"]),
+    ("reward.grasp=x", ["reward.grasp", "x", "number"]),
+    ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
+    ("view=front", ["view", "unknown", "cams", "views"]),
+    ("task.needle_radus=0.1", ["task.needle_radus", "unknown", "needle_radius", "needle_arc"]),
+    ("episode.contrl=pose", ["episode.contrl", "unknown", "control", "grasp"]),
+    ("reward.closd=1", ["reward.closd", "unknown", "closed", "closed_below"]),
+    ("obs.image=true", ["obs.image", "unknown", "proprio", "signals"]),
+    ("views.front.fov=20", ["views.front.fov", "unknown", "fovy", "target"]),
+    ("+task.extra=1", ["task", "extra"]),
+    ("+reward.extra=1", ["reward", "extra", "closed_below"]),
+    ("~reward.rate", ["reward", "rate", "closed_below"]),
+    ("~task.needle_radius", ["task", "needle_radius"]),
+]
+
+
+@pytest.mark.parametrize(("override", "said"), BAD, ids=[override for override, _ in BAD])
+def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid(override, said):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        config.settings([override])
+    message = str(caught.value)
+    assert [part for part in said if part not in message] == []
+    assert "\n" not in message
+
+
+def test_two_bad_settings_are_both_named():
+    with pytest.raises(ValueError, match=r"image_size.*; num_envs"):
+        config.settings(["image_size=64.5", "num_envs=1.5"])
+
+
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in GROUPS for option in options(group)]
+)
+def test_every_option_of_every_group_composes(group, option):
+    composed = config.compose([f"{group}={option}"])
+    assert composed[group]
+    config.structure(composed)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_every_command_has_an_environment_in_its_config(entry):
+    assert config.settings(["num_envs=3"], config=entry).num_envs == 3
+
+
+def test_no_group_of_the_folder_is_forgotten():
+    folders = {path.name for path in config.CONF.iterdir() if path.is_dir()}
+    assert folders == {*GROUPS, "view", "rendering"}
+    assert all(options(group) for group in folders)
+
+
+def test_every_view_and_rendering_is_offered(settings):
+    assert sorted(settings.views) == options("view")
+    assert sorted(settings.renderings) == options("rendering")
+    names = [f"{r}_{v}" for r in options("rendering") for v in options("view")]
+    every = config.settings([f"cams=[{','.join(names)}]"])
+    assert [camera.name for camera in every.cameras] == names
+    assert [f"{c.rendering}_{c.view}" for c in every.cameras] == names
+
+
+def test_settings_are_the_files_values_in_their_types(settings):
+    values = config.compose()
+    assert settings.task.hoop_position == tuple(values["task"]["hoop_position"])
+    assert settings.episode.max_steps == values["episode"]["max_steps"]
+    assert settings.renderings["seg"].colours["needle"] == (255, 230, 0)
+    assert settings.cams == ()
+
+
+def test_an_override_changes_its_key_and_nothing_else():
+    before, after = config.compose(), config.compose(["episode.max_steps=17"])
+    assert after["episode"].pop("max_steps") == 17
+    before["episode"].pop("max_steps")
+    assert after == before
+
+
+def test_a_whole_number_may_be_written_as_a_float():
+    assert config.settings(["image_size=32.0"]).image_size == 32
+
+
+@pytest.mark.parametrize("option", [name for name in options("task") if name != "standard"])
+def test_tasks_differ_only_in_their_ranges(option):
+    standard, other = config.compose()["task"], config.compose([f"task={option}"])["task"]
+    assert standard.keys() == other.keys()
+    differing = {key for key in standard if standard[key] != other[key]}
+    assert differing
+    assert all(key.endswith("_range") for key in differing)
+
+
+def test_near_scatters_less_than_standard_and_wide_more():
+    names = ("near", "standard", "wide")
+    near, standard, wide = (config.settings([f"task={name}"]).task for name in names)
+    for key in ("needle_position_range", "hoop_position_range", "tool_position_range"):
+        ranges = zip(getattr(near, key), getattr(standard, key), getattr(wide, key), strict=True)
+        assert all(small < middle <= large for small, middle, large in ranges), key
+    assert near.needle_yaw_range < standard.needle_yaw_range < wide.needle_yaw_range
+
+
+def copy_of_conf(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
+    copied = folder / "conf"
+    shutil.copytree(config.CONF, copied)
+    monkeypatch.setattr(config, "CONF", copied)
+    return copied
+
+
+def test_a_new_view_is_one_new_file(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    text = (conf / "view" / "front.yaml").read_text()
+    (conf / "view" / "top.yaml").write_text(text.replace("elevation: 26.0", "elevation: 80.0"))
+    chosen = config.settings(["cams=[rgb_top,seg_front]"])
+    assert [camera.view for camera in chosen.cameras] == ["top", "front"]
+    assert chosen.views["top"].elevation == 80.0
+    assert chosen.views["front"].elevation == 26.0
+    assert config.settings(["views.top.fovy=33"]).views["top"].fovy == 33.0
+
+
+def test_a_new_rendering_is_one_new_file(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    (conf / "rendering" / "depth.yaml").write_text("colour: none\ndepth: channel\ncolours: {}\n")
+    chosen = config.settings(["cams=[depth_side]"])
+    assert chosen.renderings["depth"].channels == 1
+
+
+def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    (conf / "view" / "side.yaml").unlink()
+    with pytest.raises(ValueError, match=r"'side' is unknown; choose from default, front$"):
+        config.settings(["cams=[rgb_side]"])
+
+
+@pytest.mark.parametrize("cams", ["rgb_front,seg_side", ["rgb_front", "seg_side"], ()])
+@pytest.mark.parametrize(
+    ("make", "built"),
+    [
+        (needlehoop.make_env, "needlehoop.env.NeedleHoopEnv"),
+        (needlehoop.load, "needlehoop.dm_env.load"),
+    ],
+)
+def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, built):
+    """Cameras may also be one string, as on the command line."""
+    monkeypatch.setattr(built, lambda settings: settings)
+    made = make(cams=cams, reward="sparse", seed=5, overrides=["image_size=12"])
+    assert made.cams == (("rgb_front", "seg_side") if cams else ())
+    assert made.reward["kind"] == "sparse"
+    assert made.seed == 5
+    assert made.image_size == 12
+
+
+def test_make_env_refuses_a_bad_camera_by_name():
+    with pytest.raises(ValueError, match=r"cams: 'rgb_top'.*default, front, side"):
+        needlehoop.make_env(cams=["rgb_top"])
+
+
+@pytest.mark.parametrize(
+    ("name", "rendering", "view"), [("dep_front", "dep", "front"), ("a_b_c", "a", "b_c")]
+)
+def test_a_camera_is_named_rendering_then_view(name, rendering, view):
+    (camera,) = parse_cameras([name], ["front", "b_c"], ["dep", "a"])
+    assert (camera.rendering, camera.view, camera.name) == (rendering, view, name)
