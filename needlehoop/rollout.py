@@ -1,0 +1,102 @@
+"""Whole episodes under a controller, and what came of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import Tensor
+
+from needlehoop.signals import Signals
+from needlehoop.simulation import Moment, Simulation
+
+Controller = Callable[[Signals], Tensor]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
+
+    threaded: Tensor
+    cheat: Tensor
+    touched: Tensor
+    grasped: Tensor
+    lifted: Tensor
+    potential: Tensor
+    steps: Tensor
+
+    def summary(self) -> dict[str, float | int]:
+        """Rates over episodes, mean final potential (the return) and mean length."""
+        n = len(self.steps)
+        rates = {
+            name: float(getattr(self, name).double().mean())
+            for name in ("threaded", "cheat", "touched", "grasped", "lifted")
+        }
+        return {
+            "episodes": n,
+            "success": rates.pop("threaded"),
+            **rates,
+            "return": float(self.potential.mean()),
+            "return_min": float(self.potential.min()),
+            "return_max": float(self.potential.max()),
+            "steps": float(self.steps.double().mean()),
+        }
+
+
+def random_controller(action_size: int, seed: int) -> Controller:
+    """Uniform actions over the whole range."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def act(signals: Signals) -> Tensor:
+        shape = (len(signals.jaw), action_size)
+        return 2.0 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1.0
+
+    return act
+
+
+def run_episodes(
+    simulation: Simulation,
+    controller: Controller,
+    watch: Callable[[Moment], None] | None = None,
+) -> Outcome:
+    """One episode in every environment.
+
+    Args:
+        simulation: reset by this call.
+        controller: signals to actions.
+        watch: called after the reset and after every step.
+    """
+    moment = simulation.reset()
+    n = simulation.num_envs
+    open_ = torch.ones(n, dtype=torch.bool)
+    last: dict[str, Tensor] = {}
+    grasped = torch.zeros(n, dtype=torch.bool)
+    touched = torch.zeros(n, dtype=torch.bool)
+    for step in range(1, simulation.episode.max_steps + 1):
+        if watch:
+            watch(moment)
+        moment = simulation.step(controller(moment.signals))
+        signals = moment.signals
+        grasped |= signals.grasped & open_
+        touched |= signals.touched & open_
+        now = {
+            "threaded": signals.threaded,
+            "cheat": moment.cheat,
+            "lifted": signals.lifted,
+            "potential": moment.potential,
+            "steps": torch.full((n,), step),
+        }
+        last = {k: torch.where(open_, v, last[k]) if last else v.clone() for k, v in now.items()}
+        open_ &= ~(moment.terminated | moment.truncated)
+        if not bool(open_.any()):
+            break
+    if watch:
+        watch(moment)
+    return Outcome(**last, grasped=grasped, touched=touched)
+
+
+def as_rows(outcome: Outcome) -> list[dict[str, float]]:
+    """One record per episode."""
+    columns = {name: value.tolist() for name, value in asdict(outcome).items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

@@ -1,0 +1,78 @@
+"""Does the physics hold together under abuse? Random actions at full amplitude."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import torch
+
+from needlehoop.engines.cpu import CpuEngine
+from needlehoop.settings import Settings, build
+
+_TABLE = 0.15
+"""Half-width of the square about the origin that counts as the table area, m."""
+_DEEP = 1e-3
+"""Penetration that counts, m."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Counts over control steps of random episodes; ``deepest`` in m."""
+
+    episodes: int
+    steps: int
+    not_finite: int
+    outside_table: int
+    below_table: int
+    deep_contacts: int
+    deepest: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Plain values by name."""
+        return asdict(self)
+
+
+def shake(settings: Settings, episodes: int) -> Stability:
+    """Run random episodes whose actions are all -1 or 1, and count what goes wrong.
+
+    Args:
+        settings: environment; cameras are ignored.
+        episodes: at least this many, in whole batches of ``num_envs``.
+
+    Raises:
+        ValueError: fewer than one episode.
+        RuntimeError: MuJoCo itself reports a diverged simulation.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes: {episodes} must be at least 1")
+    simulation, _ = build(replace(settings, cams=()))
+    engine = simulation.engine
+    assert isinstance(engine, CpuEngine)
+    generator = torch.Generator().manual_seed(settings.seed)
+    n, size = settings.num_envs, settings.episode.action_size
+    counts = np.zeros(4, dtype=np.int64)
+    deepest, finished, steps = 0.0, 0, 0
+    simulation.reset()
+    action = torch.zeros(n, size)
+    while finished < episodes:
+        # Held for a few steps: jitter about a point shakes less than long full pushes.
+        if steps % 5 == 0:
+            action = 2.0 * torch.randint(0, 2, (n, size), generator=generator) - 1.0
+        moment = simulation.step(action)
+        steps += 1
+        state = np.concatenate((engine.qpos, engine.qvel), -1)
+        needle = np.stack((moment.signals.pickup_point, moment.signals.needle_tip), 1)
+        depth = engine.penetration()
+        counts += [
+            int((~np.isfinite(state)).any(-1).sum()),
+            int((np.abs(needle[..., :2]) > _TABLE).any((1, 2)).sum()),
+            int((needle[..., 2] < 0.0).any(1).sum()),
+            int((depth > _DEEP).sum()),
+        ]
+        deepest = max(deepest, float(depth.max()))
+        over = moment.terminated | moment.truncated
+        finished += int(over.sum())
+        if bool(over.any()):
+            simulation.reset(over)
+    return Stability(finished, steps * n, *map(int, counts), deepest=deepest)
