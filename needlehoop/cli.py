@@ -1,0 +1,214 @@
+"""The ``needlehoop`` command.
+
+Every command takes Hydra overrides (``key=value``) and a few flags. Errors in what was
+asked for are one line on standard error and exit status 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from needlehoop import config
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    parser = _parser()
+    options, rest = parser.parse_known_args(arguments)
+    flags = [word for word in rest if word.startswith("-")]
+    if flags:
+        parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
+    options.overrides += rest
+    try:
+        options.run(options)
+    except (ValueError, RuntimeError, OSError) as error:
+        print(f"needlehoop {options.command}: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="needlehoop", description="Needle through a hoop: simulate it, look at it, measure it."
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    def add(name: str, run: Callable[[argparse.Namespace], None], summary: str, keys: str):
+        command = commands.add_parser(
+            name,
+            help=summary,
+            description=summary,
+            epilog=f"Keys: {keys}; and all of conf/env.yaml, such as task=wide or seed=1.",
+        )
+        command.add_argument("overrides", nargs="*", metavar="key=value")
+        command.set_defaults(run=run)
+        return command
+
+    add(
+        "snapshot",
+        _snapshot,
+        "Write a contact sheet of all views and renderings, start and goal.",
+        "size=256 out=snapshot.png raw=false",
+    )
+    add(
+        "picture",
+        _picture,
+        "Write one large picture of the start, from any place.",
+        "size=720 out=picture.png picture.distance=1.6 picture.azimuth=60 …",
+    )
+    run = add(
+        "expert",
+        _expert,
+        "Run a scripted controller and print what came of it.",
+        "episodes=200 controller=expert|cheat|random grasps=[weld,friction] video_episodes=3",
+    )
+    run.add_argument("--json", action="store_true", help="print one line of JSON")
+    run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
+    add(
+        "view",
+        _view,
+        "Watch in MuJoCo's interactive viewer.",
+        "controller=expert|cheat|random",
+    )
+    bench = add(
+        "bench",
+        _bench,
+        "Measure speed (the default) or stability.",
+        "what=speed|stability rounds=5 steps=40 episodes=1000",
+    )
+    bench.add_argument("--json", action="store_true", help="print one line of JSON")
+    signals = commands.add_parser("signals", help="Print the table of signals.")
+    signals.set_defaults(run=_signals, overrides=[])
+    return parser
+
+
+def _snapshot(options: argparse.Namespace) -> None:
+    from needlehoop.pictures import contact_sheet
+
+    values = config.compose(options.overrides, "snapshot")
+    out = _png(values)
+    if not isinstance(values["raw"], bool):
+        raise ValueError(f"raw: {values['raw']!r} is not true or false")
+    sheet = contact_sheet(config.structure(values), _whole(values, "size"), values["raw"])
+    _save(sheet, out)
+
+
+def _picture(options: argparse.Namespace) -> None:
+    from needlehoop.pictures import portrait
+
+    values = config.compose(options.overrides, "picture")
+    out = _png(values)
+    _save(portrait(config.structure(values), _whole(values, "size")), out)
+
+
+def _png(values: dict[str, Any]) -> Path:
+    out = Path(values["out"])
+    if out.suffix.lower() != ".png":
+        raise ValueError(f"out: {str(out)!r} must end in .png")
+    return out
+
+
+def _save(image: Any, out: Path) -> None:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    image.save(out)
+    print(f"{out}: {image.width} x {image.height} px")
+
+
+def _expert(options: argparse.Namespace) -> None:
+    from needlehoop.trials import run_trials
+
+    values = config.compose(options.overrides, "expert")
+    settings, who = config.structure(values), values["controller"]
+    episodes = _whole(values, "episodes")
+    if options.video is not None and options.video.suffix.lower() != ".mp4":
+        raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
+    summaries = {}
+    for grasp in values["grasps"]:
+        tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
+        summaries[grasp] = run_trials(tried, who, episodes).summary()
+    if options.json:
+        print(json.dumps({"controller": who, "seed": settings.seed, **summaries}))
+    else:
+        _print_table(f"{who}, {episodes} episodes per grasp, seed {settings.seed}", summaries)
+    if options.video is not None:
+        _film(settings, who, _whole(values, "video_episodes"), options)
+
+
+def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
+    from needlehoop.controllers import controller
+    from needlehoop.pictures import record
+
+    if episodes < 1:
+        raise ValueError(f"video_episodes: {episodes} must be at least 1")
+    if not settings.cams:
+        settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
+    record(settings, controller(who, settings), episodes, options.video)
+    if not options.json:
+        print(f"video: {options.video}")
+
+
+def _view(options: argparse.Namespace) -> None:
+    from needlehoop.viewer import view
+
+    values = config.compose(options.overrides, "view")
+    view(config.structure(values), values["controller"])
+
+
+def _bench(options: argparse.Namespace) -> None:
+    values = config.compose(options.overrides, "bench")
+    settings = config.structure(values)
+    if values["what"] == "speed":
+        from needlehoop.bench import measure
+
+        found: dict[str, Any] = measure(settings, _whole(values, "rounds"), _whole(values, "steps"))
+    elif values["what"] == "stability":
+        from needlehoop.stability import shake
+
+        found = shake(settings, _whole(values, "episodes")).as_dict()
+    else:
+        raise ValueError(f"what: {values['what']!r} is unknown; choose from speed, stability")
+    if options.json:
+        print(json.dumps(found))
+    else:
+        _print_nested(found)
+
+
+def _signals(options: argparse.Namespace) -> None:
+    from needlehoop.signals import TABLE, describe
+
+    print(describe(TABLE))
+
+
+def _whole(values: dict[str, Any], key: str) -> int:
+    value = values[key]
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{key}: {value!r} is not a whole number")
+    return value
+
+
+def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None:
+    print(title)
+    names = list(next(iter(columns.values())))
+    print(" " * 12 + "".join(f"{column:>12}" for column in columns))
+    for name in names:
+        cells = "".join(f"{column[name]:12.3f}" for column in columns.values())
+        print(f"{name:12}{cells}")
+
+
+def _print_nested(values: dict[str, Any], indent: str = "") -> None:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            print(f"{indent}{name}:")
+            _print_nested(value, indent + "  ")
+        else:
+            print(f"{indent}{name}: {value}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

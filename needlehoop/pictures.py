@@ -1,0 +1,211 @@
+"""Pictures for people: single frames, the contact sheet, videos."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import imageio.v2 as imageio
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from needlehoop.engines.contract import Channels
+from needlehoop.engines.cpu import CpuEngine
+from needlehoop.engines.tracer import FIELDS, Tracer
+from needlehoop.expert import expert
+from needlehoop.rollout import Controller
+from needlehoop.settings import PICTURE, Settings, build
+
+_OVERSAMPLING = 3
+_AFTER_SUCCESS = 8
+"""Steps that the goal picture waits, so that the needle is seen well inside the hoop."""
+
+_INK, _PAPER = (34, 38, 46), (255, 255, 255)
+
+
+def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
+    """An agent's image ``(channels, h, w)`` as ``(h, w, 3)``; a depth channel as grey."""
+    if rendering_depth == "channel":
+        return np.repeat(image[-1:], 3, axis=0).transpose(1, 2, 0)
+    return image.transpose(1, 2, 0)
+
+
+def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
+    """Every view x rendering, at the start and with the needle through the hoop.
+
+    Args:
+        settings: environment; its cameras are ignored.
+        size: pixels of a tile.
+        raw: show the agent's own ``image_size`` pixels instead of a smooth picture.
+
+    Raises:
+        ValueError: ``size`` below 16.
+        RuntimeError: the expert did not reach the goal state.
+    """
+    if size < 16:
+        raise ValueError(f"size: {size} must be at least 16")
+    views, renderings = list(settings.views), _ordered(settings)
+    traced = settings.image_size if raw else size * _OVERSAMPLING
+    s = replace(
+        settings,
+        cams=tuple(f"{rendering}_{view}" for rendering in renderings for view in views),
+        image_size=traced,
+        quality=1 if raw else 2,
+        num_envs=1,
+    )
+    states = list(_start_and_goal(s))
+    return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
+
+
+def _ordered(settings: Settings) -> list[str]:
+    """Renderings from plain to derived: lit colours, then flat; depth after none."""
+    kinds = settings.renderings
+    return sorted(
+        kinds, key=lambda name: (kinds[name].colour == "flat", kinds[name].depth != "none")
+    )
+
+
+def _start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
+    """The images of all cameras at the start, then once the expert has threaded."""
+    simulation, imager = build(settings)
+    act = expert(settings.task, settings.episode)
+
+    def look() -> dict[str, np.ndarray]:
+        images = imager(simulation.engine.render())
+        return {name: image[0].numpy() for name, image in images.items()}
+
+    moment = simulation.reset()
+    yield look()
+    for _ in range(settings.episode.max_steps):
+        moment = simulation.step(act(moment.signals))
+        if bool(moment.terminated[0]):
+            break
+    else:
+        raise RuntimeError(f"the expert did not thread the needle with seed={settings.seed}")
+    for _ in range(_AFTER_SUCCESS):
+        moment = simulation.step(act(moment.signals))
+    yield look()
+
+
+def _lay_out(
+    settings: Settings,
+    states: Sequence[dict[str, np.ndarray]],
+    size: int,
+    resampling: Image.Resampling,
+) -> Image.Image:
+    views, renderings = list(settings.views), _ordered(settings)
+    gap, margin = max(2, size // 64), size // 6
+    font = ImageFont.load_default(max(9, size // 12))
+    block = len(views) * (size + gap) + margin // 2
+    sheet = Image.new(
+        "RGB",
+        (margin + len(states) * block, 2 * margin + len(renderings) * (size + gap)),
+        _PAPER,
+    )
+    draw = ImageDraw.Draw(sheet)
+    for row, rendering in enumerate(renderings):
+        y = 2 * margin + row * (size + gap)
+        label = Image.new("RGB", (size, margin), _PAPER)
+        centre = (size // 2, margin // 2)
+        ImageDraw.Draw(label).text(centre, rendering, _INK, font=font, anchor="mm")
+        sheet.paste(label.rotate(90, expand=True), (0, y))
+        for column, images in enumerate(states):
+            for place, view in enumerate(views):
+                x = margin + column * block + place * (size + gap)
+                tile = to_rgb(images[f"{rendering}_{view}"], settings.renderings[rendering].depth)
+                picture = Image.fromarray(np.ascontiguousarray(tile))
+                sheet.paste(picture.resize((size, size), resampling), (x, y))
+    for column, title in enumerate(("start", "goal")):
+        x = margin + column * block
+        middle = x + (block - margin // 2) // 2
+        draw.text((middle, margin // 2), title, _INK, font=font, anchor="mm")
+        for place, view in enumerate(views):
+            at = (x + place * (size + gap) + size // 2, 3 * margin // 2)
+            draw.text(at, view, _INK, font=font, anchor="mm")
+    return sheet
+
+
+class Photographer:
+    """Takes pictures of one MjData from the ``picture`` camera.
+
+    Args:
+        model: a compiled scene.
+        size: pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: int):
+        self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 1, 2)
+
+    def __call__(self, data: mujoco.MjData) -> np.ndarray:
+        """The scene as ``(size, size, 3)`` uint8."""
+        fields = {name: getattr(data, name)[None] for name in FIELDS}
+        frame = self._tracer.render(fields)[PICTURE]
+        assert frame.bgra is not None
+        return frame.bgra[0, ..., [2, 1, 0]].numpy()
+
+
+def portrait(settings: Settings, size: int) -> Image.Image:
+    """The start of an episode from the ``picture`` camera.
+
+    Args:
+        settings: environment; its cameras are ignored.
+        size: pixels.
+    """
+    simulation, _ = build(replace(settings, num_envs=1, cams=()))
+    simulation.reset()
+    engine = simulation.engine
+    assert isinstance(engine, CpuEngine)
+    return Image.fromarray(Photographer(engine.model, size)(engine.data(0)))
+
+
+def record(
+    settings: Settings, controller: Controller, episodes: int, out: Path, size: int = 480
+) -> None:
+    """A video of whole episodes: the scene, and beside it what the cameras see.
+
+    Args:
+        settings: environment with the cameras to show; ``num_envs`` is ignored.
+        controller: who acts.
+        episodes: how many, one after the other.
+        out: an ``.mp4`` file; written whole or not at all.
+        size: height in px; a multiple of 16.
+    """
+    simulation, imager = build(replace(settings, num_envs=1))
+    engine = simulation.engine
+    assert isinstance(engine, CpuEngine)
+    photographer = Photographer(engine.model, size)
+    partial = out.with_name(out.stem + ".partial.mp4")
+    rate = 1.0 / (settings.task.timestep * settings.episode.substeps)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video:
+            for _ in range(episodes):
+                moment, over = simulation.reset(), False
+                while not over:
+                    images = imager(engine.render())
+                    video.append_data(_frame(settings, photographer(engine.data(0)), images))
+                    moment = simulation.step(controller(moment.signals))
+                    over = bool(moment.terminated[0] | moment.truncated[0])
+                for _ in range(round(rate / 4)):
+                    images = imager(engine.render())
+                    video.append_data(_frame(settings, photographer(engine.data(0)), images))
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
+    """The scene with a column of the cameras' images, pixel by pixel, at its right."""
+    if not images:
+        return scene
+    height = len(scene)
+    tile = height // max(3, len(images)) // 16 * 16
+    column = Image.new("RGB", (tile, height))
+    for row, camera in enumerate(settings.cameras):
+        depth = settings.renderings[camera.rendering].depth
+        seen = np.ascontiguousarray(to_rgb(images[camera.name][0].numpy(), depth))
+        picture = Image.fromarray(seen).resize((tile, tile), Image.Resampling.NEAREST)
+        column.paste(picture, (0, row * tile))
+    return np.concatenate((scene, np.asarray(column)), 1)
