@@ -54,19 +54,20 @@ def _parser() -> argparse.ArgumentParser:
         "snapshot",
         _snapshot,
         "Write a contact sheet of all views and renderings, start and goal.",
-        "size=256 out=snapshot.png raw=false",
+        "size=256 out=snapshot.png raw=false overwrite=false",
     )
     add(
         "picture",
         _picture,
         "Write one large picture of the start, from any place.",
-        "size=720 out=picture.png picture.distance=1.6 picture.azimuth=60 …",
+        "size=720 out=picture.png overwrite=false picture.distance=1.6 picture.azimuth=60 …",
     )
     run = add(
         "expert",
         _expert,
         "Run a scripted controller and print what came of it.",
-        "episodes=200 controller=expert|cheat|random grasps=[weld,friction] video_episodes=3",
+        "episodes=200 controller=expert|cheat|random grasps=[weld,friction] video_episodes=3"
+        " overwrite=false",
     )
     run.add_argument("--json", action="store_true", help="print one line of JSON")
     run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
@@ -111,7 +112,16 @@ def _png(values: dict[str, Any]) -> Path:
     out = Path(values["out"])
     if out.suffix.lower() != ".png":
         raise ValueError(f"out: {str(out)!r} must end in .png")
+    _spare(out, values, "out")
     return out
+
+
+def _spare(out: Path, values: dict[str, Any], key: str) -> None:
+    """Refuse to write over a file unless told to."""
+    if not isinstance(values["overwrite"], bool):
+        raise ValueError(f"overwrite: {values['overwrite']!r} is not true or false")
+    if out.exists() and not values["overwrite"]:
+        raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
 
 
 def _save(image: Any, out: Path) -> None:
@@ -126,8 +136,10 @@ def _expert(options: argparse.Namespace) -> None:
     values = config.compose(options.overrides, "expert")
     settings, who = config.structure(values), values["controller"]
     episodes = _whole(values, "episodes")
-    if options.video is not None and options.video.suffix.lower() != ".mp4":
-        raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
+    if options.video is not None:
+        if options.video.suffix.lower() != ".mp4":
+            raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
+        _spare(options.video, values, "--video")
     summaries = {}
     for grasp in values["grasps"]:
         tried = replace(settings, episode=replace(settings.episode, grasp=grasp))

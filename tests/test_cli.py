@@ -62,6 +62,30 @@ def test_expert_writes_a_video(tmp_path, capsys):
     assert [file.name for file in tmp_path.iterdir()] == ["expert.mp4"]
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("mine.png", ["snapshot", "out={}"]),
+        ("mine.png", ["picture", "out={}"]),
+        ("mine.mp4", ["expert", "episodes=1", "--video", "{}"]),
+    ],
+)
+def test_a_file_that_exists_is_not_replaced_unasked(name, arguments, tmp_path, capsys):
+    mine = tmp_path / name
+    mine.write_text("precious")
+    assert main([word.format(mine) for word in arguments]) == 2
+    assert "overwrite=true" in capsys.readouterr().err
+    assert mine.read_text() == "precious"
+
+
+def test_a_file_is_replaced_when_asked(tmp_path):
+    mine = tmp_path / "mine.png"
+    mine.write_text("old")
+    assert main(["picture", "size=16", f"out={mine}", "overwrite=true"]) == 0
+    with Image.open(mine) as still:
+        assert still.size == (16, 16)
+
+
 def test_signals_prints_the_table(capsys):
     assert main(["signals"]) == 0
     assert "needle_tip" in capsys.readouterr().out
