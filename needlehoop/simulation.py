@@ -125,7 +125,7 @@ class Simulation:
             terms=terms,
             potential=total,
             reward=reward,
-            terminated=task.is_terminated(signals),
+            terminated=task.is_terminated(self.episode, signals),
             truncated=task.is_truncated(self.episode, self.state, signals),
             cheat=self.state.has_touched & ~signals.threaded,
         )

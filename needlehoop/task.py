@@ -46,6 +46,8 @@ class Episode:
     """Physics steps per action."""
     max_steps: int
     """Actions after which an episode is truncated."""
+    end_on_success: bool
+    """Whether ``threaded`` terminates the episode."""
     translation: float
     """Largest move of the tip's target per action and axis."""
     rotation: float
@@ -275,14 +277,14 @@ def observe(
     return state, signals, weld
 
 
-def is_terminated(signals: Signals) -> Tensor:
-    """Success ends an episode; ``(n,)`` bool."""
-    return signals.threaded
+def is_terminated(episode: Episode, signals: Signals) -> Tensor:
+    """Success ends an episode, unless the config lets it run on; ``(n,)`` bool."""
+    return signals.threaded & episode.end_on_success
 
 
 def is_truncated(episode: Episode, state: State, signals: Signals) -> Tensor:
-    """The time is up and success did not come; ``(n,)`` bool."""
-    return (state.steps >= episode.max_steps) & ~signals.threaded
+    """The time is up and success did not end it; ``(n,)`` bool."""
+    return (state.steps >= episode.max_steps) & ~is_terminated(episode, signals)
 
 
 def _grasped(episode: Episode, state: State, readings: dict[str, Tensor], curve: Tensor) -> Tensor:

@@ -158,7 +158,7 @@ def test_the_human_reward_does_not_see_the_verdict(human, verdict, base):
 
 
 @BOTH
-def test_a_reward_does_not_decide_success(values, kind):
+def test_a_reward_does_not_decide_success(values, episode, kind):
     """Scoring leaves the signals as they were, whatever the reward."""
     reward = rewards.load(values[kind])
     for given_ in ({}, PERFECT):
@@ -166,7 +166,7 @@ def test_a_reward_does_not_decide_success(values, kind):
         before = signals.clone()
         reward(signals)
         assert bool((signals == before).all())
-        assert bool(task.is_terminated(signals)) == given_.get("threaded", False)
+        assert bool(task.is_terminated(episode, signals)) == given_.get("threaded", False)
 
 
 # The sparse one.

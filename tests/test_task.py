@@ -411,21 +411,24 @@ def test_elapsed_is_the_share_of_steps(layout, episode):
 
 
 @pytest.mark.parametrize(
-    ("steps_left", "success", "terminated", "truncated"),
+    ("steps_left", "success", "ends", "terminated", "truncated"),
     [
-        (1, False, False, False),
-        (0, False, False, True),
-        (1, True, True, False),
-        (0, True, True, False),
+        (1, False, True, False, False),
+        (0, False, True, False, True),
+        (1, True, True, True, False),
+        (0, True, True, True, False),
+        (1, True, False, False, False),
+        (0, True, False, False, True),
     ],
 )
 def test_success_terminates_and_only_time_truncates(
-    layout, episode, steps_left, success, terminated, truncated
+    layout, episode, steps_left, success, ends, terminated, truncated
 ):
+    episode = replace(episode, end_on_success=ends)
     state = state_of(layout, episode, grasped=True, steps=episode.max_steps - steps_left)
     needle = through(layout) if success else needle_at(layout, (0, -0.05, 0), 0.0)
     state, signals, _ = task.observe(layout, episode, state, seen(layout, needle))
-    assert bool(task.is_terminated(signals)) == terminated
+    assert bool(task.is_terminated(episode, signals)) == terminated
     assert bool(task.is_truncated(episode, state, signals)) == truncated
 
 
