@@ -80,7 +80,7 @@ def _start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
     yield look()
     for _ in range(settings.episode.max_steps):
         moment = simulation.step(act(moment.signals))
-        if bool(moment.terminated[0]):
+        if bool(moment.signals.threaded[0]):
             break
     else:
         raise RuntimeError(f"the expert did not thread the needle with seed={settings.seed}")
@@ -179,18 +179,21 @@ def record(
     partial = out.with_name(out.stem + ".partial.mp4")
     rate = 1.0 / (settings.task.timestep * settings.episode.substeps)
     out.parent.mkdir(parents=True, exist_ok=True)
+
+    def look() -> np.ndarray:
+        return _frame(settings, photographer(engine.data(0)), imager(engine.render()))
+
     try:
         with imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video:
             for _ in range(episodes):
                 moment, over = simulation.reset(), False
                 while not over:
-                    images = imager(engine.render())
-                    video.append_data(_frame(settings, photographer(engine.data(0)), images))
+                    video.append_data(look())
                     moment = simulation.step(controller(moment.signals))
                     over = bool(moment.terminated[0] | moment.truncated[0])
+                last = look()
                 for _ in range(round(rate / 4)):
-                    images = imager(engine.render())
-                    video.append_data(_frame(settings, photographer(engine.data(0)), images))
+                    video.append_data(last)
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)

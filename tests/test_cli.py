@@ -29,6 +29,11 @@ def test_snapshot_writes_the_contact_sheet(tmp_path, capsys):
         assert np.abs(start - goal).max() > 50
 
 
+def test_snapshot_reaches_the_goal_where_success_ends_nothing(tmp_path):
+    arguments = ["snapshot", "size=16", "raw=true", "image_size=16", f"out={tmp_path / 'a.png'}"]
+    assert main([*arguments, "episode.end_on_success=false"]) == 0
+
+
 def test_picture_writes_a_still(tmp_path):
     out = tmp_path / "still.png"
     assert main(["picture", "size=40", f"out={out}", "picture.distance=1.2"]) == 0
