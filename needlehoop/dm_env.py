@@ -20,10 +20,11 @@ from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.engines.contract import Channels, Frame
-from needlehoop.engines.placement import WELD, Placement, weld_data
+from needlehoop.engines.placement import Placement, weld_data, weld_index
 from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.images import Imager, channels_of
 from needlehoop.settings import Settings, compile_scene
+from needlehoop.signals import proprio
 from needlehoop.simulation import Moment, Simulation
 from needlehoop.task import Start, Weld
 
@@ -53,8 +54,7 @@ class PhysicsEngine:
         self.model: mujoco.MjModel = physics.model.ptr
         self._placement = Placement(self.model)
         self._tracer = Tracer(self.model, 1, views, size, 1, quality) if views else None
-        names = [self.model.equality(i).name for i in range(self.model.neq)]
-        self._weld = names.index(WELD) if WELD in names else None
+        self._weld = weld_index(self.model)
 
     def reset(self, ids: Tensor, start: Start) -> None:
         data = self._physics.data.ptr
@@ -74,10 +74,7 @@ class PhysicsEngine:
         self._physics.set_control(control[0].numpy())
 
     def refresh(self) -> None:
-        """Bring sensors up to the present state without touching the next step.
-
-        mj_forward would solve for accelerations and change the solver's warm start.
-        """
+        """Bring sensors up to the present state, as far as velocities: the batch's stage."""
         mujoco.mj_step1(self.model, self._physics.data.ptr)
 
     def weld(self, weld: Weld) -> None:
@@ -130,9 +127,7 @@ class NeedleHoopTask(control.Task):
             (name, image[0].permute(1, 2, 0).numpy()) for name, image in images.items()
         )
         if self._settings.obs.proprio or not images:
-            s = self._known().signals
-            columns = (s.joints[0], s.jaw, s.jaw_command)
-            seen["proprio"] = torch.cat(columns).float().numpy()
+            seen["proprio"] = proprio(self._known().signals)[0].numpy()
         return seen
 
     def get_reward(self, physics: dm_mujoco.Physics) -> float:

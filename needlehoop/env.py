@@ -9,7 +9,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from needlehoop.settings import Settings, build
-from needlehoop.signals import Signals
+from needlehoop.signals import Signals, proprio
 from needlehoop.simulation import Moment, Simulation
 
 FACTS = ("grasped", "lifted", "touched", "threaded", "cheat")
@@ -78,7 +78,7 @@ class NeedleHoopEnv(EnvBase):
                 pixels[camera.name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
         if settings.obs.proprio:
-            observed["proprio"] = Unbounded(shape=_proprio(moment.signals).shape)
+            observed["proprio"] = Unbounded(shape=proprio(moment.signals).shape)
         if settings.obs.signals:
             observed["signals"] = Unbounded(shape=_state(moment.signals).shape)
         observed["facts"] = Composite(
@@ -151,15 +151,10 @@ class NeedleHoopEnv(EnvBase):
         if self.settings.cams:
             out["pixels"] = dict(self._pixels)
         if self.settings.obs.proprio:
-            out["proprio"] = _proprio(signals)
+            out["proprio"] = proprio(signals)
         if self.settings.obs.signals:
             out["signals"] = _state(signals)
         return TensorDict(out, batch_size=self.batch_size)
-
-
-def _proprio(signals: Signals) -> Tensor:
-    columns = (signals.joints, signals.jaw.unsqueeze(-1), signals.jaw_command.unsqueeze(-1))
-    return torch.cat(columns, -1).float()
 
 
 def _state(signals: Signals) -> Tensor:

@@ -56,13 +56,13 @@ def add_linkage(spec: mujoco.MjSpec, yaw: Link) -> Link:
     pitch = psm.JOINTS[psm.JOINT_NAMES.index("pitch")]
     home = yaw.home @ psm.dh_transform(pitch)
     # Every link of the linkage is turned like the pitch frame, so all hinges are its z.
-    back = _add_hinged(yaw, "pitch_back", "pitch", home[:3, :3], places["back"], pitch)
+    back = _add_hinged(yaw, "pitch_back", home[:3, :3], places["back"], pitch)
     back.rod(places["back"], places["high"], 0.016, "arm_dark", mass=MASS["back"])
-    bottom = _add_hinged(back, "pitch_bottom", "pitch_bottom", home[:3, :3], places["low"])
+    bottom = _add_hinged(back, "pitch_bottom", home[:3, :3], places["low"])
     bottom.rod(places["low"], places["end_low"], 0.011, "arm_light", mass=MASS["bottom"])
-    top = _add_hinged(back, "pitch_top", "pitch_top", home[:3, :3], places["high"])
+    top = _add_hinged(back, "pitch_top", home[:3, :3], places["high"])
     top.rod(places["high"], places["end_high"], 0.008, "arm_light", mass=MASS["top"])
-    front = _add_hinged(bottom, "pitch_front", "pitch_front", home[:3, :3], places["front_low"])
+    front = _add_hinged(bottom, "pitch_front", home[:3, :3], places["front_low"])
     front.rod(places["front_low"], places["front_high"], 0.008, "arm_dark", mass=MASS["front"])
     # The carriage hinges on the bottom bar, but its frame stays the DH frame at the RCM.
     end = bottom.body.add_body(
@@ -89,17 +89,19 @@ def add_linkage(spec: mujoco.MjSpec, yaw: Link) -> Link:
 
 def _add_hinged(
     parent: Link,
-    body: str,
-    joint: str,
+    name: str,
     rotation: np.ndarray,
     pivot: np.ndarray,
     row: psm.Joint | None = None,
 ) -> Link:
-    """A linkage body with its hinge at ``pivot`` (home coordinates)."""
+    """A linkage body with its hinge at ``pivot`` (home coordinates).
+
+    The hinge has the body's name, or is the joint of a DH ``row``.
+    """
     home = np.eye(4)
     home[:3, :3], home[:3, 3] = rotation, pivot
     child = parent.body.add_body(
-        name=body,
+        name=name,
         pos=parent.point(pivot),
         quat=psm.quaternion(parent.home[:3, :3].T @ rotation),
         gravcomp=1.0,
@@ -107,7 +109,7 @@ def _add_hinged(
     if row is not None:
         add_joint(child, row)
     else:
-        child.add_joint(name=joint, axis=Z_AXIS)
+        child.add_joint(name=name, axis=Z_AXIS)
     return Link(child, home)
 
 

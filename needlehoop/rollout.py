@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from needlehoop.signals import Signals
-from needlehoop.simulation import Moment, Simulation
+from needlehoop.simulation import Simulation
 
 Controller = Callable[[Signals], Tensor]
 
@@ -55,17 +55,12 @@ def random_controller(action_size: int, seed: int) -> Controller:
     return act
 
 
-def run_episodes(
-    simulation: Simulation,
-    controller: Controller,
-    watch: Callable[[Moment], None] | None = None,
-) -> Outcome:
+def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
     """One episode in every environment.
 
     Args:
         simulation: reset by this call.
         controller: signals to actions.
-        watch: called after the reset and after every step.
     """
     moment = simulation.reset()
     n = simulation.num_envs
@@ -74,8 +69,6 @@ def run_episodes(
     grasped = torch.zeros(n, dtype=torch.bool)
     touched = torch.zeros(n, dtype=torch.bool)
     for step in range(1, simulation.episode.max_steps + 1):
-        if watch:
-            watch(moment)
         moment = simulation.step(controller(moment.signals))
         signals = moment.signals
         grasped |= signals.grasped & open_
@@ -91,12 +84,4 @@ def run_episodes(
         open_ &= ~(moment.terminated | moment.truncated)
         if not bool(open_.any()):
             break
-    if watch:
-        watch(moment)
     return Outcome(**last, grasped=grasped, touched=touched)
-
-
-def as_rows(outcome: Outcome) -> list[dict[str, float]]:
-    """One record per episode."""
-    columns = {name: value.tolist() for name, value in asdict(outcome).items()}
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

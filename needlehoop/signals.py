@@ -115,6 +115,12 @@ class Readings:
         return read
 
 
+def proprio(signals: Signals) -> Tensor:
+    """What the robot knows of itself: six joints, jaw, jaw command; ``(n, 8)`` float32."""
+    columns = (signals.joints, signals.jaw.unsqueeze(-1), signals.jaw_command.unsqueeze(-1))
+    return torch.cat(columns, -1).float()
+
+
 def vocabulary() -> dict[str, Signal]:
     """The signals a reward program may read: all but the verdicts."""
     return {name: signal for name, signal in TABLE.items() if signal.source != "verdict"}

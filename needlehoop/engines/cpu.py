@@ -12,7 +12,7 @@ from mujoco.batch import Batch
 from torch import Tensor
 
 from needlehoop.engines.contract import Channels, EngineConfig, Frame
-from needlehoop.engines.placement import WELD, Placement, weld_data
+from needlehoop.engines.placement import Placement, weld_data, weld_index
 from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.task import Start, Weld
 
@@ -58,8 +58,7 @@ class CpuEngine:
         self._scratch_data: mujoco.MjData | None = None
         self._scratch_model: mujoco.MjModel | None = None
         self._fields = {name: self._batch.bind(name) for name in FIELDS} if views else {}
-        names = [model.equality(i).name for i in range(model.neq)]
-        self._weld = names.index(WELD) if WELD in names else None
+        self._weld = weld_index(model)
         if self._weld is not None:
             self._weld_data = self._batch.expand("eq_data")
             self._weld_active = self._batch.bind("eq_active")

@@ -60,6 +60,12 @@ class Placement:
         return np.concatenate((start.joints.numpy(), start.jaw[:, None].numpy()), -1)
 
 
+def weld_index(model: mujoco.MjModel) -> int | None:
+    """Which equality a grasp switches; none where grasps are left to friction."""
+    names = [model.equality(i).name for i in range(model.neq)]
+    return names.index(WELD) if WELD in names else None
+
+
 def weld_data(pose: np.ndarray) -> np.ndarray:
     """The first ten numbers of a weld's ``eq_data`` for relative poses ``(k, 7)``.
 
