@@ -155,12 +155,15 @@ def _expert(options: argparse.Namespace) -> None:
 def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
     from needlehoop.controllers import controller
     from needlehoop.pictures import record
+    from needlehoop.settings import build
 
     if episodes < 1:
         raise ValueError(f"video_episodes: {episodes} must be at least 1")
     if not settings.cams:
         settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
-    record(settings, controller(who, settings), episodes, options.video)
+    settings = replace(settings, num_envs=1)
+    simulation, imager = build(settings)
+    record(settings, simulation, imager, controller(who, settings), episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cattrs
 from hydra import compose as hydra_compose
@@ -15,7 +15,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from needlehoop.job import Job, split
 from needlehoop.settings import Settings
+
+T = TypeVar("T")
 
 CONF = Path(__file__).parent / "conf"
 
@@ -51,11 +54,35 @@ def structure(values: dict[str, Any]) -> Settings:
     missing = [name for name in Settings.__dataclass_fields__ if name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: missing; every environment needs it")
-    own = {name: values[name] for name in Settings.__dataclass_fields__}
+    return _structure({name: values[name] for name in Settings.__dataclass_fields__}, Settings)
+
+
+def job(values: dict[str, Any]) -> Job:
+    """A composed training config as a checked ``Job``; errors as in ``settings``."""
+    return _structure(split(values), Job)
+
+
+def in_brackets(words: Iterable[str]) -> list[str]:
+    """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
+
+    Under ``-m`` a bare comma list stays what Hydra makes of it: a sweep.
+    """
+    given = list(words)
+    if {"-m", "--multirun"} & set(given):
+        return given
+    return [re.sub(r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]", word) for word in given]
+
+
+def _structure(values: dict[str, Any], kind: type[T]) -> T:
     try:
-        return _converter.structure(own, Settings)
+        return _converter.structure(values, kind)
     except cattrs.ClassValidationError as error:
-        raise ValueError("; ".join(_flatten(error))) from error
+        raise ValueError("; ".join(_plain(line) for line in _flatten(error))) from error
+
+
+def _plain(line: str) -> str:
+    """``env`` is where the environment's keys live in a ``Job``, not in the YAML."""
+    return line.removeprefix("env: ").removeprefix("env.")
 
 
 def register_cameras() -> None:

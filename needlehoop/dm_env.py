@@ -23,10 +23,13 @@ from needlehoop.engines.contract import Channels, Frame
 from needlehoop.engines.placement import Placement, weld_data, weld_index
 from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.images import Imager, channels_of
+from needlehoop.observer import Observer
 from needlehoop.settings import Settings, compile_scene
 from needlehoop.signals import proprio
 from needlehoop.simulation import Moment, Simulation
 from needlehoop.task import Start, Weld
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class PhysicsEngine:
@@ -86,6 +89,17 @@ class PhysicsEngine:
     def sensordata(self) -> Tensor:
         return torch.from_numpy(self._physics.data.ptr.sensordata.copy()).unsqueeze(0)
 
+    def snapshot(self) -> dict[str, Tensor]:
+        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self._physics.data.ptr, state, _STATE)
+        return {"state": torch.from_numpy(state), "eq_data": torch.tensor(self.model.eq_data)}
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        state = snapshot["state"].numpy()
+        mujoco.mj_setState(self.model, self._physics.data.ptr, state, _STATE)
+        self.model.eq_data[:] = snapshot["eq_data"].numpy()
+        self.refresh()
+
     def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
         if self._tracer is None:
             return {}
@@ -97,7 +111,8 @@ class NeedleHoopTask(control.Task):
     """The dm_control face of a ``Simulation``; its physics is stepped by dm_control."""
 
     def __init__(self, simulation: Simulation, imager: Imager, settings: Settings):
-        self.simulation, self._imager, self._settings = simulation, imager, settings
+        self.simulation, self._settings = simulation, settings
+        self._observer = Observer(settings, simulation, imager)
         self.moment: Moment | None = None
 
     @property
@@ -122,13 +137,16 @@ class NeedleHoopTask(control.Task):
         return specs.BoundedArray((size,), np.float32, -1.0, 1.0, name="action")
 
     def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
-        images = self._imager(self.simulation.engine.render())
+        signals = self._known().signals
+        observed = self._observer(signals)
+        images: Any = observed.pop("pixels", {})
         seen = OrderedDict(
             (name, image[0].permute(1, 2, 0).numpy()) for name, image in images.items()
         )
-        if self._settings.obs.proprio or not images:
-            seen["proprio"] = proprio(self._known().signals)[0].numpy()
-        return seen
+        for name, vector in observed.items():
+            assert isinstance(vector, Tensor)
+            seen[name] = vector[0].numpy()
+        return seen or OrderedDict(proprio=proprio(signals)[0].numpy())
 
     def get_reward(self, physics: dm_mujoco.Physics) -> float:
         return float(self._known().reward[0])

@@ -2,56 +2,49 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from needlehoop.observer import Observer, state
 from needlehoop.settings import Settings, build
-from needlehoop.signals import Signals, proprio
+from needlehoop.signals import proprio
 from needlehoop.simulation import Moment, Simulation
 
-FACTS = ("grasped", "lifted", "touched", "threaded", "cheat")
-
-STATE_SIGNALS = (
-    "tool_midpoint",
-    "pickup_point",
-    "needle_tip",
-    "goal",
-    "lift_position",
-    "needle_quat",
-    "joints",
-    "jaw",
-    "jaw_command",
-    "grasped",
-    "lifted",
-)
-"""What ``signals`` concatenates: enough to do the task without eyes."""
+FACTS = ("grasped", "lifted", "touched", "threaded", "cheat", "has_grasped", "has_touched")
+"""Facts of this moment; ``has_…`` and ``cheat`` look back over the episode."""
 
 
 class NeedleHoopEnv(EnvBase):
     """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
 
-    Keys: ``("pixels", <camera>)`` uint8 ``(n, channels, h, w)``; optionally ``proprio``
-    float32 ``(n, 8)`` (six joints, jaw, jaw command) and ``signals`` float32; for logging
-    ``("facts", <name>)`` bool and ``("terms", <name>)``, ``potential`` float32, all
-    ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1], ``(n, 7)`` with ``control=pose``.
-    Success terminates; the time limit truncates.
+    Keys: ``("pixels", <camera>)`` uint8 ``(n, frame_stack * channels, h, w)``; optionally
+    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command) and ``signals`` float32; for
+    logging ``("facts", <name>)`` bool, ``("terms", <name>)`` and ``potential`` float32 and
+    ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1], ``(n, 7)`` with
+    ``control=pose``. Success terminates; the time limit truncates.
+
+    ``snapshot`` and ``restore`` carry a run on, bit for bit, in another process.
 
     Args:
         settings: what to build.
+        first_env: index of the first environment among all that share the seed.
 
     Raises:
         ValueError: settings that do not go together, by key.
     """
 
-    def __init__(self, settings: Settings):
+    def __init__(self, settings: Settings, first_env: int = 0):
         self.settings = settings
-        self._simulation, self._imager = build(settings)
+        self._simulation, imager = build(settings, first_env)
+        self._observer = Observer(settings, self._simulation, imager)
+        self._is_restored = False
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
-        self._pixels: dict[str, Tensor] = {}
         self._set_specs(settings)
 
     @property
@@ -73,14 +66,14 @@ class NeedleHoopEnv(EnvBase):
         if settings.cameras:
             pixels = Composite(shape=(n,))
             for camera in settings.cameras:
-                channels = settings.renderings[camera.rendering].channels
+                channels = settings.renderings[camera.rendering].channels * settings.obs.frame_stack
                 shape = torch.Size((n, channels, size, size))
                 pixels[camera.name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
         if settings.obs.proprio:
             observed["proprio"] = Unbounded(shape=proprio(moment.signals).shape)
         if settings.obs.signals:
-            observed["signals"] = Unbounded(shape=_state(moment.signals).shape)
+            observed["signals"] = Unbounded(shape=state(moment.signals).shape)
         observed["facts"] = Composite(
             {name: Binary(1, shape=column, dtype=torch.bool) for name in FACTS}, shape=(n,)
         )
@@ -88,6 +81,7 @@ class NeedleHoopEnv(EnvBase):
             {name: Unbounded(shape=column) for name in moment.terms}, shape=(n,)
         )
         observed["potential"] = Unbounded(shape=column)
+        observed["steps"] = Unbounded(shape=column, dtype=torch.int64)
         self.observation_spec = observed
         self.done_spec = Composite(
             {
@@ -97,21 +91,34 @@ class NeedleHoopEnv(EnvBase):
             shape=(n,),
         )
 
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that decides what comes next, as tensors and numbers."""
+        return {"simulation": self._simulation.snapshot(), "observer": self._observer.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a ``snapshot`` of an environment with the same settings.
+
+        The next full reset begins no episode: it returns those under way as they stood.
+        """
+        self._simulation.restore(snapshot["simulation"])
+        self._observer.restore(snapshot["observer"])
+        self._is_restored = True
+
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDictBase:
-        mask = None
         asked = None if tensordict is None else tensordict.get("_reset", None)
-        if asked is not None:
-            mask = asked.reshape(self.batch_size[0])
-        first = self._simulation.state is None
-        moment = self._simulation.reset(mask)
-        self._look(None if mask is None or first else mask.nonzero().flatten())
         no = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
         ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
-        return self._tensordict(moment, ends)
+        if self._is_restored and (asked is None or bool(asked.all())):
+            self._is_restored = False
+            return self._tensordict(self._simulation.look(), ends, no.nonzero().flatten())
+        mask = None if asked is None else asked.reshape(self.batch_size[0])
+        first = self._simulation.state is None
+        moment = self._simulation.reset(mask)
+        fresh = None if mask is None or first else mask.nonzero().flatten()
+        return self._tensordict(moment, ends, fresh)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         moment = self._simulation.step(tensordict["action"])
-        self._look(None)
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
             "done": terminated | truncated,
@@ -119,47 +126,20 @@ class NeedleHoopEnv(EnvBase):
             "truncated": truncated,
             "reward": moment.reward.unsqueeze(-1).float(),
         }
-        return self._tensordict(moment, ends)
+        return self._tensordict(moment, ends, None)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
             self._simulation.reseed(seed)
 
-    def _look(self, ids: Tensor | None) -> None:
-        """Renew the images of environments ``ids``; of all by default."""
-        if not self.settings.cams or (ids is not None and not len(ids)):
-            return
-        images = self._imager(self._simulation.engine.render(ids))
-        if ids is None:
-            self._pixels = images
-            return
-        # The previous images are in somebody's hands: new tensors, not new contents.
-        self._pixels = {name: image.clone() for name, image in self._pixels.items()}
-        for name, image in images.items():
-            self._pixels[name][ids] = image
-
-    def _tensordict(self, moment: Moment, rest: dict[str, Tensor]) -> TensorDict:
-        signals = moment.signals
-        facts = {name: getattr(signals, name) for name in FACTS if name != "cheat"}
-        facts["cheat"] = moment.cheat
+    def _tensordict(self, moment: Moment, rest: dict[str, Any], ids: Tensor | None) -> TensorDict:
+        """All keys; images are renewed in environments ``ids`` (in all by default)."""
         out = {
-            "facts": {name: fact.unsqueeze(-1) for name, fact in facts.items()},
+            "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts().items()},
             "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},
             "potential": moment.potential.unsqueeze(-1).float(),
+            "steps": moment.steps.unsqueeze(-1),
+            **self._observer(moment.signals, ids),
             **rest,
         }
-        if self.settings.cams:
-            out["pixels"] = dict(self._pixels)
-        if self.settings.obs.proprio:
-            out["proprio"] = proprio(signals)
-        if self.settings.obs.signals:
-            out["signals"] = _state(signals)
         return TensorDict(out, batch_size=self.batch_size)
-
-
-def _state(signals: Signals) -> Tensor:
-    columns = []
-    for name in STATE_SIGNALS:
-        value = getattr(signals, name).float()
-        columns.append(value if value.ndim == 2 else value.unsqueeze(-1))
-    return torch.cat(columns, -1)

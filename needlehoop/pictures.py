@@ -15,8 +15,10 @@ from needlehoop.engines.contract import Channels
 from needlehoop.engines.cpu import CpuEngine
 from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.expert import expert
+from needlehoop.images import Imager
 from needlehoop.rollout import Controller
 from needlehoop.settings import PICTURE, Settings, build
+from needlehoop.simulation import Simulation
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 8
@@ -161,18 +163,25 @@ def portrait(settings: Settings, size: int) -> Image.Image:
 
 
 def record(
-    settings: Settings, controller: Controller, episodes: int, out: Path, size: int = 480
+    settings: Settings,
+    simulation: Simulation,
+    imager: Imager,
+    controller: Controller,
+    episodes: int,
+    out: Path,
+    size: int = 480,
 ) -> None:
     """A video of whole episodes: the scene, and beside it what the cameras see.
 
     Args:
-        settings: environment with the cameras to show; ``num_envs`` is ignored.
+        settings: environment with the cameras to show.
+        simulation: of one environment, on the CPU engine.
+        imager: of its cameras.
         controller: who acts.
         episodes: how many, one after the other.
         out: an ``.mp4`` file; written whole or not at all.
         size: height in px; a multiple of 16.
     """
-    simulation, imager = build(replace(settings, num_envs=1))
     engine = simulation.engine
     assert isinstance(engine, CpuEngine)
     photographer = Photographer(engine.model, size)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -16,7 +16,10 @@ Controller = Callable[[Signals], Tensor]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
+    """How episodes ended, ``(n,)`` each, at each episode's own last step.
+
+    ``touched`` and ``grasped`` at any time of the episode.
+    """
 
     threaded: Tensor
     cheat: Tensor
@@ -44,6 +47,16 @@ class Outcome:
         }
 
 
+def join(outcomes: Sequence[Outcome]) -> Outcome:
+    """Outcomes of several batches as one."""
+    return Outcome(
+        **{
+            field.name: torch.cat([getattr(outcome, field.name) for outcome in outcomes])
+            for field in fields(Outcome)
+        }
+    )
+
+
 def random_controller(action_size: int, seed: int) -> Controller:
     """Uniform actions over the whole range."""
     generator = torch.Generator().manual_seed(seed)
@@ -66,17 +79,14 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
     n = simulation.num_envs
     open_ = torch.ones(n, dtype=torch.bool)
     last: dict[str, Tensor] = {}
-    grasped = torch.zeros(n, dtype=torch.bool)
-    touched = torch.zeros(n, dtype=torch.bool)
     for step in range(1, simulation.episode.max_steps + 1):
         moment = simulation.step(controller(moment.signals))
-        signals = moment.signals
-        grasped |= signals.grasped & open_
-        touched |= signals.touched & open_
         now = {
-            "threaded": signals.threaded,
+            "threaded": moment.signals.threaded,
             "cheat": moment.cheat,
-            "lifted": signals.lifted,
+            "touched": moment.has_touched,
+            "grasped": moment.has_grasped,
+            "lifted": moment.signals.lifted,
             "potential": moment.potential,
             "steps": torch.full((n,), step),
         }
@@ -84,4 +94,4 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
         open_ &= ~(moment.terminated | moment.truncated)
         if not bool(open_.any()):
             break
-    return Outcome(**last, grasped=grasped, touched=touched)
+    return Outcome(**last)

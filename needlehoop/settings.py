@@ -31,6 +31,12 @@ class Observations:
     """Joint positions, jaw and jaw command."""
     signals: bool
     """The whole state, for agents that need no eyes."""
+    frame_stack: int
+    """Frames per image, the newest last."""
+
+    def __post_init__(self) -> None:
+        if self.frame_stack < 1:
+            raise ValueError(f"obs.frame_stack: {self.frame_stack} must be at least 1")
 
 
 @dataclass(frozen=True)

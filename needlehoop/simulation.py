@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -21,8 +22,8 @@ class Moment:
     """What is known after a reset or a step; leading dimension ``n``.
 
     ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
-    (the potential's rise; the first step pays it whole). ``cheat``: the tip has touched
-    the goal in this episode, and the needle is not through.
+    (the potential's rise; the first step pays it whole). ``has_grasped`` and
+    ``has_touched``: at some time in this episode. ``steps``: taken in it.
     """
 
     signals: Signals
@@ -31,7 +32,27 @@ class Moment:
     reward: Tensor
     terminated: Tensor
     truncated: Tensor
-    cheat: Tensor
+    has_grasped: Tensor
+    has_touched: Tensor
+    steps: Tensor
+
+    @property
+    def cheat(self) -> Tensor:
+        """The tip has touched the goal in this episode, and the needle is not through."""
+        return self.has_touched & ~self.signals.threaded
+
+    def facts(self) -> dict[str, Tensor]:
+        """Every fact ``(n,)`` bool by name: the moment's own, then the episode's."""
+        s = self.signals
+        return {
+            "grasped": s.grasped,
+            "lifted": s.lifted,
+            "touched": s.touched,
+            "threaded": s.threaded,
+            "cheat": self.cheat,
+            "has_grasped": self.has_grasped,
+            "has_touched": self.has_touched,
+        }
 
 
 class Simulation:
@@ -111,6 +132,31 @@ class Simulation:
         self.engine.step(self.act(action))
         return self.observe()
 
+    def look(self) -> Moment:
+        """The present moment once more: nothing moves, nothing is paid."""
+        return self._moment(pays=False)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that decides the future, as tensors and numbers."""
+        return {
+            "seed": self._seed,
+            "episodes": torch.tensor(self._episodes),
+            "potential": self._potential.clone(),
+            "task": {name: value.clone() for name, value in self._begun().items()},
+            "engine": self.engine.snapshot(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a ``snapshot``; the same steps then give the same bits."""
+        self._seed = snapshot["seed"]
+        self._episodes = snapshot["episodes"].numpy().copy()
+        self._potential = snapshot["potential"].clone()
+        self.state = task.State(
+            **{name: value.clone() for name, value in snapshot["task"].items()},
+            batch_size=[self.num_envs],
+        )
+        self.engine.restore(snapshot["engine"])
+
     def _moment(self, pays: bool) -> Moment:
         readings = self._readings(self.engine.sensordata())
         self.state, signals, weld = task.observe(self.layout, self.episode, self._begun(), readings)
@@ -127,7 +173,9 @@ class Simulation:
             reward=reward,
             terminated=task.is_terminated(self.episode, signals),
             truncated=task.is_truncated(self.episode, self.state, signals),
-            cheat=self.state.has_touched & ~signals.threaded,
+            has_grasped=self.state.has_grasped,
+            has_touched=self.state.has_touched,
+            steps=self.state.steps,
         )
 
     def _begun(self) -> task.State:

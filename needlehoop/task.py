@@ -121,6 +121,7 @@ class State(TensorClass):
     jaw: Tensor
     grasped: Tensor
     lifted: Tensor
+    has_grasped: Tensor
     has_touched: Tensor
     steps: Tensor
 
@@ -191,6 +192,7 @@ def begin(layout: Layout, episode: Episode, begun: Start) -> State:
         jaw=begun.jaw.clone(),
         grasped=no,
         lifted=no.clone(),
+        has_grasped=no.clone(),
         has_touched=no.clone(),
         steps=torch.zeros(n, dtype=torch.int64),
         batch_size=[n],
@@ -263,6 +265,7 @@ def observe(
     weld = Weld(grasped != state.grasped, grasped, _relative_pose(r))
     state = state.clone(recurse=False)
     state.grasped, state.lifted = grasped, lifted
+    state.has_grasped = state.has_grasped | grasped
     state.has_touched = state.has_touched | touched
     fields: dict[str, Any] = {
         **r,

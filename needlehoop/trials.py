@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
-import torch
+from dataclasses import replace
 
 from needlehoop.controllers import controller
-from needlehoop.rollout import Outcome, run_episodes
+from needlehoop.rollout import Outcome, join, run_episodes
 from needlehoop.settings import Settings, build
 
 _BATCH = 200
@@ -31,8 +29,4 @@ def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
         chunk = replace(settings, num_envs=min(_BATCH, episodes - first), cams=())
         simulation, _ = build(chunk, first_env=first)
         outcomes.append(run_episodes(simulation, controller(who, chunk)))
-    joined = {
-        field.name: torch.cat([getattr(outcome, field.name) for outcome in outcomes])
-        for field in fields(Outcome)
-    }
-    return Outcome(**joined)
+    return join(outcomes)

@@ -9,7 +9,8 @@ import needlehoop
 from needlehoop import config
 from needlehoop.cameras import parse_cameras
 
-GROUPS = ("task", "episode", "reward", "engine")
+GROUPS = ("task", "episode", "reward", "engine", "obs")
+TRAINING = ("algo", "encoder", "logger")
 ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml"))
 
 
@@ -95,6 +96,15 @@ def test_every_option_of_every_group_composes(group, option):
     config.structure(composed)
 
 
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in TRAINING for option in options(group)]
+)
+def test_every_option_of_a_training_group_composes(group, option):
+    composed = config.compose(["cams=[seg_side]", f"{group}={option}"], "config")
+    assert composed[group]
+    config.job(composed)
+
+
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_every_command_has_an_environment_in_its_config(entry):
     assert config.settings(["num_envs=3"], config=entry).num_envs == 3
@@ -102,7 +112,7 @@ def test_every_command_has_an_environment_in_its_config(entry):
 
 def test_no_group_of_the_folder_is_forgotten():
     folders = {path.name for path in config.CONF.iterdir() if path.is_dir()}
-    assert folders == {*GROUPS, "view", "rendering"}
+    assert folders == {*GROUPS, *TRAINING, "view", "rendering"}
     assert all(options(group) for group in folders)
 
 

@@ -8,7 +8,7 @@ from torchrl.envs.libs.dm_control import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
 import needlehoop
-from needlehoop.env import STATE_SIGNALS
+from needlehoop.observer import STATE_SIGNALS
 
 
 @pytest.mark.parametrize(

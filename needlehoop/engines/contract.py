@@ -73,6 +73,14 @@ class Engine(Protocol):
         """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
         ...
 
+    def snapshot(self) -> dict[str, Tensor]:
+        """The physics' whole state, as copies."""
+        ...
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        """Go on from a ``snapshot``, and forward."""
+        ...
+
     def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
         """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
 

@@ -19,6 +19,18 @@ from needlehoop.task import Start, Weld
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 
+_STATE = (
+    "time",
+    "qpos",
+    "qvel",
+    "qacc_warmstart",
+    "ctrl",
+    "mocap_pos",
+    "mocap_quat",
+    "eq_active",
+)
+"""What the scene's physics depends on: it has no activations, and nothing applies forces."""
+
 
 class CpuEngine:
     """``n`` scenes on the CPU; see ``contract.Engine``.
@@ -85,6 +97,19 @@ class CpuEngine:
 
     def sensordata(self) -> Tensor:
         return torch.tensor(self._sensordata)
+
+    def snapshot(self) -> dict[str, Tensor]:
+        state = {name: torch.tensor(self._batch.bind(name)) for name in _STATE}
+        if self._weld is not None:
+            state["eq_data"] = torch.tensor(self._weld_data)
+        return state
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        for name in _STATE:
+            self._batch.bind(name)[:] = snapshot[name].numpy()
+        if self._weld is not None:
+            self._weld_data[:] = snapshot["eq_data"].numpy()
+        self._batch.forward(stage=_VELOCITY)
 
     def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
         if self._tracer is None:

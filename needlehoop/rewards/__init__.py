@@ -4,6 +4,6 @@ The terms are summed to a potential, and each step pays the potential's differen
 an episode's return is its last potential.
 """
 
-from needlehoop.rewards.loader import REWARDS, Reward, load, potential
+from needlehoop.rewards.loader import REWARDS, Reward, load, potential, text
 
-__all__ = ["REWARDS", "Reward", "load", "potential"]
+__all__ = ["REWARDS", "Reward", "load", "potential", "text"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, Protocol
@@ -43,6 +44,11 @@ def load(config: Mapping[str, Any]) -> Reward:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"reward.{name}: {value!r} is not a number")
     return REWARDS[kind](**values)
+
+
+def text(reward: Reward) -> str:
+    """A reward for the record: its values, then its source."""
+    return f"{reward!r}\n\n{inspect.getsource(type(reward))}"
 
 
 def potential(terms: Mapping[str, Tensor]) -> Tensor:

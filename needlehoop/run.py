@@ -1,0 +1,228 @@
+"""The files of a run: a folder that stays readable whatever happens to its process."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
+CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
+CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
+
+_PACKAGES = (
+    "needlehoop",
+    "torch",
+    "torchrl",
+    "tensordict",
+    "mujoco",
+    "mujoco-warp",
+    "warp-lang",
+    "dm_control",
+    "hydra-core",
+)
+
+
+class Run:
+    """A run's folder.
+
+    Args:
+        folder: where its files are.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    @classmethod
+    def create(cls, folder: Path, config: Mapping[str, Any], reward: str, overwrite: bool) -> Run:
+        """Begin a run in a new folder: config, reward's text, manifest.
+
+        Raises:
+            ValueError: the folder has something in it, and ``overwrite`` is false, or what is
+                in it is no run.
+        """
+        if folder.exists() and any(folder.iterdir()):
+            if not overwrite:
+                raise ValueError(
+                    f"{folder} exists; go on with resume={folder}, or replace it with"
+                    " overwrite=true, or choose another study="
+                )
+            if not (folder / CONFIG).exists():
+                raise ValueError(f"overwrite: {folder} holds files but no run; move them away")
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        run = cls(folder)
+        _write(folder / REWARD, reward)
+        run.note(**_machine(), started=_now(), wall_time=0.0, steps=0, finished=False)
+        # Last: a folder with a config is a run.
+        _write(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
+        return run
+
+    @classmethod
+    def open(cls, folder: Path) -> Run:
+        """A run that exists.
+
+        Raises:
+            ValueError: no run there.
+        """
+        if not (folder / CONFIG).is_file():
+            raise ValueError(f"{folder} is no run: it has no {CONFIG}")
+        return cls(folder)
+
+    def config(self) -> dict[str, Any]:
+        """The composed config that the run began with."""
+        return yaml.safe_load((self.folder / CONFIG).read_text())
+
+    def manifest(self) -> dict[str, Any]:
+        """Versions, commit, machine, times."""
+        path = self.folder / MANIFEST
+        return json.loads(path.read_text()) if path.exists() else {}
+
+    def note(self, **facts: Any) -> None:
+        """Add to the manifest."""
+        text = json.dumps({**self.manifest(), **facts}, indent=2)
+        _write(self.folder / MANIFEST, text + "\n")
+
+    def append(self, table: str, row: Mapping[str, Any]) -> None:
+        """Add a row to a CSV file; NaN and ``None`` become empty cells.
+
+        Raises:
+            RuntimeError: the row's columns are not the file's.
+        """
+        path = self.folder / table
+        known = _header(path)
+        if known and known != list(row):
+            raise RuntimeError(f"{path}: columns {known}; the row has {list(row)}")
+        with path.open("a", newline="") as file:
+            writer = csv.writer(file)
+            if not known:
+                writer.writerow(row)
+            writer.writerow(_cell(value) for value in row.values())
+
+    def rows(self, table: str) -> list[dict[str, str]]:
+        """Whole rows of a CSV file; a row torn off by a kill is left out."""
+        path = self.folder / table
+        if not path.exists():
+            return []
+        whole, _, _ = path.read_text().rpartition("\n")
+        return [
+            row
+            for row in csv.DictReader(io.StringIO(whole))
+            if None not in row and None not in row.values()
+        ]
+
+    def cut(self, table: str, update: int) -> None:
+        """Drop rows after ``update``: they are about to be made again."""
+        rows = [row for row in self.rows(table) if int(row["update"]) <= update]
+        path = self.folder / table
+        if not rows:
+            path.unlink(missing_ok=True)
+            return
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+        _write(path, text.getvalue())
+
+    def save(self, state: Mapping[str, Any]) -> None:
+        """Write the checkpoint, whole or not at all."""
+        buffer = io.BytesIO()
+        torch.save(dict(state), buffer)
+        _write(self.folder / CHECKPOINT, buffer.getvalue())
+
+    def load(self, device: torch.device) -> dict[str, Any]:
+        """The last checkpoint; tensors and plain values only, so a foreign file runs nothing.
+
+        Raises:
+            ValueError: there is none.
+        """
+        path = self.folder / CHECKPOINT
+        if not path.exists():
+            raise ValueError(
+                f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
+                " without it); begin again with overwrite=true"
+            )
+        return torch.load(path, map_location=device, weights_only=True)
+
+    def write(self, name: str, text: str) -> Path:
+        """Write a small file, whole or not at all."""
+        _write(self.folder / name, text)
+        return self.folder / name
+
+
+def _write(path: Path, content: str | bytes) -> None:
+    """Replace a file in one step, once all of it is on the disk."""
+    partial = path.with_name(path.name + ".partial")
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _header(path: Path) -> list[str]:
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return next(csv.reader(file), [])
+
+
+def _cell(value: Any) -> Any:
+    """Numbers with nine digits, which bring a float32 back to the bit."""
+    if isinstance(value, float):
+        return "" if value != value else format(value, ".9g")
+    return "" if value is None else value
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in _PACKAGES},
+        "platform": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cpus": os.cpu_count(),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+    }
+
+
+def _commit() -> str | None:
+    """The source's git commit, with ``+`` where files differ from it; ``None`` outside git."""
+    here = Path(__file__).parent
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        commit = git("rev-parse", "--short=12", "HEAD")
+        return commit + ("+" if git("status", "--porcelain", "--", "..") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+
+
+def columns(rows: Iterable[Mapping[str, str]], name: str) -> list[float]:
+    """One column as numbers; empty cells as NaN."""
+    return [float(row[name]) if row[name] else float("nan") for row in rows]

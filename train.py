@@ -1,0 +1,131 @@
+"""Train an agent to thread the needle: ``python train.py cams=dep_front,seg_side reward=human``.
+
+``train`` is the method: collect a buffer, learn from it, write down what came of it.
+``python train.py --help`` lists the settings.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from tqdm import tqdm
+
+from needlehoop import config, rewards
+from needlehoop.evaluate import assess, evaluate, film, load_agent, report
+from needlehoop.interruption import Interruption
+from needlehoop.job import Job
+from needlehoop.learner import Learner
+from needlehoop.loggers import Logger, build_logger
+from needlehoop.metrics import episode_columns, peak_memory
+from needlehoop.run import EVALUATIONS, METRICS, VIDEO, Run
+
+
+def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> None:
+    """Train until the job's steps are done, or until a signal asks to stop.
+
+    Args:
+        job: what to train.
+        run: where its files go.
+        logger: where else.
+        state: the checkpoint to go on from.
+    """
+    learner = Learner(job, state and state["learner"])
+    began = time.perf_counter() - (state["wall_time"] if state else 0.0)
+    shown = {"return": math.nan, "success": math.nan}
+    bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
+    with bar, Interruption() as interruption:
+        for buffer, losses in learner:
+            update = learner.ppo.done_updates
+            at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
+            rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
+            row = {**at, "steps_per_second": rate, **episode_columns(buffer), **losses}
+            row["memory_gb"] = peak_memory()
+            run.append(METRICS, row)
+            logger.log("train", row)
+            shown |= {name: row[name] for name in shown if not math.isnan(row[name])}
+            bar.set_postfix({name: f"{value:.2f}" for name, value in shown.items()})
+            bar.update(job.buffer)
+
+            if job.evaluation.every and update % job.evaluation.every == 0:
+                own = replace(job.env, seed=job.evaluation.seed)
+                outcome = evaluate(own, learner.agent, job.evaluation.episodes)
+                evaluation = {**at, **outcome.summary()}
+                run.append(EVALUATIONS, evaluation)
+                logger.log("evaluation", evaluation)
+
+            if interruption.asked or update % job.checkpoint_every == 0 or update == job.updates:
+                wall = time.perf_counter() - began
+                run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
+                run.note(steps=learner.steps, wall_time=round(wall, 1))
+            if interruption.asked:
+                break
+
+
+def finish(job: Job, run: Run, logger: Logger) -> None:
+    """Evaluate the trained agent at length, film it, and print what the run gave."""
+    agent = load_agent(run, job, job.torch_device)
+    own = job.evaluation
+    found = assess(run, agent, job, own.final_episodes, own.seed + 1)
+    if own.video_episodes:
+        film(job.env, agent, own.video_episodes, own.seed + 1, run.folder / VIDEO)
+        logger.video(run.folder / VIDEO)
+    run.note(finished=True)
+    print(f"\n{report(found)}\nrun          {run.folder}")
+
+
+def start(values: dict[str, Any], overrides: list[str]) -> None:
+    """A new run, or the rest of one that was stopped."""
+    state = None
+    if values["resume"] is not None:
+        if len(overrides) > 1:
+            raise ValueError("resume: a run goes on with its own settings; give no others with it")
+        run = Run.open(Path(values["resume"]))
+        values = run.config()
+        job = config.job(values)
+        if run.manifest().get("finished"):
+            raise ValueError(f"resume: {run.folder} is finished")
+        state = run.load(job.torch_device)
+        for table in (METRICS, EVALUATIONS):
+            run.cut(table, state["update"])
+    else:
+        job = config.job(values)
+        reward = rewards.text(rewards.load(job.env.reward))
+        folder = Path(job.results) / job.place
+        run = Run.create(folder, values, reward, values["overwrite"])
+    logger = build_logger(job.logger, job.place, values, run.folder)
+    try:
+        if state is None or state["update"] < job.updates:
+            train(job, run, logger, state)
+        if run.load(job.torch_device)["update"] == job.updates:
+            finish(job, run, logger)
+        else:
+            print(f"stopped; go on with: python train.py resume={run.folder}")
+    finally:
+        logger.close()
+
+
+@hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")
+def main(composed: DictConfig) -> None:
+    """One run; under ``-m`` called once for each."""
+    values: Any = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    try:
+        start(values, list(HydraConfig.get().overrides.task))
+    except (ValueError, OSError) as error:
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            raise
+        sys.exit(f"train.py: {error}")
+
+
+if __name__ == "__main__":
+    sys.argv[1:] = config.in_brackets(sys.argv[1:])
+    config.register_cameras()
+    main()
