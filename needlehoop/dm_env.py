@@ -23,9 +23,9 @@ from needlehoop.engines.contract import Channels, Frame
 from needlehoop.engines.placement import Placement, weld_data, weld_index
 from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.images import Imager, channels_of
-from needlehoop.observer import Observer
+from needlehoop.observer import STATE_SIZE, Observer
 from needlehoop.settings import Settings, compile_scene
-from needlehoop.signals import proprio
+from needlehoop.signals import PROPRIO_SIZE, proprio
 from needlehoop.simulation import Moment, Simulation
 from needlehoop.task import Start, Weld
 
@@ -135,6 +135,20 @@ class NeedleHoopTask(control.Task):
     def action_spec(self, physics: dm_mujoco.Physics) -> specs.BoundedArray:
         size = self._settings.episode.action_size
         return specs.BoundedArray((size,), np.float32, -1.0, 1.0, name="action")
+
+    def observation_spec(self, physics: dm_mujoco.Physics) -> OrderedDict[str, specs.Array]:
+        """Known without an observation: dm_control may ask before the first reset."""
+        s = self._settings
+        found: OrderedDict[str, specs.Array] = OrderedDict()
+        for camera in s.cameras:
+            channels = s.renderings[camera.rendering].channels * s.obs.frame_stack
+            shape = (s.image_size, s.image_size, channels)
+            found[camera.name] = specs.BoundedArray(shape, np.uint8, 0, 255, camera.name)
+        if s.obs.proprio or not (s.cams or s.obs.signals):
+            found["proprio"] = specs.Array((PROPRIO_SIZE,), np.float32, "proprio")
+        if s.obs.signals:
+            found["signals"] = specs.Array((STATE_SIZE,), np.float32, "signals")
+        return found
 
     def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
         signals = self._known().signals

@@ -10,9 +10,9 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from needlehoop.observer import Observer, state
+from needlehoop.observer import STATE_SIZE, Observer
 from needlehoop.settings import Settings, build
-from needlehoop.signals import proprio
+from needlehoop.signals import PROPRIO_SIZE
 from needlehoop.simulation import Moment, Simulation
 
 FACTS = ("grasped", "lifted", "touched", "threaded", "cheat", "has_grasped", "has_touched")
@@ -71,9 +71,9 @@ class NeedleHoopEnv(EnvBase):
                 pixels[camera.name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
         if settings.obs.proprio:
-            observed["proprio"] = Unbounded(shape=proprio(moment.signals).shape)
+            observed["proprio"] = Unbounded(shape=torch.Size((n, PROPRIO_SIZE)))
         if settings.obs.signals:
-            observed["signals"] = Unbounded(shape=state(moment.signals).shape)
+            observed["signals"] = Unbounded(shape=torch.Size((n, STATE_SIZE)))
         observed["facts"] = Composite(
             {name: Binary(1, shape=column, dtype=torch.bool) for name in FACTS}, shape=(n,)
         )

@@ -25,6 +25,9 @@ STATE_SIGNALS = (
 )
 """What ``signals`` concatenates: enough to do the task without eyes."""
 
+STATE_SIZE = 29
+"""Their numbers."""
+
 
 class Observer:
     """Looks at a simulation the way an agent does.
@@ -96,7 +99,7 @@ class Observer:
 
 
 def state(signals: Signals) -> Tensor:
-    """``STATE_SIGNALS`` side by side, float32 ``(n, 29)``."""
+    """``STATE_SIGNALS`` side by side, float32 ``(n, STATE_SIZE)``."""
     columns = []
     for name in STATE_SIGNALS:
         value = getattr(signals, name).float()

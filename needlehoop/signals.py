@@ -115,6 +115,10 @@ class Readings:
         return read
 
 
+PROPRIO_SIZE = 8
+"""Numbers in ``proprio``."""
+
+
 def proprio(signals: Signals) -> Tensor:
     """What the robot knows of itself: six joints, jaw, jaw command; ``(n, 8)`` float32."""
     columns = (signals.joints, signals.jaw.unsqueeze(-1), signals.jaw_command.unsqueeze(-1))

@@ -142,3 +142,13 @@ def test_both_faces_show_the_same_image():
     pixels = batch.reset()["pixels", "dep_front"][0]
     image = single.reset().observation["dep_front"]
     assert torch.equal(pixels.permute(1, 2, 0), torch.from_numpy(image))
+
+
+def test_dm_control_spells_out_its_observations_before_the_first_reset():
+    for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.frame_stack=2"], []):
+        env = needlehoop.load(cams=["dep_front"] if overrides else [], overrides=overrides)
+        spec = env.observation_spec()
+        seen = env.reset().observation
+        assert {k: (v.shape, v.dtype) for k, v in spec.items()} == {
+            k: (v.shape, v.dtype) for k, v in seen.items()
+        }
