@@ -4,7 +4,10 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: setup test check format clean
+# Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
+ARGS ?=
+
+.PHONY: setup train test check format clean
 
 setup: $(STAMP)
 
@@ -14,6 +17,9 @@ $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $@
+
+train: $(STAMP)
+	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest

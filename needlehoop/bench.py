@@ -20,6 +20,9 @@ from needlehoop.settings import Settings, build
 _DM_STEPS = 40
 """Steps of the single dm_control environment per round."""
 
+_NO_OPENGL = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)
+"""What a machine without OpenGL raises, by backend; the rest can be measured there."""
+
 
 def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
     """Environment steps per second, best of ``rounds`` rounds, all in one process.
@@ -104,39 +107,20 @@ def _add_default_renderer(
     jobs: dict[str, tuple[int, Callable[[], None]]], settings: Settings
 ) -> str | None:
     """Add dm_control with MuJoCo's default OpenGL renderer; why not, where it can't be."""
-    # dm_control picks its OpenGL library when it is imported; without a display it picks
-    # one that needs a display.
-    os.environ.setdefault("MUJOCO_GL", "egl")
     try:
-        from needlehoop.dm_env import load
-    except (ImportError, AttributeError, OSError) as error:
-        return f"{type(error).__name__}: {error}"
-    environment = load(replace(settings, cams=()))
-    environment.reset()
-    size = settings.image_size
+        from needlehoop import opengl
 
-    def look() -> None:
-        for camera in settings.cameras:
-            rendering = settings.renderings[camera.rendering]
-            kinds = [{}] if rendering.colour == "rgb" else []
-            kinds += [{"segmentation": True}] if rendering.colour == "flat" else []
-            kinds += [{"depth": True}] if rendering.depth != "none" else []
-            for kind in kinds:
-                environment.physics.render(size, size, camera_id=camera.view, **kind)
-
-    try:
-        look()
-    except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
-        # What a machine without OpenGL raises here, by backend; the rest can be measured.
+        environment = opengl.OpenGLEnvironment(settings)
+        environment.reset()
+    except _NO_OPENGL as error:
         return f"{type(error).__name__}: {error}"
     generator = np.random.default_rng(settings.seed)
 
     def run() -> None:
         for _ in range(_DM_STEPS):
             action = generator.uniform(-1, 1, settings.episode.action_size)
-            if environment.step(action).last():
+            if environment.step(action)[1].last():
                 environment.reset()
-            look()
 
     jobs["dm_control_default_renderer"] = (_DM_STEPS, run)
     return None

@@ -71,6 +71,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--json", action="store_true", help="print one line of JSON")
     run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
+    evaluated = commands.add_parser(
+        "evaluate",
+        help="Evaluate a trained run: success, return, cheat rate, a video.",
+        description="Evaluate a trained run and write evaluation.json into its folder. What an"
+        " earlier evaluation wrote is kept under a number.",
+        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto.",
+    )
+    evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
+    evaluated.add_argument("overrides", nargs="*", metavar="key=value")
+    evaluated.add_argument("--json", action="store_true", help="print one line of JSON")
+    evaluated.set_defaults(run=_evaluate)
     add(
         "view",
         _view,
@@ -80,8 +91,8 @@ def _parser() -> argparse.ArgumentParser:
     bench = add(
         "bench",
         _bench,
-        "Measure speed (the default) or stability.",
-        "what=speed|stability rounds=5 steps=40 episodes=1000",
+        "Measure the environment's speed (the default), training's, or the physics' stability.",
+        "speed|train|stability (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
     signals = commands.add_parser("signals", help="Print the table of signals.")
@@ -168,6 +179,27 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
         print(f"video: {options.video}")
 
 
+def _evaluate(options: argparse.Namespace) -> None:
+    from needlehoop.evaluate import assess, film, load_agent, report
+    from needlehoop.job import pick_device
+    from needlehoop.run import VIDEO, Run
+
+    run = Run.open(options.run_folder)
+    values, job = config.compose(options.overrides, "evaluate"), config.job(run.config())
+    episodes, video_episodes = _whole(values, "episodes"), _whole(values, "video_episodes")
+    seed = job.evaluation.seed + 1 if values["seed"] is None else _whole(values, "seed")
+    if not isinstance(values["video"], bool):
+        raise ValueError(f"video: {values['video']!r} is not true or false")
+    agent = load_agent(run, job, pick_device(values["device"]))
+    found = assess(run, agent, job, episodes, seed)
+    print(json.dumps(found) if options.json else report(found))
+    if values["video"]:
+        out = run.vacate(VIDEO)
+        film(job.env, agent, video_episodes, seed, out)
+        if not options.json:
+            print(f"video        {out}")
+
+
 def _view(options: argparse.Namespace) -> None:
     from needlehoop.viewer import view
 
@@ -176,22 +208,34 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _bench(options: argparse.Namespace) -> None:
-    values = config.compose(options.overrides, "bench")
+    given = [f"what={word}" if "=" not in word else word for word in options.overrides]
+    if "what=train" in given:
+        found: dict[str, Any] = _bench_train([word for word in given if word != "what=train"])
+        print(json.dumps(found)) if options.json else _print_nested(found)
+        return
+    values = config.compose(given, "bench")
     settings = config.structure(values)
     if values["what"] == "speed":
         from needlehoop.bench import measure
 
-        found: dict[str, Any] = measure(settings, _whole(values, "rounds"), _whole(values, "steps"))
+        found = measure(settings, _whole(values, "rounds"), _whole(values, "steps"))
     elif values["what"] == "stability":
         from needlehoop.stability import shake
 
         found = shake(settings, _whole(values, "episodes")).as_dict()
     else:
-        raise ValueError(f"what: {values['what']!r} is unknown; choose from speed, stability")
+        raise ValueError(f"what: {values['what']!r} is unknown; choose from speed, train, stability")
     if options.json:
         print(json.dumps(found))
     else:
         _print_nested(found)
+
+
+def _bench_train(overrides: list[str]) -> dict[str, Any]:
+    from needlehoop.bench_train import measure_training
+
+    values = config.compose(overrides, "bench_train")
+    return measure_training(config.job(values), _whole(values, "rounds"))
 
 
 def _signals(options: argparse.Namespace) -> None:

@@ -102,6 +102,8 @@ def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[s
     """
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
+    if seed < 0:
+        raise ValueError(f"seed: {seed} is negative")
     outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
     found = {"steps_trained": run.manifest().get("steps"), "seed": seed, **with_intervals(outcome)}
     run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
@@ -114,7 +116,7 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     Raises:
         ValueError: no checkpoint.
     """
-    state = run.load(device)
+    state = run.load()
     agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), device)
     agent.load_state_dict(state["learner"]["ppo"]["agent"])
     return agent

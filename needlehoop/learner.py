@@ -51,9 +51,9 @@ class Learner:
         )
         if state is not None:
             # Last: building the collector draws numbers.
-            torch.set_rng_state(state["rng"].cpu())
+            torch.set_rng_state(state["rng"])
             if self.device.type == "cuda":
-                torch.cuda.set_rng_state(state["cuda_rng"].cpu(), self.device)
+                torch.cuda.set_rng_state(state["cuda_rng"], self.device)
 
     @property
     def steps(self) -> int:

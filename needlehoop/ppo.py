@@ -58,15 +58,14 @@ class PpoConfig:
         for key in ("horizon", "minibatch", "epochs"):
             if getattr(self, key) < 1:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be at least 1")
-        for key in ("learning_rate", "epsilon", "epsilon_end"):
+        for key in ("learning_rate", "epsilon", "epsilon_end", "value_coefficient"):
             if not getattr(self, key) > 0:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be positive")
         for key in ("gamma", "lam"):
             if not 0 <= getattr(self, key) <= 1:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be between 0 and 1")
-        for key in ("beta", "value_coefficient"):
-            if getattr(self, key) < 0:
-                raise ValueError(f"algo.{key}: {getattr(self, key)} is negative")
+        if self.beta < 0:
+            raise ValueError(f"algo.beta: {self.beta} is negative")
 
 
 class Ppo:

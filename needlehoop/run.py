@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -143,8 +144,8 @@ class Run:
         torch.save(dict(state), buffer)
         _write(self.folder / CHECKPOINT, buffer.getvalue())
 
-    def load(self, device: torch.device) -> dict[str, Any]:
-        """The last checkpoint; tensors and plain values only, so a foreign file runs nothing.
+    def load(self) -> dict[str, Any]:
+        """The last checkpoint, on the CPU; a foreign file can't run anything here.
 
         Raises:
             ValueError: there is none.
@@ -155,12 +156,22 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it); begin again with overwrite=true"
             )
-        return torch.load(path, map_location=device, weights_only=True)
+        return torch.load(path, map_location="cpu", weights_only=True)
 
     def write(self, name: str, text: str) -> Path:
-        """Write a small file, whole or not at all."""
-        _write(self.folder / name, text)
-        return self.folder / name
+        """Write a small file, whole or not at all; another text of that name is kept."""
+        path = self.folder / name
+        if not (path.exists() and path.read_text() == text):
+            _write(self.vacate(name), text)
+        return path
+
+    def vacate(self, name: str) -> Path:
+        """The path of a file to be written; a file that is there moves to ``name.1``, … ."""
+        path = self.folder / name
+        if path.exists():
+            taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
+            path.rename(next(place for place in taken if not place.exists()))
+        return path
 
 
 def _write(path: Path, content: str | bytes) -> None:
