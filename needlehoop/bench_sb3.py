@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -66,9 +67,7 @@ class Encoders(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        parts = [
-            encoder(self._fold(observations[name])) for name, encoder in self.encoders.items()
-        ]
+        parts = [encoder(self._fold(observations[name])) for name, encoder in self.encoders.items()]
         return torch.cat(parts, -1)
 
 
@@ -82,7 +81,7 @@ def build_sb3(job: Job, num_envs: int, steps: int) -> PPO:
     """
     dtype = convolution_dtype(job.precision, job.torch_device)
     layers = [job.algo.network.hidden] * job.algo.network.layers
-    makers = [lambda env=env: GymEnvironment(job.env, env) for env in range(num_envs)]
+    makers: list[Any] = [partial(GymEnvironment, job.env, env) for env in range(num_envs)]
     return PPO(
         "MultiInputPolicy",
         DummyVecEnv(makers),

@@ -59,12 +59,13 @@ def measure_training(job: Job, rounds: int) -> dict[str, object]:
     learner = Learner(replace(job, steps=job.buffer * (rounds + 1)))
     watch = _instrument(learner)
     other, reason = _other(job)
-    ours, theirs = [], []
+    # Memory is taken before Stable-Baselines3's first round adds its own.
+    ours, theirs, memory = [], [], []
     buffers = iter(learner)
     for turn in range(rounds + 1):
         _, spent = next(buffers)
         ours.append(spent["seconds_collect"] + spent["seconds_update"])
-        memory = peak_memory()
+        memory.append(peak_memory())
         if turn == 0:
             watch.seconds.clear()
         if other is not None:
@@ -81,7 +82,7 @@ def measure_training(job: Job, rounds: int) -> dict[str, object]:
         "steps_per_second": round(rate),
         "steps_per_second_best_buffer": round(best),
         "hours_for_1.5_M_steps": round(1.5e6 / rate / 3600, 2),
-        "peak_memory_gb": round(memory, 2),
+        "peak_memory_gb": round(memory[0], 2),
         "share_of_time": _shares(watch, sum(ours[1:])),
     }
     if other is None:

@@ -224,7 +224,9 @@ def _bench(options: argparse.Namespace) -> None:
 
         found = shake(settings, _whole(values, "episodes")).as_dict()
     else:
-        raise ValueError(f"what: {values['what']!r} is unknown; choose from speed, train, stability")
+        raise ValueError(
+            f"what: {values['what']!r} is unknown; choose from speed, train, stability"
+        )
     if options.json:
         print(json.dumps(found))
     else:

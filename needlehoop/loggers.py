@@ -52,25 +52,26 @@ class WeightsAndBiases:
 
         mode: Any = config.mode
         if mode == "auto":
-            mode = "online" if wandb.login(prompt=False) else "offline"
+            mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
         self._wandb = wandb
-        settings = wandb.Settings(silent=True, init_timeout=30)
         wanted: dict[str, Any] = {
             "project": config.project,
             "entity": config.entity,
             "name": run_name,
             "config": dict(values),
             "dir": str(folder),
-            "settings": settings,
             "resume": "allow" if mode == "online" else None,
             "id": run_name.replace("/", "-").replace("+", "-") if mode == "online" else None,
         }
         try:
-            self._run = wandb.init(mode=mode, **wanted)
+            settings = wandb.Settings(silent=True, init_timeout=30)
+            self._run = wandb.init(mode=mode, settings=settings, **wanted)
         except (wandb.errors.CommError, wandb.errors.UsageError) as error:
             # The login is there but the service is not; the run must not wait for it.
             print(f"logger=wandb: {error}; going on offline")
-            self._run = wandb.init(mode="offline", **{**wanted, "resume": None, "id": None})
+            # Settings of its own: the first ones carry the failed run's id.
+            wanted |= {"resume": None, "id": None, "settings": wandb.Settings(silent=True)}
+            self._run = wandb.init(mode="offline", **wanted)
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
         shown = {f"{group}/{name}": value for name, value in row.items() if value == value}

@@ -20,6 +20,7 @@ from needlehoop.engines.contract import Frame
 from needlehoop.images import Imager, channels_of
 from needlehoop.settings import Settings
 
+
 class OpenGLEnvironment:
     """One dm_control environment with its images from MuJoCo's default renderer.
 

@@ -64,8 +64,8 @@ class PpoConfig:
         for key in ("gamma", "lam"):
             if not 0 <= getattr(self, key) <= 1:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be between 0 and 1")
-        if self.beta < 0:
-            raise ValueError(f"algo.beta: {self.beta} is negative")
+        if not self.beta >= 0:
+            raise ValueError(f"algo.beta: {self.beta} must not be negative")
 
 
 class Ppo:

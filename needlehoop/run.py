@@ -166,7 +166,7 @@ class Run:
         return path
 
     def vacate(self, name: str) -> Path:
-        """The path of a file to be written; a file that is there moves to ``name.1``, … ."""
+        """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""
         path = self.folder / name
         if path.exists():
             taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))

@@ -11,7 +11,7 @@ from needlehoop.cameras import parse_cameras
 
 GROUPS = ("task", "episode", "reward", "engine", "obs")
 TRAINING = ("algo", "encoder", "logger")
-ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml"))
+ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml") if file.stem != "evaluate")
 
 
 def options(group: str) -> list[str]:

@@ -1,0 +1,254 @@
+"""The main job: command lines, the run's folder, stopping and going on, evaluation."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio.v2 as imageio
+import pytest
+import torch
+
+from needlehoop import cli, config
+
+ROOT = Path(__file__).parent.parent
+
+TINY = [
+    "steps=192",
+    "num_envs=4",
+    "algo.horizon=16",
+    "algo.minibatch=32",
+    "image_size=32",
+    "episode.max_steps=12",
+    "evaluation.every=2",
+    "evaluation.episodes=2",
+    "evaluation.final_episodes=3",
+    "evaluation.video_episodes=0",
+    "checkpoint_every=1",
+    "engine.threads=1",
+]
+"""Three buffers of 64 steps."""
+
+CLOCKS = {"wall_time", "steps_per_second", "seconds_collect", "seconds_update", "memory_gb"}
+"""Columns that differ between two runs of the same thing."""
+
+
+def run_train(monkeypatch, *words: str) -> None:
+    """``python train.py`` in this process, which has paid for the imports."""
+    monkeypatch.setattr(sys, "argv", ["train.py", *words])
+    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [{k: v for k, v in row.items() if k not in CLOCKS} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """The folder of a run of the issue's first command line, left alone until its end."""
+    results = tmp_path_factory.mktemp("whole")
+    words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(results)
+        run_train(patch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+    return results / "main/dep_front+seg_side/human/seed0"
+
+
+def test_a_run_is_a_folder_of_plain_files(finished):
+    assert {path.name for path in finished.iterdir()} == {
+        "config.yaml",
+        "manifest.json",
+        "reward.txt",
+        "metrics.csv",
+        "evaluations.csv",
+        "evaluation.json",
+        "checkpoint.pt",
+        "video.mp4",
+    }
+    manifest = json.loads((finished / "manifest.json").read_text())
+    assert manifest["finished"] is True
+    assert manifest["steps"] == 192
+    assert manifest["versions"]["torch"] == torch.__version__
+    assert "class Human" in (finished / "reward.txt").read_text()
+    assert sorted(path.name for path in finished.parents[3].iterdir()) == ["main"]
+
+
+def test_the_metrics_have_every_promised_column(finished):
+    rows = table(finished / "metrics.csv")
+    assert [row["step"] for row in rows] == ["64", "128", "192"]
+    promised = "return success touched cheat grasped lifted length loss_policy loss_value kl"
+    promised += " clip_fraction explained_variance entropy learning_rate term_grasp term_lift"
+    promised += " term_hoop term_closed term_time"
+    assert [name for name in promised.split() if not rows[-1].get(name)] == []
+    terms = sum(float(value) for name, value in rows[-1].items() if name.startswith("term_"))
+    assert terms == pytest.approx(float(rows[-1]["return"]), abs=1e-5)
+    assert [row["step"] for row in table(finished / "evaluations.csv")] == ["128"]
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch, sent):
+    values = (finished / "config.yaml").read_text()
+    folder = tmp_path / "main/dep_front+seg_side/human/seed0"
+    words = ["cams=dep_front,seg_side", *TINY, "obs.frame_stack=2", "obs.proprio=true"]
+    words += [f"results={tmp_path}", "evaluation.video_episodes=1"]
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "train.py"), *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # Stopped for good at the first checkpoint, however fast the machine.
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    while not (folder / "checkpoint.pt").exists() and process.poll() is None:
+        time.sleep(0.02)
+    process.send_signal(sent)
+    printed = process.communicate(timeout=120)[0].decode()
+    if sent == signal.SIGINT:
+        assert process.returncode == 0
+        assert f"resume={folder}" in printed
+    assert len(table(folder / "metrics.csv")) < 3
+
+    run_train(monkeypatch, f"resume={folder}")
+    assert (folder / "config.yaml").read_text() == values.replace(
+        "results: .", f"results: {tmp_path}"
+    )
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert table(folder / name) == table(finished / name)
+    for name in ("evaluation.json", "video.mp4"):
+        assert (folder / name).read_bytes() == (finished / name).read_bytes()
+    whole, resumed = (
+        torch.load(path / "checkpoint.pt")["learner"]["ppo"]["agent"] for path in (finished, folder)
+    )
+    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+
+
+def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
+    before = {path.name: path.read_bytes() for path in finished.iterdir()}
+    monkeypatch.chdir(finished.parents[3])
+    words = ["cams=dep_front,seg_side", *TINY, "results=."]
+    for wrong, said in (
+        (words, "resume="),
+        ([f"resume={finished}"], "finished"),
+        ([f"resume={finished}", "seed=1"], "own settings"),
+        ([f"resume={finished.parent}"], "no run"),
+    ):
+        with pytest.raises(SystemExit) as caught:
+            run_train(monkeypatch, *wrong)
+        assert said in str(caught.value.code)
+    assert {path.name: path.read_bytes() for path in finished.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cams=dep_front,dep_front"], ["cams", "dep_front", "twice"]),
+        (["cams=[]"], ["cams", "at least one camera", "segdep"]),
+        ([], ["cams", "at least one camera"]),
+        (["cams=rgb_top"], ["cams", "rgb_top", "default, front, side"]),
+        (["cams=rgb_front", "reward=nope"], ["reward/nope", "human", "sparse"]),
+        (["cams=rgb_front", "stpes=9"], ["stpes", "unknown", "steps"]),
+        (["cams=rgb_front", "image_size=20"], ["image_size", "20", "resnet"]),
+    ],
+)
+def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, *words)
+    message = str(caught.value.code)
+    assert [part for part in said if part not in message] == []
+    assert "\n" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "places"),
+    [
+        (
+            ["cams=[dep_front,seg_side],[rgb_front,rgb_side]", "seed=0,1"],
+            {
+                "dep_front+seg_side/human/seed0",
+                "dep_front+seg_side/human/seed1",
+                "rgb_front+rgb_side/human/seed0",
+                "rgb_front+rgb_side/human/seed1",
+            },
+        ),
+        (
+            ["cams=rgb_default,seg_side", "reward=sparse"],
+            {"rgb_default/sparse/seed0", "seg_side/sparse/seed0"},
+        ),
+    ],
+    ids=["combinations", "single cameras"],
+)
+def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, "-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
+    made = {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("evaluation.json")}
+    assert made == {f"results/main/{place}" for place in places}
+
+
+def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
+    run_train(monkeypatch, "--help")
+    said = capsys.readouterr().out
+    assert "python train.py cams=dep_front,seg_side reward=human" in said
+    assert "sweep over single cameras" in said
+
+
+def test_a_run_can_be_evaluated_again(finished, capsys):
+    earlier = json.loads((finished / "evaluation.json").read_text())
+    words = ["evaluate", str(finished), "episodes=5", "video=true", "video_episodes=2", "--json"]
+    assert cli.main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == json.loads((finished / "evaluation.json").read_text())
+    assert found["episodes"] == 5
+    low, high = found["success_95"]
+    assert low <= found["success"] <= high
+    assert json.loads((finished / "evaluation.1.json").read_text()) == earlier
+    lengths = {}
+    for name in ("video.mp4", "video.1.mp4"):
+        with imageio.get_reader(finished / name) as video:
+            lengths[name] = video.count_frames()
+    assert lengths["video.mp4"] == 2 * lengths["video.1.mp4"]
+
+
+def test_evaluation_does_not_depend_on_how_many_fly(finished):
+    from dataclasses import replace
+
+    from needlehoop.evaluate import evaluate, load_agent
+    from needlehoop.run import Run
+
+    run = Run.open(finished)
+    job = config.job(run.config())
+    agent = load_agent(run, job, torch.device("cpu"))
+    few, many = (evaluate(replace(job.env, seed=7), agent, n) for n in (2, 4))
+    assert torch.allclose(few.potential, many.potential[:2], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["episodes=0"], ["episodes", "at least 1"]),
+        (["seed=0"], ["seed", "trained on"]),
+        (["vidoe=true"], ["vidoe", "unknown", "video"]),
+        (["device=tpu"], ["device", "tpu", "cuda"]),
+    ],
+)
+def test_evaluate_refuses_what_it_does_not_know(finished, capsys, words, said):
+    before = (finished / "evaluation.json").read_bytes()
+    assert cli.main(["evaluate", str(finished), *words]) == 2
+    message = capsys.readouterr().err
+    assert [part for part in said if part not in message] == []
+    assert (finished / "evaluation.json").read_bytes() == before
+
+
+def test_evaluate_refuses_a_folder_that_is_no_run(tmp_path, capsys):
+    assert cli.main(["evaluate", str(tmp_path)]) == 2
+    assert "no run" in capsys.readouterr().err
