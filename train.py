@@ -76,7 +76,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     own = job.evaluation
     found = assess(run, agent, job, own.final_episodes, own.seed + 1)
     if own.video_episodes:
-        film(job.env, agent, own.video_episodes, own.seed + 1, run.folder / VIDEO)
+        film(job.env, agent, own.video_episodes, own.seed + 1, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
     run.note(finished=True)
     print(f"\n{report(found)}\nrun          {run.folder}")
@@ -93,7 +93,7 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
         job = config.job(values)
         if run.manifest().get("finished"):
             raise ValueError(f"resume: {run.folder} is finished")
-        state = run.load(job.torch_device)
+        state = run.load()
         for table in (METRICS, EVALUATIONS):
             run.cut(table, state["update"])
     else:
@@ -105,7 +105,7 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
     try:
         if state is None or state["update"] < job.updates:
             train(job, run, logger, state)
-        if run.load(job.torch_device)["update"] == job.updates:
+        if run.load()["update"] == job.updates:
             finish(job, run, logger)
         else:
             print(f"stopped; go on with: python train.py resume={run.folder}")
@@ -128,4 +128,10 @@ def main(composed: DictConfig) -> None:
 if __name__ == "__main__":
     sys.argv[1:] = config.in_brackets(sys.argv[1:])
     config.register_cameras()
+    if not any(word.startswith("-") for word in sys.argv[1:]):
+        try:
+            # Hydra's own message for a bad override has ten lines and no list of keys.
+            config.compose(sys.argv[1:], "config")
+        except ValueError as error:
+            sys.exit(f"train.py: {error}")
     main()

@@ -86,6 +86,8 @@ class Job:
                 " (or obs=signals, which needs none); choose from"
                 f" {', '.join(self.env.renderings)} with {', '.join(self.env.views)}"
             )
+        if self.env.cams:
+            self.encoder.check_fit(self.env.image_size)
         if self.updates < 1:
             raise ValueError(f"steps: {self.steps} is less than one buffer of {self.buffer} steps")
         if self.checkpoint_every < 1:

@@ -43,6 +43,19 @@ class EncoderConfig:
             if not values or min(values) < 1:
                 raise ValueError(f"encoder.{key}: {values} must be at least 1")
 
+    def check_fit(self, size: int) -> None:
+        """Whether square images of ``size`` px divide by the stem and outlast the stacks.
+
+        Raises:
+            ValueError: they do not.
+        """
+        least = self.stem * 2 ** len(self.channels)
+        if size % self.stem or size < least:
+            raise ValueError(
+                f"image_size: {size} does not fit encoder={self.name}:"
+                f" choose a multiple of {self.stem}, at least {least}"
+            )
+
 
 @dataclass(frozen=True)
 class HeadConfig:
@@ -101,12 +114,9 @@ class Encoder(nn.Module):
     def __init__(self, shape: torch.Size, config: EncoderConfig, out: int, dtype: torch.dtype):
         super().__init__()
         channels, height, width = shape
-        stem, halvings = config.stem, 2 ** len(config.channels)
-        if height % stem or width % stem or min(height, width) < stem * halvings:
-            raise ValueError(
-                f"image_size: {height} does not fit encoder={config.name}:"
-                f" choose a multiple of {stem}, at least {stem * halvings}"
-            )
+        for side in (height, width):
+            config.check_fit(side)
+        stem = config.stem
         self._dtype = dtype
         layers: list[nn.Module] = []
         inner = channels * stem**2

@@ -156,7 +156,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         (["cams=rgb_top"], ["cams", "rgb_top", "default, front, side"]),
         (["cams=rgb_front", "reward=nope"], ["reward/nope", "human", "sparse"]),
         (["cams=rgb_front", "stpes=9"], ["stpes", "unknown", "steps"]),
-        (["cams=rgb_front", "image_size=20"], ["image_size", "20", "resnet"]),
+        (["cams=rgb_front", "image_size=22"], ["image_size", "22", "resnet"]),
     ],
 )
 def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):
