@@ -136,9 +136,12 @@ def _other(job: Job) -> tuple[Callable[[], float] | None, str | None]:
         return None, f"{type(error).__name__}: {error}"
 
     def run() -> float:
+        # As a user of theirs has it: torch on all cores.
+        torch.set_num_threads(available_cpus())
         began = time.perf_counter()
         model.learn(steps, reset_num_timesteps=False)
-        return steps / (time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        torch.set_num_threads(1)
+        return steps / seconds
 
-    torch.set_num_threads(job.env.engine.threads or available_cpus())
     return run, None

@@ -10,7 +10,6 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
 
-from needlehoop.engines.cpu import available_cpus
 from needlehoop.env import NeedleHoopEnv
 from needlehoop.job import Job
 from needlehoop.networks import Agent, convolution_dtype
@@ -27,7 +26,9 @@ class Learner:
 
     def __init__(self, job: Job, state: dict[str, Any] | None = None):
         self.job, self.device = job, job.torch_device
-        torch.set_num_threads(job.env.engine.threads or available_cpus())
+        # The engine has threads of its own and PPO one per shard. torch's would wait for each
+        # other, and their number would decide how sums are rounded.
+        torch.set_num_threads(1)
         torch.manual_seed(job.env.seed)
         self.env = NeedleHoopEnv(job.env)
         self.agent = build_agent(job, self.env, self.device)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +38,8 @@ class PpoConfig:
     horizon: int
     """Steps of each environment per buffer."""
     minibatch: int
+    shards: int
+    """Parts of a minibatch that threads work on side by side."""
     epochs: int
     """Passes over a buffer."""
     learning_rate: float
@@ -55,7 +58,7 @@ class PpoConfig:
     network: HeadConfig
 
     def __post_init__(self) -> None:
-        for key in ("horizon", "minibatch", "epochs"):
+        for key in ("horizon", "minibatch", "shards", "epochs"):
             if getattr(self, key) < 1:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be at least 1")
         for key in ("learning_rate", "epsilon", "epsilon_end", "value_coefficient"):
@@ -101,7 +104,9 @@ class Ppo:
             loss_critic_type="l2",
             functional=False,
         )
-        self._optimizer = torch.optim.Adam(agent.parameters(), lr=config.learning_rate)
+        self._parameters = list(agent.parameters())
+        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
+        self._pool = ThreadPoolExecutor(config.shards)
         self._normalizers = {
             path.rpartition(".")[2]: module
             for path, module in agent.named_modules()
@@ -119,14 +124,9 @@ class Ppo:
         for _ in range(self.config.epochs):
             order = torch.randperm(len(steps), generator=self._generator)
             for rows in order.split(self.config.minibatch):
-                losses = self._loss(steps[rows])
-                total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
-                self._optimizer.zero_grad()
-                total.backward()
-                self._optimizer.step()
+                for name, value in self._descend(steps, rows).items():
+                    totals[name] += value
                 count += 1
-                for name, key in LOGGED.items():
-                    totals[name] += float(losses[key].detach())
         for name, normalizer in self._normalizers.items():
             normalizer.learn(batch[name])
         self.done_updates += 1
@@ -137,6 +137,32 @@ class Ppo:
             "epsilon": float(self._loss.clip_epsilon),
             "sigma": float(batch["scale"].mean()),
         }
+
+    def _descend(self, steps: TensorDictBase, rows: Tensor) -> dict[str, float]:
+        """One step of the optimiser on a minibatch; returns what the loss reports.
+
+        Every shard's gradient is worked out by one thread and they are added in order: the
+        result does not depend on how many threads there are.
+        """
+        shards = rows.chunk(self.config.shards)
+        weights = [len(shard) / len(rows) for shard in shards]
+        parts = list(self._pool.map(lambda shard: self._gradient(steps[shard]), shards))
+        for index, parameter in enumerate(self._parameters):
+            weighted = [
+                w * gradient[index] for w, (gradient, _) in zip(weights, parts, strict=True)
+            ]
+            parameter.grad = sum(weighted[1:], weighted[0])
+        self._optimizer.step()
+        return {
+            name: sum(w * told[name] for w, (_, told) in zip(weights, parts, strict=True))
+            for name in LOGGED
+        }
+
+    def _gradient(self, steps: TensorDictBase) -> tuple[tuple[Tensor, ...], dict[str, float]]:
+        losses = self._loss(steps)
+        total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
+        gradient = torch.autograd.grad(total, self._parameters)
+        return gradient, {name: float(losses[key].detach()) for name, key in LOGGED.items()}
 
     def _schedule(self) -> None:
         left = 1.0 - self.done_updates / self.updates

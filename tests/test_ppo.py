@@ -27,6 +27,7 @@ SPECS = {
 VALUES = {
     "horizon": STEPS,
     "minibatch": 6,
+    "shards": 2,
     "epochs": 2,
     "learning_rate": 1e-2,
     "gamma": 0.9,
