@@ -196,7 +196,9 @@ def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
 
 
 def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
-    run_train(monkeypatch, "--help")
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, "--help")
+    assert caught.value.code == 0
     said = capsys.readouterr().out
     assert "python train.py cams=dep_front,seg_side reward=human" in said
     assert "sweep over single cameras" in said
