@@ -102,5 +102,7 @@ def build_sb3(job: Job, num_envs: int, steps: int) -> PPO:
             "normalize_images": False,
             "net_arch": layers,
             "activation_fn": nn.SiLU,
+            # Theirs fails on convolutions whose weights are channels last.
+            "ortho_init": False,
         },
     )

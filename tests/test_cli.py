@@ -108,8 +108,27 @@ def test_bench_measures_and_says_where_the_time_goes():
     assert (found["ratio_to_default_renderer"] is None) == bool(found["default_renderer_missing"])
 
 
+def test_bench_train_says_where_the_time_goes():
+    # The other side's share is kept small: it renders ten images a second.
+    script = (
+        "import sys; from needlehoop import bench_train, cli;"
+        "bench_train._SB3_ENVS, bench_train._SB3_STEPS = 1, 4;"
+        "sys.exit(cli.main(sys.argv[1:]))"
+    )
+    words = ["bench", "train", "--json", "rounds=1", "num_envs=4", "algo.horizon=8"]
+    words += ["algo.minibatch=16", "image_size=32", "steps=64"]
+    command = [sys.executable, "-c", script, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found["steps_per_second"] > 0
+    assert sum(found["share_of_time"].values()) == pytest.approx(1.0, abs=0.01)
+    assert set(found["share_of_time"]) == {"physics", "rendering", "inference", "update", "rest"}
+    # Either the ratio was measured, or the report says why it could not be.
+    assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
+
+
 def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
-    arguments = ["bench", "what=stability", "--json", "episodes=5", "num_envs=5"]
+    arguments = ["bench", "stability", "--json", "episodes=5", "num_envs=5"]
     assert main([*arguments, "episode.max_steps=20"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["episodes"] == 5
@@ -133,6 +152,9 @@ def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
         (["bench", "cams=[]"], "cams"),
         (["bench", "cams=[dep_top]"], "default, front, side"),
         (["bench", "rounds=0"], "rounds: 0"),
+        (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
+        (["bench", "train", "rounds=0"], "rounds: 0"),
+        (["bench", "train", "cams=[]"], "cams"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_path, monkeypatch):

@@ -152,3 +152,37 @@ def test_dm_control_spells_out_its_observations_before_the_first_reset():
         assert {k: (v.shape, v.dtype) for k, v in spec.items()} == {
             k: (v.shape, v.dtype) for k, v in seen.items()
         }
+
+
+def test_stacked_frames_are_the_last_ones_and_a_new_episode_repeats_its_first():
+    words = ["obs.frame_stack=3", "episode.max_steps=4"]
+    one = needlehoop.make_env(cams=["seg_side"], num_envs=2, overrides=words[1:])
+    three = needlehoop.make_env(cams=["seg_side"], num_envs=2, overrides=words)
+    plain, stacked = one.reset(), three.reset()
+    seen = [plain["pixels", "seg_side"]] * 3
+    for step in range(1, 7):
+        assert torch.equal(stacked["pixels", "seg_side"], torch.cat(seen[-3:], 1)), step
+        action = torch.full((2, 5), 0.7)
+        plain["action"], stacked["action"] = action, action.clone()
+        _, plain = one.step_and_maybe_reset(plain)
+        _, stacked = three.step_and_maybe_reset(stacked)
+        image = plain["pixels", "seg_side"]
+        seen = [image] * 3 if step == 4 else [*seen, image]
+
+
+def test_a_restored_environment_goes_on_with_the_same_bits():
+    words = ["episode.max_steps=9", "obs.frame_stack=2", "obs.proprio=true", "obs.signals=true"]
+    first, second = (
+        needlehoop.make_env(cams=["dep_front"], num_envs=3, overrides=words) for _ in range(2)
+    )
+    generator = torch.Generator().manual_seed(0)
+    actions = 2 * torch.rand(30, 3, 5, generator=generator) - 1
+    now = first.reset()
+    for action in actions[:14]:
+        _, now = first.step_and_maybe_reset(now.set("action", action))
+    second.restore(first.snapshot())
+    again = second.reset()
+    for action in actions[14:]:
+        whole, now = first.step_and_maybe_reset(now.set("action", action))
+        resumed, again = second.step_and_maybe_reset(again.set("action", action))
+        assert (whole["next"] == resumed["next"]).all()
