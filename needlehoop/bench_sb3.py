@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import gymnasium
+# Extras of the benchmark: not in the environment in which the checks run.
+import gymnasium  # pyright: ignore[reportMissingImports]
 import numpy as np
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import DummyVecEnv
+from stable_baselines3 import PPO  # pyright: ignore
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyright: ignore
+from stable_baselines3.common.vec_env import DummyVecEnv  # pyright: ignore
 from torch import Tensor, nn
 
 from needlehoop.job import Job
