@@ -29,7 +29,7 @@ from needlehoop.metrics import episode_columns, peak_memory
 from needlehoop.run import EVALUATIONS, METRICS, VIDEO, Run
 
 
-def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> None:
+def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> bool:
     """Train until the job's steps are done, or until a signal asks to stop.
 
     Args:
@@ -37,6 +37,9 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
         run: where its files go.
         logger: where else.
         state: the checkpoint to go on from.
+
+    Returns:
+        Whether the steps are done.
     """
     learner = Learner(job, state and state["learner"])
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
@@ -68,6 +71,7 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
                 run.note(steps=learner.steps, wall_time=round(wall, 1))
             if interruption.asked:
                 break
+    return learner.ppo.done_updates == job.updates
 
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
@@ -103,9 +107,8 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
         run = Run.create(folder, values, reward, values["overwrite"])
     logger = build_logger(job.logger, job.place, values, run.folder)
     try:
-        if state is None or state["update"] < job.updates:
-            train(job, run, logger, state)
-        if run.load()["update"] == job.updates:
+        was_trained = state is not None and state["update"] == job.updates
+        if was_trained or train(job, run, logger, state):
             finish(job, run, logger)
         else:
             print(f"stopped; go on with: python train.py resume={run.folder}")

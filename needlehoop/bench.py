@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +11,7 @@ import mujoco
 import numpy as np
 import torch
 
-from needlehoop.engines.cpu import available_cpus
+from needlehoop.engines.cpu import machine
 from needlehoop.env import NeedleHoopEnv
 from needlehoop.rollout import random_controller
 from needlehoop.settings import Settings, build
@@ -132,7 +131,7 @@ def _report(settings: Settings, rates: dict[str, float], reason: str | None) -> 
     parts["interface"] = max(0.0, whole - sum(parts.values()))
     default = rates.get("dm_control_default_renderer")
     return {
-        "machine": f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs",
+        "machine": machine(),
         "gl": os.environ.get("MUJOCO_GL", "default"),
         "num_envs": settings.num_envs,
         "image_size": settings.image_size,

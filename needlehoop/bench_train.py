@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from typing import Any
 
 import torch
 
-from needlehoop.engines.cpu import available_cpus
+from needlehoop.engines.cpu import available_cpus, machine
 from needlehoop.job import Job
 from needlehoop.learner import Learner
 from needlehoop.metrics import peak_memory
@@ -73,7 +72,7 @@ def measure_training(job: Job, rounds: int) -> dict[str, object]:
     rate = job.buffer / (sum(ours[1:]) / rounds)
     best = job.buffer / min(ours[1:])
     found: dict[str, object] = {
-        "machine": f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs",
+        "machine": machine(),
         "device": str(learner.device),
         "encoder": job.encoder.name,
         "cams": list(job.env.cams),

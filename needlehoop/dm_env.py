@@ -140,10 +140,9 @@ class NeedleHoopTask(control.Task):
         """Known without an observation: dm_control may ask before the first reset."""
         s = self._settings
         found: OrderedDict[str, specs.Array] = OrderedDict()
-        for camera in s.cameras:
-            channels = s.renderings[camera.rendering].channels * s.obs.frame_stack
+        for name, channels in s.image_channels.items():
             shape = (s.image_size, s.image_size, channels)
-            found[camera.name] = specs.BoundedArray(shape, np.uint8, 0, 255, camera.name)
+            found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
         if s.obs.proprio or not (s.cams or s.obs.signals):
             found["proprio"] = specs.Array((PROPRIO_SIZE,), np.float32, "proprio")
         if s.obs.signals:

@@ -15,9 +15,6 @@ from needlehoop.settings import Settings, build
 from needlehoop.signals import PROPRIO_SIZE
 from needlehoop.simulation import Moment, Simulation
 
-FACTS = ("grasped", "lifted", "touched", "threaded", "cheat", "has_grasped", "has_touched")
-"""Facts of this moment; ``has_…`` and ``cheat`` look back over the episode."""
-
 
 class NeedleHoopEnv(EnvBase):
     """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
@@ -65,17 +62,16 @@ class NeedleHoopEnv(EnvBase):
         observed = Composite(shape=(n,))
         if settings.cameras:
             pixels = Composite(shape=(n,))
-            for camera in settings.cameras:
-                channels = settings.renderings[camera.rendering].channels * settings.obs.frame_stack
+            for name, channels in settings.image_channels.items():
                 shape = torch.Size((n, channels, size, size))
-                pixels[camera.name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
+                pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
         if settings.obs.proprio:
             observed["proprio"] = Unbounded(shape=torch.Size((n, PROPRIO_SIZE)))
         if settings.obs.signals:
             observed["signals"] = Unbounded(shape=torch.Size((n, STATE_SIZE)))
         observed["facts"] = Composite(
-            {name: Binary(1, shape=column, dtype=torch.bool) for name in FACTS}, shape=(n,)
+            {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts()}, shape=(n,)
         )
         observed["terms"] = Composite(
             {name: Unbounded(shape=column) for name in moment.terms}, shape=(n,)

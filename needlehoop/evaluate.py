@@ -16,15 +16,17 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop.env import NeedleHoopEnv
+from needlehoop.images import Imager
 from needlehoop.job import Job
 from needlehoop.learner import build_agent
 from needlehoop.networks import Agent
 from needlehoop.observer import Observer
 from needlehoop.pictures import record
-from needlehoop.rollout import Outcome, join, run_episodes
+from needlehoop.rollout import Outcome, run_batches
 from needlehoop.run import EVALUATION, Run
 from needlehoop.settings import Settings, build
 from needlehoop.signals import Signals
+from needlehoop.simulation import Simulation
 
 _BATCH = 50
 
@@ -60,15 +62,11 @@ def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
     Raises:
         ValueError: fewer than one episode.
     """
-    if episodes < 1:
-        raise ValueError(f"episodes: {episodes} must be at least 1")
-    outcomes = []
-    for first in range(0, episodes, _BATCH):
-        chunk = replace(settings, num_envs=min(_BATCH, episodes - first))
-        simulation, imager = build(chunk, first_env=first)
-        pilot = Pilot(agent, Observer(chunk, simulation, imager), _device(agent))
-        outcomes.append(run_episodes(simulation, pilot))
-    return join(outcomes)
+
+    def pilot(chunk: Settings, simulation: Simulation, imager: Imager) -> Pilot:
+        return Pilot(agent, Observer(chunk, simulation, imager), _device(agent))
+
+    return run_batches(settings, episodes, _BATCH, pilot)
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:

@@ -48,15 +48,14 @@ class LoggerConfig:
     """``auto``: online where there is a login, offline elsewhere."""
 
     def __post_init__(self) -> None:
-        if self.kind not in LOGGERS:
-            raise ValueError(
-                f"logger.kind: {self.kind!r} is unknown; choose from {', '.join(LOGGERS)}"
-            )
-        modes = ("auto", "online", "offline", "disabled")
-        if self.mode not in modes:
-            raise ValueError(
-                f"logger.mode: {self.mode!r} is unknown; choose from {', '.join(modes)}"
-            )
+        for key, value, valid in (
+            ("kind", self.kind, LOGGERS),
+            ("mode", self.mode, ("auto", "online", "offline", "disabled")),
+        ):
+            if value not in valid:
+                raise ValueError(
+                    f"logger.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
+                )
 
 
 @dataclass(frozen=True)

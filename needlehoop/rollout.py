@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
+from needlehoop.images import Imager
+from needlehoop.settings import Settings, build
 from needlehoop.signals import Signals
 from needlehoop.simulation import Simulation
 
@@ -47,7 +49,34 @@ class Outcome:
         }
 
 
-def join(outcomes: Sequence[Outcome]) -> Outcome:
+def run_batches(
+    settings: Settings,
+    episodes: int,
+    batch: int,
+    pilot: Callable[[Settings, Simulation, Imager], Controller],
+) -> Outcome:
+    """One first episode in each of ``episodes`` environments of the settings' seed.
+
+    Args:
+        settings: environment; ``num_envs`` is ignored.
+        episodes: how many; episode ``i`` is the same however many there are.
+        batch: environments at once.
+        pilot: makes the controller of a batch from its settings, simulation and imager.
+
+    Raises:
+        ValueError: fewer than one episode.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes: {episodes} must be at least 1")
+    outcomes = []
+    for first in range(0, episodes, batch):
+        chunk = replace(settings, num_envs=min(batch, episodes - first))
+        simulation, imager = build(chunk, first_env=first)
+        outcomes.append(run_episodes(simulation, pilot(chunk, simulation, imager)))
+    return _join(outcomes)
+
+
+def _join(outcomes: Sequence[Outcome]) -> Outcome:
     """Outcomes of several batches as one."""
     return Outcome(
         **{

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -232,8 +232,3 @@ def _commit() -> str | None:
 
 def _now() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-
-
-def columns(rows: Iterable[Mapping[str, str]], name: str) -> list[float]:
-    """One column as numbers; empty cells as NaN."""
-    return [float(row[name]) if row[name] else float("nan") for row in rows]

@@ -80,6 +80,12 @@ class Settings:
         """The chosen cameras."""
         return parse_cameras(self.cams, self.views, self.renderings)
 
+    @property
+    def image_channels(self) -> dict[str, int]:
+        """Channels of an observed image, stacked frames included, by camera."""
+        stacked = self.obs.frame_stack
+        return {c.name: self.renderings[c.rendering].channels * stacked for c in self.cameras}
+
 
 def compile_scene(settings: Settings) -> mujoco.MjModel:
     """The scene with every view's camera, and ``picture``."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from needlehoop.controllers import controller
-from needlehoop.rollout import Outcome, join, run_episodes
-from needlehoop.settings import Settings, build
+from needlehoop.rollout import Outcome, run_batches
+from needlehoop.settings import Settings
 
 _BATCH = 200
 
@@ -22,11 +22,5 @@ def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
     Raises:
         ValueError: fewer than one episode, or an unknown controller.
     """
-    if episodes < 1:
-        raise ValueError(f"episodes: {episodes} must be at least 1")
-    outcomes = []
-    for first in range(0, episodes, _BATCH):
-        chunk = replace(settings, num_envs=min(_BATCH, episodes - first), cams=())
-        simulation, _ = build(chunk, first_env=first)
-        outcomes.append(run_episodes(simulation, controller(who, chunk)))
-    return join(outcomes)
+    blind = replace(settings, cams=())
+    return run_batches(blind, episodes, _BATCH, lambda chunk, *_: controller(who, chunk))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from needlehoop.run import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, Run, columns
+from needlehoop.run import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, Run
 
 CPU = torch.device("cpu")
 VALUES = {"study": "main", "cams": ["seg_side"], "algo": {"gamma": 0.99}, "resume": None}
@@ -23,6 +23,10 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def run(folder: Path) -> Run:
     return Run.create(folder, VALUES, "grasp: 2.0\n", overwrite=False)
+
+
+def columns(rows: list[dict[str, str]], name: str) -> list[float]:
+    return [float(row[name]) if row[name] else math.nan for row in rows]
 
 
 def table(*updates: int) -> list[dict[str, float]]:

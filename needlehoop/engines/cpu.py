@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 from collections.abc import Mapping
 
 import mujoco
@@ -148,6 +149,11 @@ class CpuEngine:
             kinds = self._batch.warning[warned[0]].nonzero()[0]
             names = ", ".join(mujoco.mjtWarning(int(kind)).name for kind in kinds)
             raise RuntimeError(f"physics diverged in environments {warned.tolist()}: {names}")
+
+
+def machine() -> str:
+    """The machine in words, for reports."""
+    return f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs"
 
 
 def available_cpus() -> int:
