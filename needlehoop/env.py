@@ -30,13 +30,15 @@ class NeedleHoopEnv(EnvBase):
     Args:
         settings: what to build.
         first_env: index of the first environment among all that share the seed.
+        stagger: whether the first episodes are cut off at evenly spread times, so that
+            environments in lockstep are not all at the same stage of theirs.
 
     Raises:
         ValueError: settings that do not go together, by key.
     """
 
-    def __init__(self, settings: Settings, first_env: int = 0):
-        self.settings = settings
+    def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
+        self.settings, self._stagger = settings, stagger
         self._simulation, imager = build(settings, first_env)
         self._observer = Observer(settings, self._simulation, imager)
         self._is_restored = False
@@ -109,7 +111,7 @@ class NeedleHoopEnv(EnvBase):
             return self._tensordict(self._simulation.look(), ends, no.nonzero().flatten())
         mask = None if asked is None else asked.reshape(self.batch_size[0])
         first = self._simulation.state is None
-        moment = self._simulation.reset(mask)
+        moment = self._simulation.reset(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
         return self._tensordict(moment, ends, fresh)
 

@@ -30,7 +30,7 @@ class Learner:
         # other, and their number would decide how sums are rounded.
         torch.set_num_threads(1)
         torch.manual_seed(job.env.seed)
-        self.env = NeedleHoopEnv(job.env)
+        self.env = NeedleHoopEnv(job.env, stagger=True)
         self.agent = build_agent(job, self.env, self.device)
         self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed)
         if state is not None:

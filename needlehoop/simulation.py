@@ -96,8 +96,12 @@ class Simulation:
         self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
         self.state: task.State | None = None
 
-    def reset(self, mask: Tensor | None = None) -> Moment:
-        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default)."""
+    def reset(self, mask: Tensor | None = None, stagger: bool = False) -> Moment:
+        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
+
+        With ``stagger`` a seed's first episodes begin with a share of their steps used up,
+        from none in the first environment to nearly all in the last.
+        """
         if self.state is None or mask is None:
             mask = torch.ones(self.num_envs, dtype=torch.bool)
         ids = mask.nonzero().flatten()
@@ -109,6 +113,9 @@ class Simulation:
             begun = task.start(self.layout, torch.from_numpy(np.stack(rows)))
             fresh = task.begin(self.layout, self.episode, begun)
             if self.state is None:
+                if stagger:
+                    spread = torch.arange(self.num_envs) * self.episode.max_steps
+                    fresh.steps = spread // self.num_envs
                 self.state = fresh
             else:
                 self.state = self.state.clone()

@@ -1,5 +1,7 @@
 """The environment's two faces: TorchRL and dm_control."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,6 +10,8 @@ from torchrl.envs.libs.dm_control import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
 import needlehoop
+from needlehoop import config
+from needlehoop.env import NeedleHoopEnv
 from needlehoop.observer import STATE_SIGNALS
 
 
@@ -70,6 +74,14 @@ def test_a_time_out_truncates_and_does_not_terminate():
     assert rollout.shape == (2, 7)
     assert rollout["next", "truncated"][:, -1].all()
     assert not rollout["next", "terminated"].any()
+
+
+def test_staggered_first_episodes_end_one_after_the_other():
+    settings = config.settings(["episode.max_steps=8"])
+    env = NeedleHoopEnv(replace(settings, num_envs=4), stagger=True)
+    rollout = env.rollout(16, break_when_any_done=False)
+    ends = [ended.nonzero().flatten().tolist() for ended in rollout["next", "truncated"][..., 0]]
+    assert ends == [[7, 15], [5, 13], [3, 11], [1, 9]]
 
 
 def test_rollouts_repeat_with_their_seed():
