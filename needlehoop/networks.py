@@ -67,6 +67,8 @@ class HeadConfig:
     """Layers of the trunk."""
     sigma: float
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
+    shared: bool
+    """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
 
     def __post_init__(self) -> None:
         for key, value in (("hidden", self.hidden), ("layers", self.layers)):
@@ -276,11 +278,15 @@ class Agent(TensorDictModuleBase):
             for name in images
         ]
         self.fold: Any = TensorDictSequential(*folds)
-        trunk = TensorDictModule(
-            Trunk(images, vectors, encoder, heads, dtype),
-            in_keys=[*(("folded", name) for name in images), *vectors],
-            out_keys=["hidden"],
-        )
+        trunks: list[Any] = [
+            TensorDictModule(
+                Trunk(images, vectors, encoder, heads, dtype),
+                in_keys=[*(("folded", name) for name in images), *vectors],
+                out_keys=[key],
+            )
+            for key in (("hidden",) if heads.shared else ("hidden", "hidden_value"))
+        ]
+        trunk = TensorDictSequential(*trunks)
         policy = ProbabilisticActor(
             TensorDictModule(
                 Gaussian(heads.hidden, actions, heads.sigma),
@@ -291,7 +297,7 @@ class Agent(TensorDictModuleBase):
             distribution_class=IndependentNormal,
             return_log_prob=True,
         )
-        value = ValueOperator(_linear(heads.hidden, 1), in_keys=["hidden"])
+        value = ValueOperator(_linear(heads.hidden, 1), in_keys=trunks[-1].out_keys)
         self.operator = ActorValueOperator(trunk, policy, value)
         self.in_keys = [*(("pixels", name) for name in images), *vectors]
         self.out_keys = [*self.fold.out_keys, *self.operator.out_keys]

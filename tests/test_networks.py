@@ -1,5 +1,7 @@
 """The networks: what they read, what they write, where they start."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.distributions import Normal
@@ -15,12 +17,13 @@ from needlehoop.networks import (
     Fold,
     HeadConfig,
     Normalizer,
+    Trunk,
     convolution_dtype,
 )
 
 ENCODERS = sorted(file.stem for file in (config.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
-HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6)
+HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True)
 
 
 def random_images(*shape: int) -> torch.Tensor:
@@ -127,7 +130,7 @@ def test_an_encoder_of_nothing_is_refused_by_key(key):
     ("key", "value"), [("hidden", 0), ("layers", 0), ("sigma", 0.0), ("sigma", float("nan"))]
 )
 def test_bad_heads_are_refused_by_key(key, value):
-    values = {"hidden": 16, "layers": 2, "sigma": 0.6, key: value}
+    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, key: value}
     with pytest.raises(ValueError, match=rf"algo\.network\.{key}: "):
         HeadConfig(**values)
 
@@ -263,6 +266,21 @@ def test_every_camera_has_an_encoder_of_its_own():
     agent(spec.rand())["hidden"].square().sum().backward()
     for encoder in (first, second):
         assert all(parameter.grad.abs().max() > 0 for parameter in encoder.parameters())
+
+
+def test_a_value_function_of_its_own_leaves_the_policy_alone():
+    spec = observed(2, {"rgb_a": 3}, {})
+    apart = Agent(spec, 5, SMALL, replace(HEADS, shared=False), torch.float32)
+    for key, moved in (("loc", 0), ("state_value", 1)):
+        apart.zero_grad()
+        apart(spec.rand())[key].square().sum().backward()
+        grads = [
+            [parameter.grad for parameter in trunk.parameters()]
+            for trunk in apart.modules()
+            if isinstance(trunk, Trunk)
+        ]
+        assert all(grad is not None for grad in grads[moved])
+        assert all(grad is None for grad in grads[1 - moved])
 
 
 def test_images_that_do_not_fit_are_refused_when_the_agent_is_made():
