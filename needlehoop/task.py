@@ -41,7 +41,8 @@ class Episode:
     """``tip``: tip x, y, z, rotation about the instrument, jaw. ``pose``: tip x, y, z,
     rotation vector in the world frame, jaw."""
     grasp: str
-    """``weld``: a grasp becomes a rigid constraint. ``friction``: contacts only."""
+    """``weld``: jaws that touch the needle and close hold it rigidly. ``friction``: contacts
+    alone hold it, so a grasp needs the needle between the blades as well."""
     substeps: int
     """Physics steps per action."""
     max_steps: int
@@ -293,10 +294,11 @@ def is_truncated(episode: Episode, state: State, signals: Signals) -> Tensor:
 def _grasped(episode: Episode, state: State, readings: dict[str, Tensor], curve: Tensor) -> Tensor:
     one, two = readings["jaw_1_touch"], readings["jaw_2_touch"]
     caught = one & two & (state.jaw < episode.close_below)
-    if bool(caught.any()):
-        caught = caught & _between_jaws(readings, curve)
     held = state.grasped & (state.jaw < episode.release_above)
     if episode.grasp == "friction":
+        # Where nothing but contacts holds it, jaws closed on top of the needle hold nothing.
+        if bool(caught.any()):
+            caught = caught & _between_jaws(readings, curve)
         held = held & (one | two)
     return held | caught
 

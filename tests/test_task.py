@@ -344,8 +344,10 @@ BEYOND = psm.JAW_LENGTH + 0.0019
         pytest.param(0.4, (0.0, 0.0, -0.0098), id="behind the hinge"),
     ],
 )
-def test_jaws_that_touch_but_do_not_surround_grasp_nothing(layout, episode, gap, at):
-    assert not grasp(layout, episode, state_of(layout, episode), gap=gap, at=at)
+def test_jaws_that_touch_but_do_not_surround_hold_only_with_the_weld(layout, episode, gap, at):
+    state = state_of(layout, episode)
+    assert grasp(layout, replace(episode, grasp="weld"), state, gap=gap, at=at)
+    assert not grasp(layout, replace(episode, grasp="friction"), state, gap=gap, at=at)
 
 
 def test_a_needle_off_the_middle_of_the_gap_is_grasped(layout, episode):
