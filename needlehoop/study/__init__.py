@@ -1,0 +1,1 @@
+"""From the files of runs to answers: statistics, tables, figures. No simulator, no torch."""
