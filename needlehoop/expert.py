@@ -16,7 +16,7 @@ from needlehoop.layout import Layout
 from needlehoop.signals import Signals
 from needlehoop.task import Episode
 
-_GAIN = 0.25
+_GAIN = 0.4
 """Share of the remaining error that an action asks for; the servos lag behind."""
 _HOVER = 0.012
 """Height above the pickup point at which the open jaws line up, m."""
