@@ -219,16 +219,16 @@ def test_the_tip_follows_a_full_speed_ramp_and_stops(
     variants, layout: Layout, episode: Episode, variant, axis, sense
 ):
     place = np.array(CENTRE)
-    place[axis] -= 5 * episode.translation * sense
-    actions = torch.zeros(25, 5, dtype=torch.float64)
-    actions[:10, axis] = sense
+    place[axis] -= 2.5 * episode.translation * sense
+    actions = torch.zeros(13, 5, dtype=torch.float64)
+    actions[:5, axis] = sense
     path, target = follow(variants[variant], layout, episode, place, actions)
-    assert target[axis] == pytest.approx(place[axis] + 10 * episode.translation * sense)
+    assert target[axis] == pytest.approx(place[axis] + 5 * episode.translation * sense)
     beyond = sense * (path[:, axis] - target[axis])
     assert beyond.max() < 3e-4
-    # At full speed the servo lags by less than two actions.
-    assert beyond[10 * episode.substeps - 1] > -2 * episode.translation
-    assert len(path) * layout.timestep == pytest.approx(0.2 + 0.3)
+    # At full speed the servo lags by less than an action.
+    assert beyond[5 * episode.substeps - 1] > -episode.translation
+    assert len(path) * layout.timestep == pytest.approx(0.2 + 0.32)
     assert np.linalg.norm(path[-1] - target) < 1e-4
 
 

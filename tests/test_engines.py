@@ -35,7 +35,7 @@ def same_moment(batch, single, env):
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     settings = config.settings(
-        ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=120"]
+        ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
     )
     batch, _ = build(settings)
     singles = [dm_env.load(settings, env=i) for i in range(3)]
@@ -44,10 +44,10 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     for single in singles:
         single.reset()
     seen = {"grasped": False, "released": False, "threaded": False, "reset": False}
-    for step in range(170):
+    for step in range(100):
         action = script(moment.signals)
         action[2] = chance(moment.signals)[2]
-        if 40 <= step < 48:
+        if 22 <= step < 26:
             # One needle is dropped on the way.
             action[0, -1] = 1.0
         held = moment.signals.grasped.clone()
