@@ -1,0 +1,150 @@
+"""What a reward program may be made of, checked before Python's parser sees it.
+
+Only tokens on the list get through, so the parser never meets a string, an attribute, a
+subscript or a statement that the language does not have; and only so many of them, so that
+it is never asked for deep recursion or a huge number.
+"""
+
+from __future__ import annotations
+
+import ast
+import keyword
+import re
+
+MAX_SOURCE = 10_000
+"""Characters in a program."""
+MAX_TOKENS = 300
+"""Tokens in one statement."""
+MAX_BRACKETS = 20
+"""Brackets inside brackets."""
+MAX_INDENT = 64
+"""Spaces before a statement."""
+MAX_NAME = 40
+"""Characters in a name."""
+MAX_DIGITS = 24
+"""Characters in a number."""
+MAX_CONSTANT = 1e6
+"""The largest number that may be written."""
+
+WORDS = ("if", "elif", "else", "and", "or", "not", "True", "False")
+"""Python's keywords that are in the language."""
+
+_TOKEN = re.compile(
+    r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"|(?P<name>[A-Za-z_]\w*)"
+    r"|(?P<operator>\*\*|[<>=!]=|[-+*/]=|[-+*/<>=(),:])"
+    r"|(?P<comment>#[^\n]*)"
+    r"|(?P<space> +)"
+    r"|(?P<newline>\n)",
+    re.ASCII,
+)
+
+_NOT_HERE = {
+    ".": "attributes are not in the language",
+    "[": "subscripts and lists are not in the language; x(v), y(v), z(v) and component(v, i)"
+    " read a vector",
+    "{": "dictionaries and sets are not in the language",
+    "'": "strings are not in the language",
+    '"': "strings are not in the language",
+    "@": "decorators and matrix products are not in the language",
+    ";": "one statement per line",
+    "\\": "a backslash is not in the language; a statement goes on inside brackets",
+    "&": "& is not in the language; write `and`",
+    "|": "| is not in the language; write `or`",
+    "~": "~ is not in the language; write `not`",
+    "%": "% is not in the language",
+    "\t": "a tab; indent with spaces",
+    "\r": "a carriage return; end lines with a line feed",
+}
+
+
+class ProgramError(ValueError):
+    """A refused program; ``line`` and ``column`` count from 1.
+
+    Args:
+        line: where.
+        column: where in the line.
+        reason: why, and what would do.
+    """
+
+    def __init__(self, line: int, column: int, reason: str):
+        super().__init__(line, column, reason)
+        self.line, self.column, self.reason = line, column, reason
+
+    def __str__(self) -> str:
+        return f"line {self.line}, column {self.column}: {self.reason}"
+
+
+def parse(source: str) -> ast.Module:
+    """The tree of a program whose tokens are all in the language.
+
+    Raises:
+        ProgramError: a token that is not, too much of something, or no Python.
+    """
+    if len(source) > MAX_SOURCE:
+        raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
+    _check_tokens(source)
+    try:
+        return ast.parse(source)
+    except SyntaxError as error:
+        line, column = error.lineno or 1, max(1, error.offset or 1)
+        raise ProgramError(line, column, f"not Python: {error.msg}") from error
+
+
+def _check_tokens(source: str) -> None:
+    position, line, line_start = 0, 1, 0
+    brackets = tokens = 0
+
+    def refuse(reason: str) -> ProgramError:
+        return ProgramError(line, position - line_start + 1, reason)
+
+    while position < len(source):
+        found = _TOKEN.match(source, position)
+        if found is None:
+            raise refuse(_foreign(source[position]))
+        kind, text = found.lastgroup, found.group()
+        if kind == "newline":
+            line, line_start = line + 1, found.end()
+            tokens = tokens if brackets else 0
+        elif kind == "space":
+            if position == line_start and len(text) > MAX_INDENT:
+                raise refuse(f"indented by {len(text)} spaces; at most {MAX_INDENT}")
+        elif kind != "comment":
+            tokens += 1
+            if tokens > MAX_TOKENS:
+                raise refuse(f"a statement has at most {MAX_TOKENS} tokens; split it up")
+            brackets = max(0, brackets + (text == "(") - (text == ")"))
+            if brackets > MAX_BRACKETS:
+                raise refuse(f"more than {MAX_BRACKETS} brackets inside each other")
+            reason = _check_token(kind, text, source[found.end() : found.end() + 1])
+            if reason:
+                raise refuse(reason)
+        position = found.end()
+
+
+def _check_token(kind: str | None, text: str, following: str) -> str | None:
+    """Why a token is refused, if it is."""
+    if kind == "number":
+        if following and (following.isalnum() or following in "_."):
+            return "not a number; write it as 12, 0.5 or 1e-3"
+        if len(text) > MAX_DIGITS:
+            return f"a number has at most {MAX_DIGITS} characters"
+        if float(text) > MAX_CONSTANT:
+            return f"{text} is too large; numbers go up to {MAX_CONSTANT:g}"
+    elif kind == "name":
+        if len(text) > MAX_NAME:
+            return f"a name has at most {MAX_NAME} characters"
+        if text.startswith("_"):
+            return f"{text}: names begin with a letter"
+        if keyword.iskeyword(text) and text not in WORDS:
+            return f"{text!r} is not in the language; its words are {', '.join(WORDS)}"
+    return None
+
+
+def _foreign(character: str) -> str:
+    if character in _NOT_HERE:
+        return _NOT_HERE[character]
+    if not character.isascii():
+        return f"U+{ord(character):04X} is not an ASCII character"
+    shown = character if character.isprintable() else f"U+{ord(character):04X}"
+    return f"{shown} is not in the language"
