@@ -101,6 +101,9 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
         for table in (METRICS, EVALUATIONS):
             run.cut(table, state["update"])
     else:
+        # Checked first, so that a mistake in the cameras' names is called that.
+        config.job(values)
+        values = {**values, "reward": rewards.pin(values["reward"])}
         job = config.job(values)
         reward = rewards.text(rewards.load(job.env.reward))
         folder = Path(job.results) / job.place
@@ -122,7 +125,7 @@ def main(composed: DictConfig) -> None:
     values: Any = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     try:
         start(values, list(HydraConfig.get().overrides.task))
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, rewards.RewardError) as error:
         if HydraConfig.get().mode == RunMode.MULTIRUN:
             raise
         sys.exit(f"train.py: {error}")

@@ -1,7 +1,8 @@
 """The ``needlehoop`` command.
 
 Every command takes Hydra overrides (``key=value``) and a few flags. Errors in what was
-asked for are one line on standard error and exit status 2.
+asked for are one line on standard error and exit status 2; a command that judges something
+says no with exit status 1.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop import config
+from needlehoop.vlm.commands import add_commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,11 +28,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
     options.overrides += rest
     try:
-        options.run(options)
+        status = options.run(options)
     except (ValueError, RuntimeError, OSError) as error:
         print(f"needlehoop {options.command}: {error}", file=sys.stderr)
         return 2
-    return 0
+    return status or 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -95,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         "speed|train|stability (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
+    add_commands(commands)
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])
     return parser

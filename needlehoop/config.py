@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cattrs
 from hydra import compose as hydra_compose
@@ -17,6 +17,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop.job import Job, split
 from needlehoop.settings import Settings
+
+if TYPE_CHECKING:
+    from needlehoop.vlm.gates import Gates
 
 T = TypeVar("T")
 
@@ -60,6 +63,14 @@ def structure(values: dict[str, Any]) -> Settings:
 def job(values: dict[str, Any]) -> Job:
     """A composed training config as a checked ``Job``; errors as in ``settings``."""
     return _structure(split(values), Job)
+
+
+def gates(values: dict[str, Any]) -> Gates:
+    """The gates of a composed config that has ``gates``; errors as in ``settings``."""
+    # Imported here: the gates bring the simulation's scripts with them.
+    from needlehoop.vlm.gates import Gates
+
+    return _structure(values["gates"], Gates)
 
 
 def in_brackets(words: Iterable[str]) -> list[str]:

@@ -5,23 +5,15 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any
 
-from torch import Tensor
-
+from needlehoop.rewards import written
 from needlehoop.rewards.human import Human
 from needlehoop.rewards.sparse import Sparse
-from needlehoop.signals import Signals
+from needlehoop.rewards.terms import Reward
 
 REWARDS = {"human": Human, "sparse": Sparse}
-
-
-class Reward(Protocol):
-    """Named terms of a potential; the same names at every call."""
-
-    def __call__(self, signals: Signals) -> dict[str, Tensor]:
-        """Terms ``(n,)`` float64 by name."""
-        ...
+"""Rewards that are classes; the other kinds are programs, ``written.KINDS``."""
 
 
 def load(config: Mapping[str, Any]) -> Reward:
@@ -32,8 +24,11 @@ def load(config: Mapping[str, Any]) -> Reward:
     """
     values = dict(config)
     kind = values.pop("kind", None)
+    if kind in written.KINDS:
+        return written.load(config)
     if kind not in REWARDS:
-        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(REWARDS)}")
+        valid = ", ".join((*REWARDS, *written.KINDS))
+        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {valid}")
     names = {field.name for field in fields(REWARDS[kind])}
     if names != set(values):
         odd = ", ".join(sorted(names ^ set(values)))
@@ -47,13 +42,7 @@ def load(config: Mapping[str, Any]) -> Reward:
 
 
 def text(reward: Reward) -> str:
-    """A reward for the record: its values, then its source."""
+    """A reward for the record: its values, then its source; a program's origin and source."""
+    if isinstance(reward, written.Written):
+        return reward.text()
     return f"{reward!r}\n\n{inspect.getsource(type(reward))}"
-
-
-def potential(terms: Mapping[str, Tensor]) -> Tensor:
-    """Sum of the terms, in their order, ``(n,)``."""
-    total, *rest = terms.values()
-    for term in rest:
-        total = total + term
-    return total

@@ -1,0 +1,26 @@
+"""What a reward is, and what its terms add up to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from torch import Tensor
+
+from needlehoop.signals import Signals
+
+
+class Reward(Protocol):
+    """Named terms of a potential; the same names at every call."""
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` float64 by name."""
+        ...
+
+
+def potential(terms: Mapping[str, Tensor]) -> Tensor:
+    """Sum of the terms, in their order, ``(n,)``."""
+    total, *rest = terms.values()
+    for term in rest:
+        total = total + term
+    return total

@@ -1,0 +1,225 @@
+"""Rewards that are loaded from programs: a user's file, or one that a VLM wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from needlehoop.rewards.grammar import ProgramError
+from needlehoop.rewards.language import Program, compile_program
+from needlehoop.rewards.terms import potential
+from needlehoop.signals import Signals
+
+FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
+"""What a VLM was shown when it wrote a reward, by the reward's kind."""
+
+KINDS = ("file", *FLAVOURS)
+"""Kinds of rewards that are programs."""
+
+ANY = "any"
+"""The folder of programs that suit every set of cameras."""
+
+RECORDINGS = Path(__file__).parents[1] / "recordings"
+"""Recordings that are shipped."""
+
+_KEYS = {
+    "file": {"path", "clip", "program"},
+    "vlm_text": {"cams", "results", "study", "recording", "clip", "program"},
+    "vlm_img": {"cams", "results", "study", "recording", "clip", "program"},
+}
+
+
+class RewardError(RuntimeError):
+    """A reward that is of no use at some state that training reached."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """A program in use: its terms, which must be finite.
+
+    Args:
+        program: what it computes.
+        origin: where the program came from.
+        clip: the least and the most that the total may be; what it is changed by to keep to
+            that is the term ``clipped``.
+    """
+
+    program: Program
+    origin: str
+    clip: tuple[float, float] | None = None
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` float64 by name.
+
+        Raises:
+            RewardError: a term is not finite. Nothing is put in its place: a number made up
+                here would be learnt from.
+        """
+        terms = self.program(signals)
+        for name, term in terms.items():
+            finite = torch.isfinite(term)
+            if not bool(finite.all()):
+                bad = (~finite).nonzero().flatten().tolist()
+                raise RewardError(
+                    f"reward: term {name!r} of the program from {self.origin} is"
+                    f" {float(term[bad[0]])} in environments {bad}; needlehoop vlm check"
+                    " shows where a program is not finite"
+                )
+        if self.clip is None:
+            return terms
+        total = potential(terms)
+        return {**terms, "clipped": total.clamp(*self.clip) - total}
+
+    def text(self) -> str:
+        """For the record: where the program came from, and its source."""
+        confined = f", clipped to {self.clip[0]:g} to {self.clip[1]:g}" if self.clip else ""
+        return f"# From {self.origin}{confined}.\n{self.program.source}"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A program's text and where it came from."""
+
+    text: str
+    origin: str
+
+
+def find(
+    cams: Iterable[str], flavour: str, study: str, results: str, recording: str | None
+) -> Source:
+    """The program that was written for a set of cameras.
+
+    It is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, or else the
+    recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``. The
+    cameras' order does not matter; ``text`` may also stand in the folder ``any``.
+
+    Args:
+        cams: names of cameras.
+        flavour: ``text`` or ``image``.
+        study: whose folder comes first.
+        results: folder of all studies.
+        recording: the name of a shipped recording; ``None``: the study's folder alone.
+
+    Raises:
+        ValueError: a flavour or recording that is unknown, or no program; the message has
+            the command that makes one.
+    """
+    chosen = tuple(cams)
+    if flavour not in FLAVOURS.values():
+        valid = ", ".join(FLAVOURS.values())
+        raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
+    folders = [Path(results) / study / "vlm" / "rewards"]
+    if recording is not None:
+        folders.append(_recording(recording) / "rewards")
+    for folder in folders:
+        for place in (_folder_of(folder, chosen), folder / ANY if flavour == "text" else None):
+            file = None if place is None else place / f"{flavour}.txt"
+            if file is not None and file.is_file():
+                return Source(file.read_text(encoding="utf-8"), str(file))
+    known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{flavour}.txt")})
+    raise ValueError(
+        f"cams: no {flavour} reward is recorded for {'+'.join(chosen) or 'no cameras'} (there is"
+        f" {', '.join(known) or 'none'}); make one with: {command(chosen, flavour, study)}"
+    )
+
+
+def command(cams: Iterable[str], flavour: str, study: str) -> str:
+    """The command that asks a VLM for a reward."""
+    return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} study={study}"
+
+
+def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path | None:
+    """The folder of a set of cameras, by its name or by that of another order.
+
+    Raises:
+        ValueError: two other orders, and no way to tell which.
+    """
+    exact = folder / "+".join(cams)
+    if exact.is_dir() or not folder.is_dir():
+        return exact
+    same = [f for f in sorted(folder.iterdir()) if sorted(f.name.split("+")) == sorted(cams)]
+    if len(same) > 1:
+        raise ValueError(f"cams: {same[0]} and {same[1]} are the same cameras; remove one")
+    return same[0] if same else None
+
+
+def _recording(name: str) -> Path:
+    shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
+    if name not in shipped:
+        raise ValueError(f"recording: {name!r} is unknown; choose from {', '.join(shipped)}")
+    return RECORDINGS / name
+
+
+def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reward's config with the program's text in it, so that no file can change it.
+
+    Raises:
+        ValueError: as in ``load``.
+    """
+    if config.get("kind") not in KINDS:
+        return dict(config)
+    source = _source(config)
+    return {**config, "program": {"text": source.text, "origin": source.origin}}
+
+
+def load(config: Mapping[str, Any]) -> Written:
+    """The reward of a config whose ``kind`` is in ``KINDS``.
+
+    Raises:
+        ValueError: missing or unknown values, no such program, or one that is refused.
+    """
+    source = _source(config)
+    clip = _limits(config["clip"])
+    try:
+        program = compile_program(source.text)
+    except ProgramError as error:
+        raise ValueError(f"reward: {source.origin}, {error}") from error
+    return Written(program, source.origin, clip)
+
+
+def _limits(clip: Any) -> tuple[float, float] | None:
+    if clip is None:
+        return None
+    match clip:
+        case [int() | float() as low, int() | float() as high] if low < high:
+            return float(low), float(high)
+    raise ValueError(f"reward.clip: {clip!r} is not null or the least and the most, [0, 11]")
+
+
+def _source(config: Mapping[str, Any]) -> Source:
+    """The pinned program, or the one that the config points at."""
+    kind = config["kind"]
+    keys = _KEYS[kind] | {"kind"}
+    if keys != set(config):
+        odd = ", ".join(sorted(keys ^ set(config)))
+        raise ValueError(
+            f"reward: {odd} missing or unknown; {kind} takes {', '.join(sorted(_KEYS[kind]))}"
+        )
+    pinned = config["program"]
+    if pinned is not None:
+        return Source(str(pinned["text"]), str(pinned["origin"]))
+    if kind == "file":
+        return read(Path(config["path"]))
+    cams = config["cams"]
+    names = cams.split(",") if isinstance(cams, str) else cams
+    study, results = str(config["study"]), str(config["results"])
+    return find(names, FLAVOURS[kind], study, results, config["recording"])
+
+
+def read(path: Path) -> Source:
+    """The program in a file.
+
+    Raises:
+        ValueError: no file there, or one that is no text.
+    """
+    try:
+        return Source(path.read_text(encoding="utf-8"), str(path))
+    except OSError as error:
+        raise ValueError(f"reward.path: {str(path)!r}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"reward.path: {str(path)!r} is not UTF-8 text") from error

@@ -1,0 +1,1 @@
+"""Questions to a vision-language model, its rankings and the rewards that it writes."""
