@@ -33,7 +33,7 @@ _TOKEN = re.compile(
     r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<name>[A-Za-z_]\w*)"
     r"|(?P<operator>\*\*|[<>=!]=|[-+*/]=|[-+*/<>=(),:])"
-    r"|(?P<comment>#[^\n]*)"
+    r"|(?P<comment>#[ -~]*)"
     r"|(?P<space> +)"
     r"|(?P<newline>\n)",
     re.ASCII,
