@@ -93,8 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     bench = add(
         "bench",
         _bench,
-        "Measure the environment's speed (the default), training's, or the physics' stability.",
-        "speed|train|stability (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
+        "Measure the environment's speed (the default), training's or a reward program's, or the"
+        " physics' stability.",
+        "speed|train|stability|program (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
     add_commands(commands)
@@ -226,9 +227,13 @@ def _bench(options: argparse.Namespace) -> None:
         from needlehoop.stability import shake
 
         found = shake(settings, _whole(values, "episodes")).as_dict()
+    elif values["what"] == "program":
+        from needlehoop.bench_program import measure_program
+
+        found = measure_program(settings.num_envs, _whole(values, "rounds"))
     else:
         raise ValueError(
-            f"what: {values['what']!r} is unknown; choose from speed, train, stability"
+            f"what: {values['what']!r} is unknown; choose from speed, train, stability, program"
         )
     if options.json:
         print(json.dumps(found))

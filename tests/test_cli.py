@@ -127,6 +127,13 @@ def test_bench_train_says_where_the_time_goes():
     assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
 
 
+def test_bench_program_times_a_call(capsys):
+    assert main(["bench", "program", "--json", "rounds=1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["num_envs"], found["lines"]) == (80, 10)
+    assert 0 < found["call_ms"] < found["compile_ms"] < 1000
+
+
 def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
     arguments = ["bench", "stability", "--json", "episodes=5", "num_envs=5"]
     assert main([*arguments, "episode.max_steps=20"]) == 0
@@ -152,6 +159,7 @@ def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
         (["bench", "cams=[]"], "cams"),
         (["bench", "cams=[dep_top]"], "default, front, side"),
         (["bench", "rounds=0"], "rounds: 0"),
+        (["bench", "program", "rounds=0"], "rounds: 0"),
         (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
         (["bench", "train", "rounds=0"], "rounds: 0"),
         (["bench", "train", "cams=[]"], "cams"),

@@ -1,0 +1,58 @@
+"""What a compiled reward program costs."""
+
+from __future__ import annotations
+
+import time
+
+from needlehoop.engines.cpu import machine
+from needlehoop.rewards.language import compile_program
+from needlehoop.vlm.gates import random_signals
+
+PROGRAM = """\
+reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
+pickup = 2 * (1 if grasped else reach)
+raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
+lift = 2 * (1 if lifted else raised)
+insert = 0
+if lifted:
+    insert = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
+closed = 2 if grasped and jaw_command < 0.1 else 0
+time = -1 * elapsed
+reward = pickup + lift + insert + closed + time
+"""
+"""Ten lines that say the human reward."""
+
+_CALLS = 20
+"""Calls per timing."""
+
+
+def measure_program(num_envs: int, rounds: int) -> dict[str, object]:
+    """Milliseconds for one call of ``PROGRAM``, and to compile it; best of 40 x ``rounds``.
+
+    Args:
+        num_envs: environments in the batch.
+        rounds: how long to try; what else the machine does only ever adds.
+
+    Raises:
+        ValueError: ``rounds`` below 1.
+    """
+    if rounds < 1:
+        raise ValueError(f"rounds: {rounds} must be at least 1")
+    signals = random_signals(num_envs, seed=0)
+    call = compiling = float("inf")
+    for _ in range(40 * rounds):
+        began = time.perf_counter()
+        program = compile_program(PROGRAM)
+        compiled = time.perf_counter()
+        for _ in range(_CALLS):
+            program(signals)
+        called = time.perf_counter()
+        compiling = min(compiling, compiled - began)
+        call = min(call, (called - compiled) / _CALLS)
+    return {
+        "machine": machine(),
+        "num_envs": num_envs,
+        "lines": PROGRAM.count("\n"),
+        "call_ms": round(1000 * call, 4),
+        "compile_ms": round(1000 * compiling, 3),
+    }
