@@ -87,7 +87,7 @@ def test_what_is_not_finite_is_refused(judge, expression, count):
 
 
 def test_points_that_coincide_are_among_the_random_signals(judge):
-    found = judge(f"near = 1 / distance(tool_midpoint, goal)\n{SOUND} + 0 * near")
+    found = judge(f"far = 1 / distance(tool_midpoint, goal)\n{SOUND.strip()} + 0 * far")
     assert found.not_finite_random == 250
     assert found.not_finite_recorded == 0
     assert len(found.reasons) == 1

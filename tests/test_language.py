@@ -381,7 +381,7 @@ ACCEPTED: list[str] = []
 
 
 @given(PROGRAMS)
-@tried(max_examples=250)
+@tried(max_examples=120)
 def test_what_is_accepted_gives_a_number_per_environment(source):
     program = compiled(source)
     if program is None:
@@ -397,7 +397,7 @@ def test_what_is_accepted_gives_a_number_per_environment(source):
 
 def test_the_drawn_programs_are_not_all_refused():
     """Runs after the test above, which would prove nothing if they were."""
-    assert len(set(ACCEPTED)) > 100
+    assert len(set(ACCEPTED)) > 40
     assert any("if " in source for source in ACCEPTED)
 
 
