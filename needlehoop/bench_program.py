@@ -10,9 +10,9 @@ from needlehoop.vlm.gates import random_signals
 
 PROGRAM = """\
 reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
-pickup = 2 * (1 if grasped else reach)
+pickup = 1 * (1 if grasped else reach)
 raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
-lift = 2 * (1 if lifted else raised)
+lift = 3 * (1 if lifted else raised)
 insert = 0
 if lifted:
     insert = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))

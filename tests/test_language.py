@@ -24,9 +24,9 @@ N = 7
 HUMAN = """
 # The human reward, in the language.
 reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
-grasp = 2 * (1 if grasped else reach)
+grasp = 1 * (1 if grasped else reach)
 raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
-lift = 2 * (1 if lifted else raised)
+lift = 3 * (1 if lifted else raised)
 hoop = 0
 if lifted:
     hoop = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
