@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop import config
-from needlehoop.vlm.commands import add_commands
+from needlehoop.vlm.commands import add_commands as add_vlm_commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
         "speed|train|stability|program (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
-    add_commands(commands)
+    add_vlm_commands(commands)
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])
     return parser

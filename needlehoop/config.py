@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import cattrs
 from hydra import compose as hydra_compose
@@ -17,9 +17,6 @@ from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop.job import Job, split
 from needlehoop.settings import Settings
-
-if TYPE_CHECKING:
-    from needlehoop.vlm.gates import Gates
 
 T = TypeVar("T")
 
@@ -65,12 +62,18 @@ def job(values: dict[str, Any]) -> Job:
     return _structure(split(values), Job)
 
 
-def gates(values: dict[str, Any]) -> Gates:
-    """The gates of a composed config that has ``gates``; errors as in ``settings``."""
-    # Imported here: the gates bring the simulation's scripts with them.
-    from needlehoop.vlm.gates import Gates
+def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
+    """The values that a dataclass names, as one; errors as in ``settings``.
 
-    return _structure(values["gates"], Gates)
+    Args:
+        values: of a composed config; with a ``path`` there may be no others.
+        kind: the dataclass.
+        path: where the values stand in the config.
+    """
+    if path:
+        return _structure(dict(values), kind, path)
+    names = getattr(kind, "__dataclass_fields__", {})
+    return _structure({name: values[name] for name in names}, kind)
 
 
 def in_brackets(words: Iterable[str]) -> list[str]:
@@ -84,11 +87,11 @@ def in_brackets(words: Iterable[str]) -> list[str]:
     return [re.sub(r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]", word) for word in given]
 
 
-def _structure(values: dict[str, Any], kind: type[T]) -> T:
+def _structure(values: dict[str, Any], kind: type[T], path: str = "") -> T:
     try:
         return _converter.structure(values, kind)
     except cattrs.ClassValidationError as error:
-        raise ValueError("; ".join(_plain(line) for line in _flatten(error))) from error
+        raise ValueError("; ".join(_plain(line) for line in _flatten(error, path))) from error
 
 
 def _plain(line: str) -> str:

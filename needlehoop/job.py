@@ -94,9 +94,7 @@ class Job:
         if self.evaluation.seed == self.env.seed:
             raise ValueError(f"evaluation.seed: {self.env.seed} is the training's; choose another")
         for key in ("study", "reward_name"):
-            name = getattr(self, key)
-            if not name or name != name.strip() or name.startswith(".") or "/" in name:
-                raise ValueError(f"{key}: {name!r} is no name for a folder")
+            check_name(key, getattr(self, key))
         convolution_dtype(self.precision, self.torch_device)
 
     @property
@@ -128,6 +126,12 @@ class Job:
             ValueError: a device that torch does not know or that is not there.
         """
         return pick_device(self.device)
+
+
+def check_name(key: str, name: str) -> None:
+    """Raises ``ValueError`` for a name that is none for a folder."""
+    if not name or name != name.strip() or name.startswith(".") or "/" in name:
+        raise ValueError(f"{key}: {name!r} is no name for a folder")
 
 
 def pick_device(name: str) -> torch.device:

@@ -57,7 +57,7 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
         quality=1 if raw else 2,
         num_envs=1,
     )
-    states = list(_start_and_goal(s))
+    states = list(start_and_goal(s))
     return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
 
 
@@ -69,7 +69,7 @@ def _ordered(settings: Settings) -> list[str]:
     )
 
 
-def _start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
+def start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
     """The images of all cameras at the start, then once the expert has threaded."""
     simulation, imager = build(settings)
     act = expert(settings.task, settings.episode)

@@ -27,7 +27,7 @@ FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
 
 @pytest.fixture(scope="module")
 def gates() -> Gates:
-    return replace(config.gates(config.compose([], "check")), episodes=4, random_signals=2000)
+    return replace(made([]), episodes=4, random_signals=2000)
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_random_signals_are_wild_but_possible():
 )
 def test_a_bad_gate_is_refused_by_its_key(change, said):
     with pytest.raises(ValueError, match=said):
-        config.gates(config.compose([change], "check"))
+        made([change])
 
 
 # The command.

@@ -1,0 +1,138 @@
+"""A conversation: questions one after the other, each answered in a given form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from needlehoop.vlm.messages import Message, Part, Request
+from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.transcript import Exchange
+
+F = TypeVar("F", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One answer to a question; ``reason`` says why it was sent back, if it was."""
+
+    exchange: Exchange
+    reason: str | None
+
+
+class NoAnswerError(RuntimeError):
+    """No answer could be used, however often the question went back."""
+
+
+class Conversation:
+    """What has been said to a model and by it; every request carries all of it.
+
+    Args:
+        recorder: who answers.
+        name: for the record.
+        attempts: answers to one question, at most.
+
+    Raises:
+        ValueError: fewer than one attempt.
+    """
+
+    def __init__(self, recorder: Recorder, name: str, attempts: int):
+        if attempts < 1:
+            raise ValueError(f"attempts: {attempts} must be at least 1")
+        self._recorder, self._attempts = recorder, attempts
+        self.name = name
+        """Of the requests to come; a continued conversation changes it."""
+        self._messages: tuple[Message, ...] = ()
+        self.attempts: list[Attempt] = []
+        """All answers so far."""
+
+    def ask(
+        self,
+        parts: Sequence[Part],
+        form: type[F],
+        judge: Callable[[F], str | None] | None = None,
+    ) -> F:
+        """A question, put until its answer can be used.
+
+        Args:
+            parts: text and pictures.
+            form: the answer's form.
+            judge: says why an answer of the right form can't be used; ``None`` if it can.
+
+        Raises:
+            NoAnswerError: the attempts are used up.
+            RefusalError: the model would not answer.
+        """
+        self._say("user", *parts)
+        schema = schema_of(form)
+        reason = None
+        for _ in range(self._attempts):
+            exchange = self._recorder.ask(Request(self._messages, schema), self.name)
+            self._say("assistant", exchange.answer)
+            answer, reason = _read(exchange, form)
+            if answer is not None and judge is not None:
+                reason = judge(answer)
+            self.attempts.append(Attempt(exchange, reason))
+            if answer is not None and reason is None:
+                return answer
+            self._say("user", fill("again", reason=reason))
+        raise NoAnswerError(
+            f"{self.name}: no usable answer in {self._attempts} attempts; the last: {reason}"
+        )
+
+    def totals(self) -> dict[str, int]:
+        """Prompts, tokens and answers that could not be used, so far."""
+        return totals(self.attempts)
+
+    def _say(self, role: str, *parts: Part) -> None:
+        self._messages = (*self._messages, Message(role, parts))
+
+
+def totals(attempts: Sequence[Attempt]) -> dict[str, int]:
+    """Prompts, tokens and invalid answers; tokens that were not reported count nothing."""
+    exchanges = [attempt.exchange for attempt in attempts]
+    unknown = sum(e.tokens_in is None or e.tokens_out is None for e in exchanges)
+    return {
+        "prompts": len(attempts),
+        "tokens_in": sum(e.tokens_in or 0 for e in exchanges),
+        "tokens_out": sum(e.tokens_out or 0 for e in exchanges),
+        "prompts_without_token_count": unknown,
+        "invalid_answers": sum(attempt.reason is not None for attempt in attempts),
+    }
+
+
+def models(attempts: Sequence[Attempt]) -> list[str]:
+    """Who answered, as ``provider model``, each once."""
+    named = (f"{a.exchange.provider} {a.exchange.answered_by}" for a in attempts)
+    return list(dict.fromkeys(named))
+
+
+def schema_of(form: type[BaseModel]) -> dict[str, Any]:
+    """A form's JSON schema, without the titles that pydantic makes of the names."""
+    return _without_titles(form.model_json_schema())
+
+
+def _without_titles(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {
+            key: _without_titles(inner)
+            for key, inner in value.items()
+            if not (key == "title" and isinstance(inner, str))
+        }
+    return [_without_titles(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
+    """The answer, or the reason why it is none."""
+    if exchange.outcome == "truncated":
+        return None, "it was cut off at the limit of length; answer more briefly"
+    try:
+        return form.model_validate_json(exchange.answer), None
+    except ValidationError as error:
+        wrong = error.errors(include_url=False, include_context=False, include_input=False)[:5]
+        reasons = (f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in wrong)
+        return None, "it is not of the form that was asked for: " + "; ".join(reasons)

@@ -1,0 +1,84 @@
+"""The forms of answers. A form's JSON schema goes to the model; its checks stay here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
+
+
+class Form(BaseModel):
+    """An answer: all fields, and no others."""
+
+    model_config = ConfigDict(extra="forbid", str_min_length=1)
+
+
+class Subtask(Form):
+    """A part of the task."""
+
+    name: str
+    description: str
+
+
+class Subtasks(Form):
+    """The task in two parts."""
+
+    first: Subtask
+    second: Subtask
+
+
+class Program(Form):
+    """A reward program and the thoughts behind it."""
+
+    explanation: str
+    program: str
+
+
+def one_of(valid: Sequence[str]) -> Any:
+    """The type of a string that is one of ``valid``."""
+
+    def check(value: str) -> str:
+        if value not in valid:
+            raise ValueError(f"{value!r} is not one of {', '.join(valid)}")
+        return value
+
+    return Annotated[str, AfterValidator(check), Field(json_schema_extra={"enum": list(valid)})]
+
+
+def choice(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
+    """A view and a rendering, with a reason for each."""
+    return create_model(
+        "Choice",
+        __base__=Form,
+        view=(one_of(views), ...),
+        view_reason=(str, ...),
+        rendering=(one_of(renderings), ...),
+        rendering_reason=(str, ...),
+    )
+
+
+def choices(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
+    """A choice for each of the two subtasks."""
+    form = choice(views, renderings)
+    return create_model("Choices", __base__=Form, first=(form, ...), second=(form, ...))
+
+
+def ranking(names: Sequence[str]) -> type[Form]:
+    """All of ``names``, each once, the best first, each with a reason."""
+    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(str, ...))
+
+    def check(places: list[Any]) -> list[Any]:
+        given = [entry.name for entry in places]
+        if sorted(given) != sorted(names):
+            missing = [name for name in names if name not in given]
+            twice = sorted({name for name in given if given.count(name) > 1})
+            raise ValueError(
+                "the ranking must name each entry of the list once;"
+                f" missing: {', '.join(missing) or 'none'};"
+                f" named twice: {', '.join(twice) or 'none'}"
+            )
+        return places
+
+    kind = Annotated[list[place], AfterValidator(check)]
+    return create_model("Ranking", __base__=Form, places=(kind, ...))

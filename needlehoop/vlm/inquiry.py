@@ -1,0 +1,170 @@
+"""A study's dealings with a model: where they are kept and who answers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from needlehoop.job import check_name
+from needlehoop.run import Run
+from needlehoop.settings import Settings
+from needlehoop.vlm.album import Album, open_album
+from needlehoop.vlm.conversation import Attempt, Conversation, models, totals
+from needlehoop.vlm.provider import LiveConfig, ReplayConfig, build_provider
+from needlehoop.vlm.questions import Questions, question
+from needlehoop.vlm.ranking import Lists, rank
+from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.writing import FLAVOURS, Work, Workshop, reward_prompt, write_program
+
+QUESTIONS, RANKINGS = "questions.json", "rankings.json"
+
+
+@dataclass(frozen=True)
+class InquiryConfig:
+    """Values in ``conf/ask.yaml``."""
+
+    results: str
+    study: str
+    size: int
+    attempts: int
+    overwrite: bool
+
+    def __post_init__(self) -> None:
+        check_name("study", self.study)
+        if self.attempts < 1:
+            raise ValueError(f"attempts: {self.attempts} must be at least 1")
+
+    @property
+    def folder(self) -> Path:
+        """Where results are written."""
+        return Path(self.results) / self.study / "vlm"
+
+
+class Inquiry(AbstractContextManager):
+    """Asks, and writes down what was answered.
+
+    Args:
+        settings: the scene.
+        config: where, and how persistently.
+        vlm: who answers.
+
+    Raises:
+        ValueError: no key, no recording, or a recording of another model.
+        RuntimeError: the provider's package is not installed.
+    """
+
+    def __init__(self, settings: Settings, config: InquiryConfig, vlm: LiveConfig | ReplayConfig):
+        self._settings, self._config = settings, config
+        self._files = Run(config.folder)
+        self._live = isinstance(vlm, LiveConfig)
+        if isinstance(vlm, LiveConfig):
+            provider = build_provider(vlm)
+            self.transcript = Transcript(config.folder)
+            self._recorder = Recorder(self.transcript, provider, vlm)
+        else:
+            self.transcript = Transcript(Path(vlm.recording) if vlm.recording else config.folder)
+            if not self.transcript.exchanges:
+                raise ValueError(
+                    f"vlm.recording: nothing is recorded in {self.transcript.path}; ask a model"
+                    " with vlm=gemini or vlm=openai, or name another recording"
+                )
+            self._recorder = Recorder(self.transcript)
+
+    def __exit__(self, *_: object) -> None:
+        self._recorder.close()
+
+    def question(self, questions: Questions) -> dict[str, Any]:
+        """The questioning, into ``questions.json``; errors as in ``questions.question``."""
+        questions.check(self._settings)
+        self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
+        conversation = self._begin("question")
+        answers = question(conversation, self._settings, self._album(), questions)
+        return self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
+
+    def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
+        """The rankings, into ``rankings.json``; its totals count the questionings too."""
+        questions.check(self._settings)
+        lists.check(self._settings, questions.shown)
+        self._clear("rank", files=(RANKINGS,))
+        album, held = self._album(), []
+
+        def begin(sample: int) -> Conversation:
+            conversation = self._begin("question" if sample == 1 else f"rank/{sample}")
+            held.append(conversation)
+            answers = question(conversation, self._settings, album, questions)
+            if sample == 1:
+                self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
+                conversation.name = "rank"
+            return conversation
+
+        ranked = rank(begin, lists)
+        attempts = [attempt for conversation in held for attempt in conversation.attempts]
+        return self._write(RANKINGS, {"lists": ranked}, attempts)
+
+    def reward(self, flavour: str, workshop: Workshop) -> tuple[Path, dict[str, Any]]:
+        """A reward program for the settings' cameras.
+
+        ``text`` does not depend on cameras: sets of a study that ask for it get the same
+        recorded answer, as in the paper.
+
+        Returns:
+            The program's file, and the totals.
+
+        Raises:
+            ValueError: no cameras, an unknown flavour, or there is a program already.
+            NoAnswerError: none was accepted; all attempts are in the file beside it.
+            RefusalError: the model would not answer.
+        """
+        cameras = "+".join(self._settings.cams)
+        if not cameras:
+            raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
+        if flavour not in FLAVOURS:
+            raise ValueError(f"flavour: {flavour!r} is unknown; choose from {', '.join(FLAVOURS)}")
+        place = f"rewards/{cameras}"
+        path = self._files.folder / place / f"{flavour}.txt"
+        if path.exists() and not self._config.overwrite:
+            raise ValueError(f"{path} exists; overwrite=true asks for another one")
+        name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
+        self._clear(name)
+        album = self._album() if flavour == "image" else None
+        work = Work(self._begin(name))
+        prompt = reward_prompt(self._settings, workshop, flavour, album)
+        try:
+            program = write_program(work, prompt, workshop)
+        finally:
+            # Those of a failure above all.
+            path.parent.mkdir(parents=True, exist_ok=True)
+            rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in work.attempts())
+            self._files.write(f"{place}/{flavour}.attempts.jsonl", rows)
+        self._files.write(f"{place}/{flavour}.txt", program)
+        return path, work.conversation.totals()
+
+    def _begin(self, name: str) -> Conversation:
+        return Conversation(self._recorder, name, self._config.attempts)
+
+    def _album(self) -> Album:
+        return open_album(self.transcript, self._settings, self._config.size)
+
+    def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
+        """With ``overwrite``, make way for new answers; a replay has none to give."""
+        if not (self._config.overwrite and self._live):
+            return
+        self.transcript.retire(
+            lambda name: any(name == c or name.startswith(f"{c}/") for c in conversations)
+        )
+        for name in files:
+            self._files.vacate(name)
+
+    def _write(
+        self, name: str, found: dict[str, Any], attempts: Sequence[Attempt]
+    ) -> dict[str, Any]:
+        """Write results with who gave them and what they cost; files of a replay are the same."""
+        whole = {**found, "models": models(attempts), "totals": totals(attempts)}
+        self._files.folder.mkdir(parents=True, exist_ok=True)
+        self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
+        return whole

@@ -1,0 +1,135 @@
+"""The record of everything that was asked and answered: one JSON line per exchange."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from needlehoop.run import Run
+from needlehoop.vlm.messages import Picture, Request
+
+TRANSCRIPT, IMAGES = "transcript.jsonl", "images"
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One request and what came back; ``outcome`` and ``detail`` as in ``Reply``.
+
+    ``attempts`` are the HTTP statuses of all tries, ``seconds`` what they took together,
+    ``time`` when they began (UTC).
+    """
+
+    sha256: str
+    """Of the canonical request."""
+    conversation: str
+    """``question``, ``rank``, ``rank/2``, ``reward/text`` or ``reward/<cameras>/image``."""
+    request: dict[str, Any]
+    """The canonical request."""
+    provider: str
+    model: str
+    """The model asked for."""
+    sampling: dict[str, Any]
+    outcome: str
+    answer: str
+    detail: str
+    answered_by: str | None
+    tokens_in: int | None
+    tokens_out: int | None
+    attempts: tuple[int | str, ...]
+    seconds: float
+    time: str
+
+    @property
+    def usable(self) -> bool:
+        """Whether the model said something that a conversation can go on from."""
+        return self.outcome in ("answered", "truncated")
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Who was asked and how, as in ``LiveConfig``."""
+        return {"provider": self.provider, "model": self.model, "sampling": self.sampling}
+
+
+class Transcript:
+    """The transcript in a folder, and the pictures that were shown, beside it.
+
+    Args:
+        folder: with ``transcript.jsonl`` and ``images/``; made when something is written.
+
+    Raises:
+        ValueError: a line that is no exchange.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self.path = folder / TRANSCRIPT
+        self.torn: str | None = None
+        """What was left out of the file: a last line without its end."""
+        self.exchanges: list[Exchange] = list(self._read())
+
+    def add(self, exchange: Exchange, request: Request) -> None:
+        """Append an exchange, and its pictures where they are new."""
+        for picture in request.pictures:
+            self.save(picture)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if self.torn is not None:
+            whole = self.path.read_bytes().rfind(b"\n") + 1
+            os.truncate(self.path, whole)
+            self.torn = None
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(_line(exchange))
+            file.flush()
+            os.fsync(file.fileno())
+        self.exchanges.append(exchange)
+
+    def save(self, picture: Picture) -> None:
+        """Keep a picture as ``images/<hash>.png``, once."""
+        path = self.folder / IMAGES / f"{picture.sha256}.png"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            partial = path.with_suffix(".partial")
+            partial.write_bytes(picture.png)
+            partial.replace(path)
+
+    def picture(self, sha256: str) -> Picture:
+        """A picture that was kept.
+
+        Raises:
+            ValueError: it is not there, or not what its name says.
+        """
+        path = self.folder / IMAGES / f"{sha256}.png"
+        if not path.is_file():
+            raise ValueError(f"{path}: missing; it belongs to the record")
+        picture = Picture(path.read_bytes())
+        if picture.sha256 != sha256:
+            raise ValueError(f"{path}: its content is not what its name says")
+        return picture
+
+    def retire(self, chosen: Callable[[str], bool]) -> None:
+        """Take conversations out; the whole file as it was is kept under a number."""
+        kept = [exchange for exchange in self.exchanges if not chosen(exchange.conversation)]
+        if len(kept) < len(self.exchanges):
+            Run(self.folder).write(TRANSCRIPT, "".join(map(_line, kept)))
+            self.exchanges, self.torn = kept, None
+
+    def _read(self) -> Iterator[Exchange]:
+        if not self.path.exists():
+            return
+        # Bytes: the cut may be inside a character.
+        *lines, rest = self.path.read_bytes().split(b"\n")
+        for number, line in enumerate(lines, 1):
+            try:
+                values = json.loads(line)
+                yield Exchange(**{**values, "attempts": tuple(values["attempts"])})
+            except (ValueError, TypeError, KeyError) as error:
+                raise ValueError(f"{self.path}: line {number} is no exchange: {error}") from error
+        if rest:
+            self.torn = f"{self.path}: line {len(lines) + 1} is cut off and left out"
+
+
+def _line(exchange: Exchange) -> str:
+    return json.dumps(asdict(exchange), ensure_ascii=False) + "\n"

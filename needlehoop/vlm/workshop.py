@@ -1,0 +1,41 @@
+"""The language of rewards and its judge, as the conversation about them needs both."""
+
+from __future__ import annotations
+
+from needlehoop.rewards.functions import FUNCTIONS
+from needlehoop.rewards.grammar import ProgramError
+from needlehoop.rewards.language import compile_program
+from needlehoop.settings import Settings
+from needlehoop.vlm.gates import Gates, card, collect
+from needlehoop.vlm.writing import Verdict, Workshop
+
+_RESULT = (
+    "The program's value is what it last assigns to the variable reward. Assigned names may not be"
+    " those of signals or functions."
+)
+
+
+def open_workshop(settings: Settings, gates: Gates) -> Workshop:
+    """What a model is told of the language, and the gates as its judge.
+
+    Args:
+        settings: the environment in which the gates' trajectories are recorded, once.
+        gates: what is asked of a program.
+    """
+    trajectories = collect(settings, gates)
+
+    def judge(source: str) -> Verdict:
+        try:
+            program = compile_program(source)
+        except ProgramError as error:
+            return Verdict(False, str(error), {})
+        found = card(program, settings, gates, trajectories)
+        return Verdict(found.passed, "; ".join(found.reasons), found.as_dict())
+
+    return Workshop(
+        functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},
+        result=_RESULT,
+        lowest=gates.low,
+        highest=gates.high,
+        judge=judge,
+    )
