@@ -82,6 +82,7 @@ class Conversation:
             self._say("user", fill("again", reason=reason))
         raise NoAnswerError(
             f"{self.name}: no usable answer in {self._attempts} attempts; the last: {reason}"
+            " (all are recorded; more attempts= go on from there)"
         )
 
     def totals(self) -> dict[str, int]:
