@@ -251,6 +251,7 @@ def test_a_refusal_is_said(study, words, server, capsys):
     server.script[:] = [{"refusal": "PROHIBITED_CONTENT"}]
     assert main(["vlm", "reward", *words, CAMS]) == 2
     assert "refused to answer: PROHIBITED_CONTENT" in capsys.readouterr().err
+    assert not (study / "rewards").exists()
 
 
 def test_a_line_cut_off_is_reported_by_name(study, capsys):

@@ -237,7 +237,7 @@ def subtasks(name: str) -> dict:
         (reply('{"first": {"na'), "Invalid JSON"),
         (reply('{"first": {"name": "a", "description": "b"}}'), "second: Field required"),
         (reply(json.dumps({**subtasks("a"), "third": 1})), "third: Extra inputs"),
-        (reply(json.dumps(subtasks(""))), "at least 1 character"),
+        (reply(json.dumps(subtasks(""))), "first.name: Value error, it is empty"),
         (reply('{"first"', "truncated", "MAX_TOKENS"), "cut off at the limit of length"),
     ],
 )

@@ -67,7 +67,7 @@ def _question(options: argparse.Namespace) -> None:
         suits, subtask = answers["suits"][part], answers["subtasks"][part]
         print(f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view")
     for what in ("goal", "lifted"):
-        print(f"{what} seen by: {answers[what]['rendering']}, {answers[what]['view']} view")
+        print(f"{what}: best shown by {answers[what]['rendering']}, {answers[what]['view']} view")
     print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
     _report(found["totals"])
 

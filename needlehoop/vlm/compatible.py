@@ -38,7 +38,7 @@ class Compatible:
     def ask(self, request: Request) -> Reply:
         """See ``Provider``."""
         messages: list[Any] = [_message(message) for message in request.messages]
-        form = {"name": "answer", "schema": dict(request.schema), "strict": True}
+        form: Any = {"name": "answer", "schema": dict(request.schema), "strict": True}
         try:
             completion = self._connect().chat.completions.create(
                 model=self._config.model,

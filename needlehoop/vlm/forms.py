@@ -8,17 +8,27 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 
+def _not_empty(value: str) -> str:
+    if not value.strip():
+        raise ValueError("it is empty")
+    return value
+
+
+# Not pydantic's min_length: some servers refuse schemas that have one.
+Text = Annotated[str, AfterValidator(_not_empty)]
+
+
 class Form(BaseModel):
     """An answer: all fields, and no others."""
 
-    model_config = ConfigDict(extra="forbid", str_min_length=1)
+    model_config = ConfigDict(extra="forbid")
 
 
 class Subtask(Form):
     """A part of the task."""
 
-    name: str
-    description: str
+    name: Text
+    description: Text
 
 
 class Subtasks(Form):
@@ -31,8 +41,8 @@ class Subtasks(Form):
 class Program(Form):
     """A reward program and the thoughts behind it."""
 
-    explanation: str
-    program: str
+    explanation: Text
+    program: Text
 
 
 def one_of(valid: Sequence[str]) -> Any:
@@ -52,9 +62,9 @@ def choice(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
         "Choice",
         __base__=Form,
         view=(one_of(views), ...),
-        view_reason=(str, ...),
+        view_reason=(Text, ...),
         rendering=(one_of(renderings), ...),
-        rendering_reason=(str, ...),
+        rendering_reason=(Text, ...),
     )
 
 
@@ -66,7 +76,7 @@ def choices(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
 
 def ranking(names: Sequence[str]) -> type[Form]:
     """All of ``names``, each once, the best first, each with a reason."""
-    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(str, ...))
+    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(Text, ...))
 
     def check(places: list[Any]) -> list[Any]:
         given = [entry.name for entry in places]
@@ -80,5 +90,5 @@ def ranking(names: Sequence[str]) -> type[Form]:
             )
         return places
 
-    kind = Annotated[list[place], AfterValidator(check)]
+    kind: Any = Annotated[list[place], AfterValidator(check)]
     return create_model("Ranking", __base__=Form, places=(kind, ...))

@@ -138,9 +138,10 @@ class Inquiry(AbstractContextManager):
             program = write_program(work, prompt, workshop)
         finally:
             # Those of a failure above all.
-            path.parent.mkdir(parents=True, exist_ok=True)
             rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in work.attempts())
-            self._files.write(f"{place}/{flavour}.attempts.jsonl", rows)
+            if rows:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._files.write(f"{place}/{flavour}.attempts.jsonl", rows)
         self._files.write(f"{place}/{flavour}.txt", program)
         return path, work.conversation.totals()
 
