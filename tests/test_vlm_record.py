@@ -302,6 +302,10 @@ def test_a_choice_is_among_what_was_shown():
     names = schema_of(form)["properties"]
     assert names["view"] == {"type": "string", "enum": ["front", "side"]}
     assert "title" not in json.dumps(schema_of(form))
+    part = schema_of(Subtasks)["$defs"]["Subtask"]
+    assert part["required"] == ["name", "description"]
+    assert part["properties"]["description"] == {"type": "string"}
+    assert "description" not in part
     with pytest.raises(ValidationError, match="'top' is not one of front, side"):
         form.model_validate(
             {"view": "top", "view_reason": "r", "rendering": "rgb", "rendering_reason": "r"}

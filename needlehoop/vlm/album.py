@@ -97,6 +97,7 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
             for name, r in s.renderings.items()
         },
         "seed": s.seed,
+        "quality": s.quality,
         "size": size,
     }
     return json.loads(json.dumps(values))
@@ -104,7 +105,7 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Picture]]:
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
-    s = replace(settings, cams=cameras, image_size=size, quality=2, num_envs=1)
+    s = replace(settings, cams=cameras, image_size=size, num_envs=1)
     depths = {camera.name: s.renderings[camera.rendering].depth for camera in s.cameras}
     return {
         state: {name: _png(to_rgb(image, depths[name])) for name, image in images.items()}

@@ -113,18 +113,22 @@ def models(attempts: Sequence[Attempt]) -> list[str]:
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:
-    """A form's JSON schema, without the titles that pydantic makes of the names."""
-    return _without_titles(form.model_json_schema())
+    """A form's JSON schema, without titles and descriptions: those come from our source.
+
+    They would be part of what is hashed, and a reworded docstring would lose recordings.
+    """
+    return _without_notes(form.model_json_schema())
 
 
-def _without_titles(value: Any) -> Any:
+def _without_notes(value: Any) -> Any:
     if isinstance(value, dict):
         return {
-            key: _without_titles(inner)
+            key: _without_notes(inner)
             for key, inner in value.items()
-            if not (key == "title" and isinstance(inner, str))
+            # As a field's name, either stands before a dict.
+            if not (key in ("title", "description") and isinstance(inner, str))
         }
-    return [_without_titles(inner) for inner in value] if isinstance(value, list) else value
+    return [_without_notes(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
