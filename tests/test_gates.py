@@ -25,6 +25,10 @@ reward = held + near + through
 FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
 
 
+def made(overrides: list[str]) -> Gates:
+    return config.as_type(config.compose(overrides, "check")["gates"], Gates, "gates")
+
+
 @pytest.fixture(scope="module")
 def gates() -> Gates:
     return replace(made([]), episodes=4, random_signals=2000)
