@@ -21,12 +21,13 @@ from tqdm import tqdm
 
 from needlehoop import config, rewards
 from needlehoop.evaluate import assess, evaluate, film, load_agent, report
+from needlehoop.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.interruption import Interruption
 from needlehoop.job import Job
 from needlehoop.learner import Learner
 from needlehoop.loggers import Logger, build_logger
 from needlehoop.metrics import episode_columns, peak_memory
-from needlehoop.run import EVALUATIONS, METRICS, VIDEO, Run
+from needlehoop.run import Run
 
 
 def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> bool:

@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from needlehoop import config
 from needlehoop.vlm.commands import add_commands as add_vlm_commands
 
 
@@ -105,6 +104,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _snapshot(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.pictures import contact_sheet
 
     values = config.compose(options.overrides, "snapshot")
@@ -116,6 +116,7 @@ def _snapshot(options: argparse.Namespace) -> None:
 
 
 def _picture(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.pictures import portrait
 
     values = config.compose(options.overrides, "picture")
@@ -146,6 +147,7 @@ def _save(image: Any, out: Path) -> None:
 
 
 def _expert(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.trials import run_trials
 
     values = config.compose(options.overrides, "expert")
@@ -184,9 +186,11 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
 
 
 def _evaluate(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.evaluate import assess, film, load_agent, report
+    from needlehoop.files import VIDEO
     from needlehoop.job import pick_device
-    from needlehoop.run import VIDEO, Run
+    from needlehoop.run import Run
 
     run = Run.open(options.run_folder)
     values, job = config.compose(options.overrides, "evaluate"), config.job(run.config())
@@ -205,6 +209,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.viewer import view
 
     values = config.compose(options.overrides, "view")
@@ -212,6 +217,8 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _bench(options: argparse.Namespace) -> None:
+    from needlehoop import config
+
     given = [f"what={word}" if "=" not in word else word for word in options.overrides]
     if "what=train" in given:
         found: dict[str, Any] = _bench_train([word for word in given if word != "what=train"])
@@ -242,6 +249,7 @@ def _bench(options: argparse.Namespace) -> None:
 
 
 def _bench_train(overrides: list[str]) -> dict[str, Any]:
+    from needlehoop import config
     from needlehoop.bench_train import measure_training
 
     values = config.compose(overrides, "bench_train")

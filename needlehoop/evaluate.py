@@ -16,6 +16,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop.env import NeedleHoopEnv
+from needlehoop.files import EVALUATION
 from needlehoop.images import Imager
 from needlehoop.job import Job
 from needlehoop.learner import build_agent
@@ -23,7 +24,7 @@ from needlehoop.networks import Agent
 from needlehoop.observer import Observer
 from needlehoop.pictures import record
 from needlehoop.rollout import Outcome, run_batches
-from needlehoop.run import EVALUATION, Run
+from needlehoop.run import Run
 from needlehoop.settings import Settings, build
 from needlehoop.signals import Signals
 from needlehoop.simulation import Simulation

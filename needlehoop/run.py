@@ -20,9 +20,7 @@ from typing import Any
 import torch
 import yaml
 
-METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
-CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
-CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
+from needlehoop.files import CHECKPOINT, CONFIG, MANIFEST, REWARD
 
 _PACKAGES = (
     "needlehoop",

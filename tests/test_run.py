@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from needlehoop.run import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, Run
+from needlehoop.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD
+from needlehoop.run import Run
 
 CPU = torch.device("cpu")
 VALUES = {"study": "main", "cams": ["seg_side"], "algo": {"gamma": 0.99}, "resume": None}

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from needlehoop import config
 
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
@@ -56,6 +55,7 @@ def add_ask_commands(commands: Any, workshop: Callable[[dict[str, Any]], Worksho
 
 
 def _question(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.vlm.questions import Questions
 
     values = config.compose(options.overrides, "vlm_question")
@@ -73,6 +73,7 @@ def _question(options: argparse.Namespace) -> None:
 
 
 def _rank(options: argparse.Namespace) -> None:
+    from needlehoop import config
     from needlehoop.vlm.questions import Questions
     from needlehoop.vlm.ranking import Lists
 
@@ -90,6 +91,8 @@ def _rank(options: argparse.Namespace) -> None:
 
 
 def _reward(options: argparse.Namespace, workshop: Callable[[dict[str, Any]], Workshop]) -> None:
+    from needlehoop import config
+
     values = config.compose(options.overrides, "vlm_reward")
     with _open(values) as inquiry:
         path, totals = inquiry.reward(values["flavour"], workshop(values))
@@ -98,6 +101,7 @@ def _reward(options: argparse.Namespace, workshop: Callable[[dict[str, Any]], Wo
 
 
 def _open(values: dict[str, Any]) -> Inquiry:
+    from needlehoop import config
     from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
     from needlehoop.vlm.provider import LiveConfig, ReplayConfig
 

@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-from needlehoop import config
 
 
 def add_check_command(commands: Any) -> None:
@@ -31,6 +30,7 @@ def add_check_command(commands: Any) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from needlehoop import config
     from needlehoop.rewards.grammar import ProgramError
     from needlehoop.rewards.language import compile_program
     from needlehoop.rewards.written import find, read

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from needlehoop import config
 from needlehoop.vlm.ask_commands import add_ask_commands
 from needlehoop.vlm.check_command import add_check_command
 
@@ -23,6 +22,7 @@ def add_commands(commands: Any) -> None:
 
 def workshop(values: dict[str, Any]) -> Workshop:
     """The language of rewards and its judge, for a composed config."""
+    from needlehoop import config
     from needlehoop.vlm.gates import Gates
     from needlehoop.vlm.workshop import open_workshop
 

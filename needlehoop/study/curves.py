@@ -1,0 +1,161 @@
+"""Learning curves: the paper's Figures 6 and 7 over a study's own runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from needlehoop.study import paper
+from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
+from needlehoop.study.findings import Findings
+from needlehoop.study.records import Record
+from needlehoop.study.statistics import band
+from needlehoop.study.style import COLOURS, DASHES, label_ends, new_figure
+
+_POINTS = 120
+_WINDOW = 0.04
+"""Width of the moving mean over training, as a share of the longest run."""
+_PANEL = 7
+"""Curves in a panel, at most: one for each colour."""
+
+
+class MissingDataError(ValueError):
+    """A study without what a figure shows; the message says what is missing."""
+
+
+def learning_curves(findings: Findings) -> Figure:
+    """Return over training for each combination, in the paper's three lists, then the rest.
+
+    Raises:
+        MissingDataError: no run has a learning curve.
+    """
+    drawn = {result.cameras: result for result in findings.ranked if _curves(result.runs)}
+    if not drawn:
+        raise MissingDataError("no learning curves")
+    panels = []
+    for name, members in paper.lists().items():
+        own = [drawn[cameras] for cameras in drawn if cameras in members]
+        panels.append((LISTS[name], own))
+    listed = {cameras for members in paper.lists().values() for cameras in members}
+    rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
+    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
+    panels = [(title, own) for title, own in panels if own]
+    figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
+    _panels(
+        figure,
+        grid[:, 0],
+        [
+            (title, [(label(result.cameras), result.runs) for result in own])
+            for title, own in panels
+        ],
+    )
+    return figure
+
+
+def reward_comparison(findings: Findings) -> Figure:
+    """Return over training by reward, for each combination trained with several.
+
+    Raises:
+        MissingDataError: no combination was trained with two rewards.
+    """
+    panels = []
+    for result in findings.ranked:
+        rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
+        if len(rivals) > 1:
+            # A reward keeps its colour from panel to panel.
+            rivals.sort(key=lambda r: (_order(r.reward), r.reward))
+            panels.append(
+                (label(result.cameras), [(reward_label(r.reward), r.runs) for r in rivals])
+            )
+    if not panels:
+        raise MissingDataError("no combination with learning curves for two rewards")
+    figure, grid = new_figure(6 + 40 * len(panels), len(panels), sharex=True)
+    _panels(figure, grid[:, 0], panels)
+    return figure
+
+
+def _order(reward: str) -> int:
+    return list(REWARDS).index(reward) if reward in REWARDS else len(REWARDS)
+
+
+def _panels(
+    figure: Figure,
+    column: Sequence[Axes],
+    panels: Sequence[tuple[str, Sequence[tuple[str, tuple[Record, ...]]]]],
+) -> None:
+    runs = [run for _, lines in panels for _, some in lines for run in some]
+    longest = max(run.steps for run in runs)
+    steps = np.linspace(0, longest, _POINTS)
+    # One scale for all panels, so that they can be compared.
+    ends = []
+    for axes, (title, lines) in zip(column, panels, strict=True):
+        axes.set_title(title)
+        axes.set_ylabel("return")
+        ends.append([_line(axes, steps, i, name, runs) for i, (name, runs) in enumerate(lines)])
+    low = min(axes.get_ylim()[0] for axes in column)
+    high = max(axes.get_ylim()[1] for axes in column)
+    for axes in column:
+        axes.set_ylim(low, high)
+        axes.set_xlim(0, longest / 1e6)
+        axes.grid(axis="y", linewidth=0.3)
+    column[-1].set_xlabel("environment steps, millions")
+    # Room for the names, then names: they need to know how tall the axes came out.
+    figure.get_layout_engine().set(rect=(0, 0, 0.7, 1))
+    figure.draw_without_rendering()
+    for axes, own in zip(column, ends, strict=True):
+        label_ends(axes, own, 1.06 * longest / 1e6)
+    # The names are not the layout's business.
+    figure.set_layout_engine("none")
+
+
+def _line(
+    axes: Axes, steps: np.ndarray, i: int, name: str, runs: tuple[Record, ...]
+) -> tuple[str, float, float, str]:
+    """Draw the IQM and the interval over seeds; returns where the line ends."""
+    colour = COLOURS[i % len(COLOURS)]
+    middle, low, high = band(np.array([_on(run, steps) for run in _curves(runs)]))
+    million = steps / 1e6
+    axes.plot(million, middle, color=colour, linestyle=DASHES[i % len(DASHES)])
+    axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
+    last = np.flatnonzero(~np.isnan(middle))[-1]
+    return name, float(million[last]), float(middle[last]), colour
+
+
+def _curves(runs: Iterable[Record]) -> list[Record]:
+    """Runs in which at least one episode ended."""
+    return [
+        run for run in runs if run.metrics is not None and not np.isnan(run.metrics["return"]).all()
+    ]
+
+
+def _on(run: Record, steps: np.ndarray) -> np.ndarray:
+    """A run's return on a grid of steps, as a moving mean; NaN beyond what it has.
+
+    Buffers in which no episode ended have no return.
+    """
+    return moving_mean(run, "return", steps, _WINDOW * steps[-1])
+
+
+def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:
+    """A column of ``metrics.csv`` on a grid of steps; NaN beyond what the run has.
+
+    Args:
+        run: with metrics.
+        column: such as ``success``.
+        steps: rising, ``(points,)``.
+        window: steps before each point over which it is the mean.
+    """
+    assert run.metrics is not None
+    at, values = run.metrics["step"], run.metrics[column]
+    known = ~np.isnan(values)
+    at, values = at[known], values[known]
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.searchsorted(at, steps - window, side="right")
+    last = np.searchsorted(at, steps, side="right")
+    count = last - first
+    with np.errstate(invalid="ignore"):
+        means = (sums[last] - sums[first]) / np.where(count > 0, count, np.nan)
+    return np.where(steps <= at[-1] if len(at) else False, means, np.nan)

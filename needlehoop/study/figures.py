@@ -1,0 +1,89 @@
+"""All figures of a study, as files."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from needlehoop.study.charts import final_values, success_and_cheats, time_to_threshold
+from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
+from needlehoop.study.findings import Findings
+from needlehoop.study.style import save, styled
+
+CONTACT_SHEET = "contact_sheet.png"
+"""In a study's folder; only the simulator can make one, so it is copied."""
+
+_DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
+    "learning_curves": (
+        learning_curves,
+        "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
+        " bootstrap intervals; each point is the mean over the last 4 % of the longest run.",
+    ),
+    "rewards": (
+        reward_comparison,
+        "Rewards compared, as the paper's Figure 7. Each curve is in its own reward's"
+        " points; success rates compare across rewards, returns do not.",
+    ),
+    "final_values": (
+        final_values,
+        "Combinations by final return, with success; interquartile means and 95 % intervals.",
+    ),
+    "success_and_cheats": (
+        success_and_cheats,
+        "Success against cheating: needle threaded, or goal touched without threading.",
+    ),
+    "time_to_threshold": (
+        time_to_threshold,
+        "Steps until half of the training episodes succeed, over five buffers; a dot per run.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure's files, or why there are none."""
+
+    name: str
+    caption: str
+    files: tuple[Path, ...]
+    missing: str | None
+
+
+def draw(findings: Findings, folder: Path) -> list[Drawn]:
+    """Draw everything there is data for, as PNG and SVG.
+
+    Args:
+        findings: of a study, or of the paper.
+        folder: for the files; made where missing. Older figures there are replaced, or
+            removed where there is nothing to draw any more.
+    """
+    drawn = [_contact_sheet(findings, folder)]
+    for name, (figure, caption) in _DRAWN.items():
+        for suffix in (".png", ".svg"):
+            (folder / f"{name}{suffix}").unlink(missing_ok=True)
+        try:
+            with styled():
+                files = save(figure(findings), folder / name)
+        except MissingDataError as error:
+            drawn.append(Drawn(name, caption, (), str(error)))
+        else:
+            drawn.append(Drawn(name, caption, tuple(files), None))
+    return drawn
+
+
+def _contact_sheet(findings: Findings, folder: Path) -> Drawn:
+    caption = "Start and goal in every view and rendering, as the paper's Figure 2."
+    if findings.study is None:
+        return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
+    source = findings.study.folder / CONTACT_SHEET
+    if not source.exists():
+        how = f"make it with: needlehoop snapshot out={source}"
+        return Drawn("contact_sheet", caption, (), how)
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / CONTACT_SHEET
+    shutil.copyfile(source, copy)
+    return Drawn("contact_sheet", caption, (copy,), None)

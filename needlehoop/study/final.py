@@ -1,0 +1,65 @@
+"""The final value of a run: the one place that says what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from needlehoop.study.records import Record
+
+_TAIL = 0.1
+"""Of an unfinished run's steps so far: its evaluations in this last share are averaged."""
+
+
+@dataclass(frozen=True)
+class Final:
+    """Means over deterministic episodes that training does not see."""
+
+    value: float
+    """The return: the mean final potential."""
+    success: float
+    """Share of episodes that end threaded."""
+    cheat: float
+    """Share that touched the goal without threading."""
+    episodes: int
+    steps: int
+    """Of training, when it was measured."""
+    finished: bool
+    """Whether the run's training was over."""
+
+
+def final(run: Record) -> Final | None:
+    """A run's final value; ``None`` where nothing has been evaluated.
+
+    It is ``evaluation.json`` (100 episodes, written when training is done). Before that
+    is there, or where it is older than the evaluations on the way, it is the mean over the
+    rows of ``evaluations.csv`` in the last tenth of the steps so far, and not ``finished``.
+    """
+    rows, last = run.evaluations, run.evaluation
+    newest = 0 if rows is None else int(rows["step"][-1])
+    if last is not None and (run.finished or (last.get("steps_trained") or 0) >= newest):
+        return Final(
+            value=float(last["return"]),
+            success=float(last["success"]),
+            cheat=float(last["cheat"]),
+            episodes=int(last["episodes"]),
+            steps=int(last.get("steps_trained") or run.steps),
+            finished=run.finished,
+        )
+    if rows is None:
+        return None
+    tail = rows["step"] > newest * (1.0 - _TAIL)
+    episodes = rows["episodes"][tail]
+
+    def mean(column: str) -> float:
+        return float(np.average(rows[column][tail], weights=episodes))
+
+    return Final(
+        value=mean("return"),
+        success=mean("success"),
+        cheat=mean("cheat"),
+        episodes=int(episodes.sum()),
+        steps=newest,
+        finished=False,
+    )

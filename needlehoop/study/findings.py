@@ -1,0 +1,119 @@
+"""What a study found, combination by combination: what figures, tables and report show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from needlehoop.study import paper
+from needlehoop.study.answers import Answers, read_answers
+from needlehoop.study.combinations import HUMAN
+from needlehoop.study.final import Final, final
+from needlehoop.study.records import LeftOut, Record, Study, read_study
+from needlehoop.study.statistics import Estimate, estimate
+
+
+@dataclass(frozen=True)
+class Result:
+    """One combination of cameras with one reward, over its seeds."""
+
+    cameras: str
+    reward: str
+    runs: tuple[Record, ...]
+    """Those with a final value; none for the paper's."""
+    finals: tuple[Final, ...]
+    value: Estimate
+    """Of the final return."""
+    success: Estimate | None
+    """``None`` where only returns were published."""
+    cheat: Estimate | None
+
+    @property
+    def unfinished(self) -> int:
+        """Runs whose final value is of an agent still in training."""
+        return sum(not found.finished for found in self.finals)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A study, or the paper's numbers in a study's place."""
+
+    title: str
+    study: Study | None
+    """``None``: the paper's."""
+    results: tuple[Result, ...]
+    """The best final return first."""
+    answers: Answers | None
+    left_out: tuple[LeftOut, ...]
+
+    @property
+    def main_reward(self) -> str:
+        """The reward under which cameras are compared: the human one, or the commonest."""
+        counts = Counter(result.reward for result in self.results)
+        return HUMAN if HUMAN in counts or not counts else counts.most_common(1)[0][0]
+
+    @property
+    def ranked(self) -> tuple[Result, ...]:
+        """Results with the main reward, the best first."""
+        return tuple(result for result in self.results if result.reward == self.main_reward)
+
+    @property
+    def seeds(self) -> int:
+        """The fewest seeds that a result has."""
+        return min((result.value.seeds for result in self.results), default=0)
+
+
+def study_findings(folder: Path) -> Findings:
+    """What the runs under a study's folder say.
+
+    Raises:
+        ValueError: no such folder.
+    """
+    study = read_study(folder)
+    answers, unread = read_answers(folder)
+    left_out = list(study.left_out) + unread
+    results = []
+    for (cameras, reward), runs in groupby(
+        study.runs, key=lambda run: (run.place.cameras, run.place.reward)
+    ):
+        pairs = []
+        for run in runs:
+            found = final(run)
+            if found is None:
+                where = run.folder.relative_to(folder)
+                left_out.append(LeftOut(where, "not evaluated yet: it has no final value"))
+            else:
+                pairs.append((run, found))
+        if pairs:
+            results.append(_result(cameras, reward, pairs))
+    results.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
+    title = folder.resolve().name
+    return Findings(title, study, tuple(results), answers, tuple(left_out))
+
+
+def paper_findings() -> Findings:
+    """The paper's Table I, Table II and Figure 7, where they are in numbers."""
+    values = {(name, HUMAN): value for name, value in paper.measured().items()}
+    values |= {(row.cameras, row.reward): row.value for row in paper.rewards()}
+    results = [
+        Result(cameras, reward, (), (), estimate([[value]]), None, None)
+        for (cameras, reward), value in values.items()
+    ]
+    results.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
+    return Findings("the paper's numbers", None, tuple(results), paper.answers(), ())
+
+
+def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+    finals = tuple(found for _, found in pairs)
+    return Result(
+        cameras,
+        reward,
+        tuple(run for run, _ in pairs),
+        finals,
+        value=estimate([[found.value for found in finals]]),
+        success=estimate([[found.success for found in finals]]),
+        cheat=estimate([[found.cheat for found in finals]]),
+    )

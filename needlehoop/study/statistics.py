@@ -1,0 +1,131 @@
+"""Statistics over seeds: interquartile means, bootstrap intervals, chances to be better.
+
+After Agarwal et al., "Deep RL at the Edge of the Statistical Precipice" (2021): runs are
+resampled within each stratum, and 95 % intervals are the percentiles of what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import trim_mean
+
+_RESAMPLES = 2_000
+_LEVEL = 0.95
+
+ONE_SEED = "one seed, no interval"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and, with two seeds or more in a stratum, its 95 % interval."""
+
+    value: float
+    low: float | None
+    high: float | None
+    seeds: int
+    """Runs in the smallest stratum."""
+
+    @property
+    def interval(self) -> str:
+        """The interval in words."""
+        return ONE_SEED if self.low is None else f"{self.low:.2f} to {self.high:.2f}"
+
+
+def iqm(values: np.ndarray, axis: int | None = None) -> np.ndarray:
+    """Mean of the middle half; of fewer than four values, the mean of all of them."""
+    return trim_mean(values, 0.25, axis=axis)
+
+
+def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> Estimate:
+    """The IQM over all runs.
+
+    Args:
+        strata: the runs' values, by stratum: one for a combination's seeds; several, such as
+            one for each combination, to sum up over them.
+        seed: of the resampling.
+
+    Raises:
+        ValueError: no stratum, an empty one, or a value that is not finite.
+    """
+    groups = _checked(strata)
+    fewest = min(map(len, groups))
+    value = float(iqm(np.concatenate(groups)))
+    if fewest < 2:
+        return Estimate(value, None, None, fewest)
+    generator = np.random.default_rng(seed)
+    drawn = np.concatenate([_resample(group, generator) for group in groups], axis=1)
+    return Estimate(value, *_percentiles(iqm(drawn, axis=1)), fewest)
+
+
+def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> Estimate:
+    """The chance that a run of one combination ends above a run of another; a tie is half.
+
+    Raises:
+        ValueError: as in ``estimate``.
+    """
+    a, b = _checked([better, worse])
+    value = float(_above(a[None], b[None])[0])
+    fewest = min(len(a), len(b))
+    if fewest < 2:
+        return Estimate(value, None, None, fewest)
+    generator = np.random.default_rng(seed)
+    drawn = _above(_resample(a, generator), _resample(b, generator))
+    return Estimate(value, *_percentiles(drawn), fewest)
+
+
+def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """IQM and interval at every point of curves.
+
+    Args:
+        curves: ``(seeds, points)``; NaN where a run has not come so far.
+        seed: of the resampling; whole runs are drawn, so the points hang together.
+
+    Returns:
+        Middle, low and high, ``(points,)`` each; low and high are NaN where there are fewer
+        than two runs.
+    """
+    present = ~np.isnan(curves)
+    middle, low, high = (np.full(curves.shape[1], np.nan) for _ in range(3))
+    # Runs end at few different steps: each stretch with the same runs is one resampling.
+    for who in np.unique(present, axis=1).T:
+        here = (present == who[:, None]).all(axis=0)
+        stretch = curves[who][:, here]
+        if len(stretch):
+            middle[here] = iqm(stretch, axis=0)
+        if len(stretch) > 1:
+            generator = np.random.default_rng(seed)
+            picks = generator.integers(len(stretch), size=(_RESAMPLES // 4, len(stretch)))
+            drawn = iqm(stretch[picks], axis=1)
+            low[here], high[here] = np.percentile(drawn, _limits(), axis=0)
+    return middle, low, high
+
+
+def _above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Share of pairs in which a run of ``a`` ``(k, n)`` beats one of ``b`` ``(k, m)``."""
+    difference = a[:, :, None] - b[:, None, :]
+    return ((np.sign(difference) + 1.0) / 2.0).mean(axis=(1, 2))
+
+
+def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
+
+
+def _limits() -> tuple[float, float]:
+    return 50.0 * (1.0 - _LEVEL), 50.0 * (1.0 + _LEVEL)
+
+
+def _percentiles(drawn: np.ndarray) -> tuple[float, float]:
+    low, high = np.percentile(drawn, _limits())
+    return float(low), float(high)
+
+
+def _checked(strata: Sequence[Sequence[float]]) -> list[np.ndarray]:
+    groups = [np.asarray(stratum, dtype=float) for stratum in strata]
+    if not groups or any(not len(group) for group in groups):
+        raise ValueError("strata: each needs at least one run")
+    if not all(np.isfinite(group).all() for group in groups):
+        raise ValueError("strata: a value is not finite")
+    return groups

@@ -1,0 +1,111 @@
+"""How figures look: column width, colours that all can tell apart, files that repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.optimize import isotonic_regression
+
+WIDTH = 85 / 25.4
+"""A journal's column, inches."""
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, less the yellow that white paper swallows."""
+
+DASHES = ("-", "--", "-.", ":")
+INK, FAINT = "#22262e", "#8a8f98"
+SUCCESS, CHEAT = COLOURS[0], COLOURS[1]
+
+_SETTINGS = {
+    "font.family": "DejaVu Sans",
+    "font.size": 7,
+    "axes.titlesize": 7.5,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.labelsize": 7,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.2,
+    "figure.dpi": 100,
+    "savefig.dpi": 300,
+    # Names of an SVG's parts come from this, not from a random number.
+    "svg.hashsalt": "needlehoop",
+    "svg.fonttype": "path",
+}
+
+
+def styled() -> Any:
+    """A context in which figures get the house's style."""
+    return mpl.rc_context(_SETTINGS)
+
+
+def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Any, Any]:
+    """A column-wide figure and its axes ``(rows, columns)``; ``height`` in mm."""
+    figure = Figure(figsize=(WIDTH, height / 25.4), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and SVG, the same bytes every time; returns their paths."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    png, svg = stem.with_suffix(".png"), stem.with_suffix(".svg")
+    with styled():
+        figure.savefig(png, metadata={"Software": None})
+        figure.savefig(svg, metadata={"Date": None, "Creator": None})
+    return [png, svg]
+
+
+def label_ends(axes: Axes, ends: Sequence[tuple[str, float, float, str]], right: float) -> None:
+    """Write names beside the ends of lines, apart from each other, each with a thin leader.
+
+    Args:
+        axes: with its limits set.
+        ends: name, x, y and colour of each line's end.
+        right: x where the names begin, in data units.
+    """
+    low, high = axes.get_ylim()
+    height = axes.get_position().height * axes.get_figure(root=True).get_figheight()
+    # 6.5 pt letters need 8 pt from line to line.
+    gap = 8.0 / 72.0 / height * (high - low)
+    ordered = sorted(ends, key=lambda end: end[2])
+    places = apart([end[2] for end in ordered], gap, low, high)
+    for (name, x, y, colour), place in zip(ordered, places, strict=True):
+        axes.plot(
+            [x, right],
+            [y, place],
+            color=colour,
+            linewidth=0.6,
+            clip_on=False,
+            solid_capstyle="butt",
+        )
+        axes.text(right, place, f" {name}", va="center", fontsize=6.5, clip_on=False)
+
+
+def apart(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """Places near the wanted ones (rising), at least ``gap`` from each other, within bounds.
+
+    Of all such places these lie nearest, in squares. Where the bounds are too tight for
+    all, the gap gives way.
+    """
+    n = len(wanted)
+    gap = min(gap, (high - low) / max(n - 1, 1))
+    steps = gap * np.arange(n)
+    # With the gaps taken out, "in order and apart" is just "in order".
+    fitted = isotonic_regression(np.asarray(wanted, dtype=float) - steps).x
+    return [float(x) for x in np.clip(fitted, low, high - gap * (n - 1)) + steps]

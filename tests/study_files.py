@@ -1,0 +1,149 @@
+"""Studies made up for tests, in the files that real runs leave."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from needlehoop import files
+from needlehoop.study import paper
+
+BUFFER = 10_240
+UPDATES = 97
+"""Of a run of 1 M steps."""
+
+PAIRS = tuple((name, "human") for name in paper.measured())
+"""The paper's 14 combinations."""
+
+REWARDED = tuple(
+    (name, reward)
+    for name in ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
+    for reward in ("vlm_text", "vlm_img")
+)
+"""The six runs of the paper's second comparison."""
+
+
+def write_study(
+    folder: Path, pairs: Iterable[tuple[str, str]] = PAIRS, seeds: int = 3, updates: int = UPDATES
+) -> Path:
+    """A study whose runs end near the paper's returns; those of ``vlm_text`` cheat."""
+    known = paper.measured()
+    for number, (cameras, reward) in enumerate(pairs):
+        goal = known.get(cameras, 5.0) - {"vlm_text": 3.0, "vlm_img": 1.0}.get(reward, 0.0)
+        for seed in range(seeds):
+            write_run(folder, cameras, reward, seed, goal, updates, 100 * number + seed)
+    return folder
+
+
+def write_run(
+    study: Path,
+    cameras: str,
+    reward: str = "human",
+    seed: int = 0,
+    goal: float = 8.0,
+    updates: int = UPDATES,
+    noise: int = 0,
+    steps: int = 1_000_000,
+) -> Path:
+    """One run, of ``updates`` buffers; it is finished if these are all of ``steps``."""
+    random = np.random.default_rng(noise)
+    folder = study / cameras / reward / f"seed{seed}"
+    folder.mkdir(parents=True)
+    goal += random.normal(0, 0.3)
+    planned = steps // BUFFER
+    middle, width = random.uniform(0.3, 0.6) * planned, 0.08 * planned
+    rows, evaluations = [], []
+    for update in range(1, updates + 1):
+        risen = 1 / (1 + np.exp((middle - update) / width))
+        value = goal * risen + (1 - risen) * -0.5 + random.normal(0, 0.15)
+        good = float(np.clip((value - 5.5) / 3.0, 0, 1))
+        cheat = (0.6 * risen, 0.2) if reward == "vlm_text" else (0.02 * risen, good)
+        at = {"update": update, "step": update * BUFFER, "wall_time": 16.0 * update}
+        facts = {"success": cheat[1], "cheat": cheat[0], "touched": sum(cheat)}
+        # No episode ends in the first buffer.
+        ended = update > 1
+        seen = {"return": value, **facts, "grasped": risen, "lifted": good, "length": 150.0}
+        rows.append(
+            {**at, "steps_per_second": BUFFER / 16.0, "episodes": 60 if ended else 0}
+            | {name: value if ended else "" for name, value in seen.items()}
+        )
+        if update % 10 == 0:
+            outcome = {"grasped": risen, "lifted": good, "return": value}
+            evaluations.append(
+                {**at, "episodes": 20, **facts, **outcome, "return_min": value - 1}
+                | {"return_max": value + 1, "steps": 150.0}
+            )
+    _csv(folder / files.METRICS, rows)
+    if evaluations:
+        _csv(folder / files.EVALUATIONS, evaluations)
+    finished = updates == planned
+    config = {
+        "cams": cameras.split("+"),
+        "obs": {"proprio": False, "signals": False, "frame_stack": 1},
+        "reward": {"kind": reward},
+        "algo": {"horizon": 128, "gamma": 0.99},
+        "num_envs": 80,
+        "seed": seed,
+        "steps": steps,
+        "study": study.name,
+    }
+    (folder / files.CONFIG).write_text(yaml.safe_dump(config))
+    manifest = {
+        "command": ["train.py", f"cams=[{cameras.replace('+', ',')}]", f"seed={seed}"],
+        "commit": "0123456789ab",
+        "versions": {"needlehoop": "0.1.0"},
+        "started": "2026-11-21T07:13:55Z",
+        "wall_time": 16.0 * updates,
+        "steps": updates * BUFFER,
+        "finished": finished,
+    }
+    (folder / files.MANIFEST).write_text(json.dumps(manifest))
+    (folder / files.REWARD).write_text(f"{reward} & its <source>\n")
+    if finished:
+        last = {"steps_trained": updates * BUFFER, "seed": 1_000_001, "episodes": 100}
+        last |= {name: rows[-1][name] for name in ("success", "cheat", "touched", "return")}
+        (folder / files.EVALUATION).write_text(json.dumps(last))
+    return folder
+
+
+def write_answers(folder: Path) -> None:
+    """What ``needlehoop vlm rank`` leaves, with the paper's orders."""
+    said = {"view": "front", "view_reason": "Shows height.", "rendering": "dep"}
+    said |= {"rendering_reason": "Shows <depth> & all."}
+    part = {"name": "Pick up", "description": "Grasp it."}
+    answers = {
+        "subtasks": {"first": part, "second": {**part, "name": "Insert"}},
+        "suits": {"first": said, "second": {**said, "view": "side", "rendering": "seg"}},
+        "goal": said,
+        "lifted": said,
+        "layouts": [
+            {"name": "front_and_side", "reason": "Two sides."},
+            {"name": "one_default", "reason": "One."},
+        ],
+    }
+    orders = [list(ranking.places) for ranking in paper.answers().rankings]
+    lists = [
+        {
+            "combinations": order,
+            "rankings": [[{"name": name, "reason": f"Because of {name}."} for name in order]],
+            "agreement": None,
+        }
+        for order in orders
+    ]
+    totals = {"prompts": 8, "tokens_in": 900, "tokens_out": 100, "invalid_answers": 0}
+    (folder / "vlm").mkdir(parents=True, exist_ok=True)
+    for name, found in (("questions", {"answers": answers}), ("rankings", {"lists": lists})):
+        whole = {**found, "models": ["test-model"], "totals": totals}
+        (folder / "vlm" / f"{name}.json").write_text(json.dumps(whole))
+
+
+def _csv(path: Path, rows: list[dict[str, float | str]]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
