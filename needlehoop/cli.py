@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from needlehoop.study.commands import add_commands as add_study_commands
 from needlehoop.vlm.commands import add_commands as add_vlm_commands
 
 
@@ -100,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     add_vlm_commands(commands)
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])
+    add_study_commands(commands)
     return parser
 
 

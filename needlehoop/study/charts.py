@@ -87,10 +87,8 @@ def success_and_cheats(findings: Findings) -> Figure:
             if found.low is not None and found.high is not None:
                 axes.plot([sign * found.low, sign * found.high], [y, y], color=INK, linewidth=0.8)
             if found.value > 0:
-                axes.text(
-                    sign * (beyond + 0.03), y, f"{100 * found.value:.0f} %", va="center", fontsize=6,
-                    ha="left" if sign > 0 else "right",
-                )  # fmt: skip
+                said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
+                axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
     axes.axvline(0, color=INK, linewidth=0.6)
     axes.set_xlim(-1.35, 1.35)
     axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])

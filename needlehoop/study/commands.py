@@ -1,0 +1,101 @@
+"""``needlehoop plot``, ``report`` and ``status``: no simulator, no torch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from needlehoop.study.findings import Findings
+
+PAPER = "paper"
+_STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands to the subparsers of ``needlehoop``."""
+    for name, run, summary in (
+        ("plot", _plot, "Draw a study's figures and write its tables."),
+        ("report", _report, "Write a study's report: one HTML page with everything in it."),
+    ):
+        command = commands.add_parser(name, help=summary, description=summary)
+        command.add_argument("study", metavar="STUDY", help=_STUDY)
+        command.add_argument(
+            "--out",
+            type=Path,
+            metavar="FOLDER",
+            help="where to write (the study's folder; for the paper's numbers, results/paper)",
+        )
+        command.set_defaults(run=run, overrides=[])
+    summary = "Show what of a study is done, running, failed or missing."
+    command = commands.add_parser("status", help=summary, description=summary)
+    command.add_argument("study", type=Path, metavar="STUDY", help="a study's folder")
+    command.set_defaults(run=_status, overrides=[])
+
+
+def _plot(options: argparse.Namespace) -> None:
+    from needlehoop.study.figures import draw
+    from needlehoop.study.tables import all_tables
+
+    _no_more(options)
+    findings, out = _open(options)
+    for drawn in draw(findings, out / "figures"):
+        for path in drawn.files:
+            print(path)
+        if drawn.missing:
+            print(f"{drawn.name}: not drawn, {drawn.missing}")
+    for table in all_tables(findings):
+        for path in table.write(out / "tables"):
+            print(path)
+    _say_left_out(findings)
+
+
+def _report(options: argparse.Namespace) -> None:
+    from needlehoop.study.figures import draw
+    from needlehoop.study.report import write_report
+
+    _no_more(options)
+    findings, out = _open(options)
+    page = out / "report.html"
+    write_report(
+        findings, draw(findings, out / "figures"), page, f"needlehoop report {options.study}"
+    )
+    print(page)
+    _say_left_out(findings)
+
+
+def _status(options: argparse.Namespace) -> None:
+    from needlehoop.study.records import read_study
+    from needlehoop.study.status import describe, standings
+
+    _no_more(options)
+    study = read_study(options.study)
+    print(describe(standings(study), study))
+
+
+def _open(options: argparse.Namespace) -> tuple[Findings, Path]:
+    """What is to be shown, and the folder for it."""
+    from needlehoop.study.findings import paper_findings, study_findings
+
+    if options.study == PAPER:
+        return paper_findings(), options.out or Path("results") / PAPER
+    folder = Path(options.study)
+    findings = study_findings(folder)
+    if not findings.results:
+        reasons = "".join(f"\n  {one}" for one in findings.left_out)
+        raise ValueError(f"{folder}: no run with a final value yet{reasons}")
+    return findings, options.out or folder
+
+
+def _say_left_out(findings: Findings) -> None:
+    if findings.left_out:
+        print(f"left out: {len(findings.left_out)}")
+        for one in findings.left_out:
+            print(f"  {one}")
+
+
+def _no_more(options: argparse.Namespace) -> None:
+    """These commands take no overrides."""
+    if options.overrides:
+        raise ValueError(f"{options.overrides[0]!r} is not understood; it takes one study")
