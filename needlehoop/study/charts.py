@@ -53,6 +53,7 @@ def final_values(findings: Findings) -> Figure:
             grid[0, 0].plot(
                 *zip(*own, strict=True), "D", markersize=3.2, markerfacecolor="white",
                 markeredgecolor=INK, markeredgewidth=0.7, label="the paper's",
+                clip_on=False, zorder=5,
             )  # fmt: skip
             figure.legend(loc="outside lower left", frameon=False, fontsize=6.5, handletextpad=0.2)
     if successes:

@@ -37,17 +37,17 @@ def results(findings: Findings) -> Table:
             (
                 str(place),
                 label(result.cameras),
-                reward_label(result.reward),
                 f"{result.value.value:.2f}",
                 result.value.interval,
                 _percent(result.success),
                 _interval(result.success),
                 _percent(result.cheat),
+                reward_label(result.reward),
                 str(result.value.seeds),
                 str(result.unfinished),
             )
         )
-    head = ("place", "cameras", "reward", "return", "95 %", "success, %", "95 %", "cheat, %")
+    head = ("place", "cameras", "return", "95 %", "success, %", "95 %", "cheat, %", "reward")
     note = "Interquartile means over seeds and bootstrap intervals of the final value."
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."

@@ -1,0 +1,86 @@
+"""IQM, intervals and chances against values worked out in other ways."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu
+
+from needlehoop.study.statistics import ONE_SEED, band, estimate, improvement, iqm
+
+values = st.lists(st.floats(-10, 10), min_size=2, max_size=8)
+
+
+def test_the_iqm_is_the_mean_of_the_middle_half():
+    assert iqm(np.array([100.0, 3.0, 2.0, -50.0])) == pytest.approx(2.5)
+    assert iqm(np.arange(8.0)) == pytest.approx(3.5)
+    assert iqm(np.array([9.0, 0.0, 0.0])) == pytest.approx(3.0)
+
+
+def test_one_seed_has_no_interval():
+    found = estimate([[8.5]])
+    assert (found.value, found.low, found.high, found.seeds) == (8.5, None, None, 1)
+    assert found.interval == ONE_SEED
+    assert estimate([[8.5, 8.7], [3.0]]).interval == ONE_SEED
+    assert improvement([1.0], [0.0, 2.0]).interval == ONE_SEED
+
+
+def test_the_interval_is_that_of_all_resamples():
+    """Three seeds have 27 resamples: their percentiles are known exactly."""
+    seeds = [1.0, 2.0, 6.0]
+    means = [np.mean(drawn) for drawn in product(seeds, repeat=3)]
+    found = estimate([seeds])
+    assert found.value == pytest.approx(3.0)
+    # 1/27 = 3.7 % of the resamples are all ones: the lower end is exactly there.
+    assert found.low == pytest.approx(min(means)) == 1.0
+    assert found.high == pytest.approx(max(means)) == 6.0
+    many = list(np.random.default_rng(0).normal(5.0, 1.0, 40))
+    wide = estimate([many])
+    assert wide.low is not None
+    assert wide.high is not None
+    assert 0.5 < wide.high - wide.low < 1.2
+
+
+def test_resampling_stays_within_strata():
+    # Within each stratum nothing varies, so neither does the whole.
+    found = estimate([[0.0, 0.0], [8.0, 8.0]])
+    assert (found.low, found.value, found.high) == (4.0, 4.0, 4.0)
+    pooled = estimate([[0.0, 0.0, 8.0, 8.0]])
+    assert pooled.low is not None
+    assert pooled.low < 4.0
+
+
+@given(values)
+def test_the_value_lies_in_the_interval_and_repeats(seeds):
+    found = estimate([seeds])
+    assert found == estimate([seeds])
+    assert found.low is not None
+    assert found.high is not None
+    assert min(seeds) - 1e-9 <= found.low <= found.high <= max(seeds) + 1e-9
+
+
+@given(values, values)
+def test_the_chance_to_be_better_is_mann_and_whitneys(a, b):
+    chance = improvement(a, b)
+    assert chance.value == pytest.approx(mannwhitneyu(a, b).statistic / (len(a) * len(b)))
+    assert improvement(b, a).value == pytest.approx(1.0 - chance.value)
+    assert chance.low is not None
+    assert chance.high is not None
+    assert 0.0 <= chance.low <= chance.high <= 1.0
+
+
+@pytest.mark.parametrize("strata", [[], [[]], [[1.0], []], [[float("nan")]], [[float("inf"), 1.0]]])
+def test_no_value_no_estimate(strata):
+    with pytest.raises(ValueError, match="strata"):
+        estimate(strata)
+
+
+def test_a_band_has_an_interval_only_where_there_are_two_runs():
+    nan = np.nan
+    curves = np.array([[nan, 1.0, 2.0, 3.0, 4.0], [nan, 3.0, 4.0, nan, nan]])
+    middle, low, high = band(curves)
+    np.testing.assert_allclose(middle, [nan, 2.0, 3.0, 3.0, 4.0])
+    np.testing.assert_allclose(low, [nan, 1.0, 2.0, nan, nan])
+    np.testing.assert_allclose(high, [nan, 3.0, 4.0, nan, nan])

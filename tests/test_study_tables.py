@@ -1,0 +1,157 @@
+"""Tables: what is in them, and that no character breaks them."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from study_files import PAIRS, REWARDED, write_answers, write_study
+
+from needlehoop.study import paper
+from needlehoop.study.findings import Findings, paper_findings, study_findings
+from needlehoop.study.table import Table
+from needlehoop.study.tables import (
+    agreements,
+    all_tables,
+    improvements,
+    results,
+    rewards,
+    table_1,
+    table_2,
+)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("results") / "main"
+    return write_study(folder, [*PAIRS, *REWARDED], seeds=2)
+
+
+@pytest.fixture(scope="module")
+def findings(study) -> Findings:
+    write_answers(study)
+    return study_findings(study)
+
+
+def dicts(table: Table) -> list[dict[str, str]]:
+    return [dict(zip(table.header, row, strict=True)) for row in table.rows]
+
+
+def test_table_2_sets_ours_beside_the_papers(findings):
+    rows = dicts(table_2(findings))
+    assert len(rows) == 16
+    first = rows[0]
+    assert (first["list"], first["cameras"]) == ("RGB and depth", "DEP (F) + RGB (S)")
+    assert (first["place"], first["VLM's place"], first["the paper's place"]) == ("1", "1", "1")
+    assert (first["the paper's return"], first["the paper's VLM's place"]) == ("8.92", "1")
+    ours = {r.cameras: r.value.value for r in findings.ranked}
+    assert float(first["return"]) == pytest.approx(ours["dep_front+rgb_side"], abs=0.006)
+    for name in ("RGB and depth", "RGB and segmentation", "Depth and segmentation"):
+        own = [row for row in rows if row["list"] == name]
+        assert [row["place"] for row in own] == [str(i + 1) for i in range(len(own))]
+        returns = [float(row["return"]) for row in own]
+        assert returns == sorted(returns, reverse=True)
+
+
+def test_agreement_is_given_for_each_pair_of_sides(findings):
+    rows = dicts(agreements(findings))
+    assert len(rows) == 4 * 3
+    papers = [r for r in rows if r["what"] == "the paper's VLM against the paper's measured"]
+    assert [(r["tau-b"], r["best found"], r["worst found"]) for r in papers] == [
+        ("0.60", "yes", "yes")
+    ] * 3
+
+
+def test_what_was_not_run_is_said(tmp_path):
+    write_study(tmp_path, [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
+    found = study_findings(tmp_path)
+    rows = dicts(table_2(found))
+    assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
+    assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
+    assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
+    assert "improvement" not in {table.name for table in all_tables(found)}
+
+
+def test_the_papers_own_tables(findings):
+    rows = dicts(table_2(paper_findings()))
+    assert [row["the paper's return"] for row in rows][:5] == [
+        "8.92", "8.05", "3.40", "2.41", "1.56",
+    ]  # fmt: skip
+    assert "place" not in rows[0]
+    said = {row["question"]: row for row in dicts(table_1(findings))}
+    assert said["Best view for subtask 2"] == {
+        "question": "Best view for subtask 2",
+        "test-model": "side",
+        "the paper's VLM": "side",
+    }
+    assert len(table_1(paper_findings()).rows) == 6
+    assert len(results(paper_findings()).rows) == 15
+
+
+def test_rewards_stand_together_with_the_papers(findings):
+    rows = dicts(rewards(findings))
+    assert len(rows) == 9
+    assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
+    (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
+    assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
+    assert cheat["cheat, %"] == "60"
+
+
+def test_chances_to_be_better_add_up(findings):
+    table = improvements(findings)
+    assert len(table.rows) == 14
+    for i in range(14):
+        for j in range(14):
+            cell = table.rows[i][j + 1]
+            if i == j:
+                assert cell == ""
+            else:
+                other = table.rows[j][i + 1]
+                assert float(cell.split()[0]) + float(other.split()[0]) == pytest.approx(1.0)
+
+
+@given(st.lists(st.tuples(st.text(), st.text()), max_size=3))
+def test_csv_brings_every_cell_back(rows):
+    # Python's reader ends a line at a lone carriage return, whoever wrote it.
+    rows = [tuple(cell.replace("\r", "") for cell in row) for row in rows]
+    table = Table("t", "T", ("a", "b"), tuple(rows))
+    assert list(csv.reader(io.StringIO(table.csv(), newline=""))) == [["a", "b"], *map(list, rows)]
+
+
+def test_markdown_and_latex_escape_what_they_must():
+    nasty = "50 % of a_b & c|d {e} $f^2$ #1 ~ \\x <script> [l](u) `c`\nnext"
+    table = Table("my_table", "A & B", ("100 %",), ((nasty,),), "note_1")
+    latex = table.latex()
+    row = latex.splitlines()[6]
+    assert row == (
+        r"50 \% of a\_b \& c|d \{e\} \$f\textasciicircum{}2\$ \#1 \textasciitilde{}"
+        r" \textbackslash{}x \textless{}script\textgreater{} [l](u) `c` next \\"
+    )
+    assert r"\caption{A \& B. note\_1}" in latex
+    assert r"\label{tab:my-table}" in latex
+    line = table.markdown().splitlines()[4]
+    assert line.count("|") - line.count(r"\|") == 2
+    assert r"\<script\>" in line
+    assert r"\[l\](u)" in line
+
+
+def test_tables_are_written_three_ways(findings, tmp_path):
+    written = [path for table in all_tables(findings) for path in table.write(tmp_path)]
+    names = {"results", "table_1", "table_2", "agreement", "rewards", "improvement"}
+    assert {path.name for path in written} == {
+        f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
+    }
+    with (tmp_path / "table_2.csv").open(newline="") as file:
+        assert len(list(csv.reader(file))) == 17
+
+
+def test_the_papers_lists_hold_its_14_combinations():
+    lists = paper.lists()
+    assert {name: len(members) for name, members in lists.items()} == {
+        "rgb_dep": 5,
+        "rgb_seg": 5,
+        "dep_seg": 6,
+    }
+    assert {name for members in lists.values() for name in members} == set(paper.measured())
