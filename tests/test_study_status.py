@@ -69,8 +69,8 @@ def test_expected_runs_may_be_named(study):
 
 
 def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):
-    age(study / "rgb_default" / "human" / "seed0", 3600)
     (study / "rgb_default" / "human" / "seed0" / "manifest.json").write_text("{")
+    age(study / "rgb_default" / "human" / "seed0", 3600)
     assert main(["status", str(study)]) == 0
     said = capsys.readouterr().out
     lines = [line.split() for line in said.splitlines()]

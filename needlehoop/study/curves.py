@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -103,7 +104,8 @@ def _panels(
         axes.grid(axis="y", linewidth=0.3)
     column[-1].set_xlabel("environment steps, millions")
     # Room for the names, then names: they need to know how tall the axes came out.
-    figure.get_layout_engine().set(rect=(0, 0, 0.7, 1))
+    layout: Any = figure.get_layout_engine()
+    layout.set(rect=(0, 0, 0.7, 1))
     figure.draw_without_rendering()
     for axes, own in zip(column, ends, strict=True):
         label_ends(axes, own, 1.06 * longest / 1e6)

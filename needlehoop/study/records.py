@@ -18,6 +18,8 @@ from needlehoop.study.rows import Rows, UnreadableError, read_rows, read_text
 
 _KEYED = ("update", "step", "wall_time")
 _OUTCOME = ("episodes", "success", "cheat", "touched", "return")
+# libyaml's is ten times as fast, where it was built in.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|metrics\.csv|evaluations\.csv|checkpoint\.pt"
     r"|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
@@ -175,7 +177,7 @@ def _config(path: Path) -> dict[str, Any]:
     if not path.exists():
         raise UnreadableError("is missing")
     try:
-        config = yaml.safe_load(read_text(path))
+        config = yaml.load(read_text(path), _LOADER)
     except yaml.YAMLError as error:
         raise UnreadableError("is no YAML") from error
     if not isinstance(config, dict):

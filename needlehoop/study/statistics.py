@@ -34,7 +34,7 @@ class Estimate:
         return ONE_SEED if self.low is None else f"{self.low:.2f} to {self.high:.2f}"
 
 
-def iqm(values: np.ndarray, axis: int | None = None) -> np.ndarray:
+def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     """Mean of the middle half; of fewer than four values, the mean of all of them."""
     return trim_mean(values, 0.25, axis=axis)
 

@@ -22,7 +22,7 @@ DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#22262e", "#8a8f98"
 SUCCESS, CHEAT = COLOURS[0], COLOURS[1]
 
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7,
     "axes.titlesize": 7.5,
@@ -80,7 +80,9 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, float, float, str]], right:
         right: x where the names begin, in data units.
     """
     low, high = axes.get_ylim()
-    height = axes.get_position().height * axes.get_figure(root=True).get_figheight()
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    height = axes.get_position().height * figure.get_figheight()
     # 6.5 pt letters need 8 pt from line to line.
     gap = 8.0 / 72.0 / height * (high - low)
     ordered = sorted(ends, key=lambda end: end[2])
