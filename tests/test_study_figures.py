@@ -47,7 +47,7 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
     for name in DRAWN:
         with Image.open(figures / f"{name}.png") as image:
             # 85 mm at 300 dpi, and not blank.
-            assert image.width == round(WIDTH * 300) == pytest.approx(1004, abs=1)
+            assert image.width == pytest.approx(WIDTH * 300, abs=1)
             assert np.asarray(image.convert("L")).std() > 10
     before = sums(figures)
     assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
@@ -158,7 +158,7 @@ def test_the_papers_numbers_draw_before_a_single_run(tmp_path, capsys, monkeypat
     with styled():
         axes = final_values(paper_findings()).axes[0]
     assert axes.get_title("left") == "As published in the paper"
-    assert axes.get_xlabel() == "final return (one seed, no interval)"
+    assert axes.get_xlabel() == "final return\n(one seed, no interval)"
     assert len(axes.patches) == 14
 
 

@@ -26,7 +26,7 @@ from needlehoop.study.tables import (
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("results") / "main"
-    return write_study(folder, [*PAIRS, *REWARDED], seeds=2, updates=20)
+    return write_study(folder, [*PAIRS, *REWARDED], seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -112,10 +112,11 @@ def test_chances_to_be_better_add_up(findings):
                 assert float(cell.split()[0]) + float(other.split()[0]) == pytest.approx(1.0)
 
 
-@given(st.lists(st.tuples(st.text(), st.text()), max_size=3))
+cells = st.text(" ,;\"'\n|\\aä", max_size=5)
+
+
+@given(st.lists(st.tuples(cells, cells), max_size=3))
 def test_csv_brings_every_cell_back(rows):
-    # Python's reader ends a line at a lone carriage return, whoever wrote it.
-    rows = [tuple(cell.replace("\r", "") for cell in row) for row in rows]
     table = Table("t", "T", ("a", "b"), tuple(rows))
     assert list(csv.reader(io.StringIO(table.csv(), newline=""))) == [["a", "b"], *map(list, rows)]
 
@@ -124,7 +125,7 @@ def test_markdown_and_latex_escape_what_they_must():
     nasty = "50 % of a_b & c|d {e} $f^2$ #1 ~ \\x <script> [l](u) `c`\nnext"
     table = Table("my_table", "A & B", ("100 %",), ((nasty,),), "note_1")
     latex = table.latex()
-    row = latex.splitlines()[6]
+    row = latex.splitlines()[7]
     assert row == (
         r"50 \% of a\_b \& c|d \{e\} \$f\textasciicircum{}2\$ \#1 \textasciitilde{}"
         r" \textbackslash{}x \textless{}script\textgreater{} [l](u) `c` next \\"

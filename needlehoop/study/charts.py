@@ -44,7 +44,7 @@ def final_values(findings: Findings) -> Figure:
     if findings.study is None:
         grid[0, 0].set_title("As published in the paper")
     if findings.seeds < 2:
-        grid[0, 0].set_xlabel(f"final return ({ONE_SEED})")
+        grid[0, 0].set_xlabel(f"final return\n({ONE_SEED})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
     if findings.study is not None and findings.main_reward == HUMAN:
         known = paper.measured()

@@ -89,7 +89,9 @@ def _panels(
 ) -> None:
     runs = [run for _, lines in panels for _, some in lines for run in some]
     longest = max(run.steps for run in runs)
-    steps = np.linspace(0, longest, _POINTS)
+    # No more points than buffers, or a short run's line has stairs.
+    buffers = max(len(run.metrics) for run in runs if run.metrics is not None)
+    steps = np.linspace(0, longest, min(_POINTS, buffers) + 1)
     # One scale for all panels, so that they can be compared.
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
