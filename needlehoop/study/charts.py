@@ -37,7 +37,7 @@ def final_values(findings: Findings) -> Figure:
         raise MissingDataError("no final values")
     successes = [result.success for result in results if result.success is not None]
     columns = 2 if successes else 1
-    figure, grid = new_figure(16 + _ROW * len(results), 1, columns, sharey=True)
+    figure, grid = new_figure(26 + _ROW * len(results), 1, columns, sharey=True)
     _rows(grid[0, 0], [label(result.cameras) for result in results])
     _bars(grid[0, 0], [result.value for result in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
     grid[0, 0].set_xlabel("final return")
