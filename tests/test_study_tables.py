@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import trim_mean
 from study_files import PAIRS, REWARDED, write_answers, write_study
 
 from needlehoop.study import paper
@@ -92,7 +93,14 @@ def test_the_papers_own_tables(findings):
 
 def test_rewards_stand_together_with_the_papers(findings):
     rows = dicts(rewards(findings))
-    assert len(rows) == 9
+    assert len(rows) == 9 + 3
+    assert [(row["cameras"], row["reward"], row["cheat, %"]) for row in rows[9:]] == [
+        ("all 3", "human", "2"),
+        ("all 3", "VLM, text", "60"),
+        ("all 3", "VLM, text + image", "2"),
+    ]
+    values = [final.value for r in findings.results if r.reward == "vlm_img" for final in r.finals]
+    assert float(rows[11]["return"]) == pytest.approx(trim_mean(values, 0.25), abs=0.006)
     assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")

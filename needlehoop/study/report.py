@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from needlehoop import files
 from needlehoop.study import paper
@@ -63,10 +62,10 @@ def write_report(findings: Findings, figures: Sequence[Drawn], out: Path, comman
     out.write_text(page, encoding="utf-8")
 
 
-def _own(environment: Environment, name: str) -> Markup:
+def _own(environment: Environment, name: str) -> str:
     """A file of ours that goes into the page as it is."""
     assert environment.loader is not None
-    return Markup(environment.loader.get_source(environment, name)[0])
+    return environment.loader.get_source(environment, name)[0]
 
 
 def _title(findings: Findings) -> str:

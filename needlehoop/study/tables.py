@@ -10,7 +10,7 @@ from needlehoop.study.agreement import Agreement, agreement
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
 from needlehoop.study.findings import Findings, Result
-from needlehoop.study.statistics import ONE_SEED, Estimate, improvement
+from needlehoop.study.statistics import ONE_SEED, Estimate, estimate, improvement
 from needlehoop.study.table import Table
 
 _PAPERS = "the paper's"
@@ -159,10 +159,32 @@ def rewards(findings: Findings) -> Table:
                     theirs.remark if theirs else "",
                 )
             )
+    for reward in sorted({r.reward for r in findings.results}, key=lambda r: (order.get(r, 99), r)):
+        own = [r for r in findings.results if r.reward == reward and r.cameras in written]
+        if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
+            rows.append(_over_all(reward, own))
     head = ("cameras", "reward", "return", "95 %", "success, %", "95 %", "cheat, %")
     head += (f"{_PAPERS} return", "remark on the paper's")
     note = "A return is in its own reward's points: compare success."
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
+
+
+def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
+    """A reward's row over several combinations, each of them a stratum."""
+    value = estimate([[final.value for final in r.finals] for r in found])
+    success = estimate([[final.success for final in r.finals] for r in found])
+    cheat = estimate([[final.cheat for final in r.finals] for r in found])
+    return (
+        f"all {len(found)}",
+        reward_label(reward),
+        f"{value.value:.2f}",
+        value.interval,
+        _percent(success),
+        _interval(success),
+        _percent(cheat),
+        "",
+        "",
+    )
 
 
 def improvements(findings: Findings) -> Table:
