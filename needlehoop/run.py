@@ -214,7 +214,7 @@ def _machine() -> dict[str, Any]:
 
 
 def _commit() -> str | None:
-    """The source's git commit, with ``+`` where files differ from it; ``None`` outside git."""
+    """The git commit, with ``+`` where the source differs from it; ``None`` outside git."""
     here = Path(__file__).parent
 
     def git(*words: str) -> str:
@@ -223,7 +223,7 @@ def _commit() -> str | None:
 
     try:
         commit = git("rev-parse", "--short=12", "HEAD")
-        return commit + ("+" if git("status", "--porcelain", "--", "..") else "")
+        return commit + ("+" if git("status", "--porcelain", "--", ".", "../train.py") else "")
     except (OSError, subprocess.CalledProcessError):
         return None
 

@@ -11,6 +11,8 @@ from needlehoop.cameras import parse_cameras
 
 GROUPS = ("task", "episode", "reward", "engine", "obs")
 TRAINING = ("algo", "encoder", "logger")
+COMMANDS = {"gates": "check", "vlm": "ask"}
+"""Groups that a command's config has, by command."""
 ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml") if file.stem != "evaluate")
 
 
@@ -90,10 +92,21 @@ def test_two_bad_settings_are_both_named():
 @pytest.mark.parametrize(
     ("group", "option"), [(group, option) for group in GROUPS for option in options(group)]
 )
-def test_every_option_of_every_group_composes(group, option):
-    composed = config.compose([f"{group}={option}"])
+def test_every_option_of_every_group_composes(group, option, tmp_path):
+    (tmp_path / "mine.txt").write_text("reward = 1 * grasped")
+    # What an option can't do without.
+    more = {"file": [f"reward.path={tmp_path}/mine.txt"], "vlm_img": ["cams=[dep_front,seg_side]"]}
+    composed = config.compose([f"{group}={option}", *more.get(option, [])])
     assert composed[group]
     config.structure(composed)
+
+
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in COMMANDS for option in options(group)]
+)
+def test_every_option_of_a_commands_group_composes(group, option):
+    more = ["vlm.model=qwen"] if option == "openai" else []
+    assert config.compose([f"{group}={option}", *more], COMMANDS[group])[group]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +125,7 @@ def test_every_command_has_an_environment_in_its_config(entry):
 
 def test_no_group_of_the_folder_is_forgotten():
     folders = {path.name for path in config.CONF.iterdir() if path.is_dir()}
-    assert folders == {*GROUPS, *TRAINING, "view", "rendering"}
+    assert folders == {*GROUPS, *TRAINING, *COMMANDS, "view", "rendering"}
     assert all(options(group) for group in folders)
 
 
