@@ -28,6 +28,7 @@ from needlehoop.learner import Learner
 from needlehoop.loggers import Logger, build_logger
 from needlehoop.metrics import episode_columns, peak_memory
 from needlehoop.run import Run
+from needlehoop.vlm.asking import ask_where_missing
 
 
 def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> bool:
@@ -102,8 +103,8 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
         for table in (METRICS, EVALUATIONS):
             run.cut(table, state["update"])
     else:
-        # Checked first, so that a mistake in the cameras' names is called that.
-        config.job(values)
+        # Checked first, without a program, so that nobody is asked for one in vain.
+        ask_where_missing(values, config.job({**values, "reward": rewards.NONE}).env)
         values = {**values, "reward": rewards.pin(values["reward"])}
         job = config.job(values)
         reward = rewards.text(rewards.load(job.env.reward))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import runpy
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +12,13 @@ import pytest
 from PIL import Image
 from vlm_server import KEY, Server, by_schema, serve
 
+from needlehoop import config
 from needlehoop.cli import main
-from needlehoop.vlm import commands
+from needlehoop.rewards import RewardError
+from needlehoop.vlm import asking, commands
 from needlehoop.vlm.writing import Verdict, Workshop
 
+ROOT = Path(__file__).parent.parent
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"
 
@@ -299,3 +303,43 @@ def test_a_mistake_is_one_message_that_names_the_key(study, arguments, said, cap
     assert error.startswith("needlehoop vlm: ")
     assert said in error
     assert server.requests == []
+
+
+def trained(monkeypatch, *overrides: str) -> list[tuple]:
+    """What ``train.py`` would train; as far as the run's folder."""
+    start = runpy.run_path(str(ROOT / "train.py"), run_name="train")["start"]
+    made: list[tuple] = []
+    monkeypatch.setitem(start.__globals__, "train", lambda job, run, *_: made.append((job, run)))
+    values = config.compose([CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config")
+    values.pop("hydra", None)
+    start(values, [])
+    return made
+
+
+def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
+    monkeypatch.setattr(asking, "workshop", commands.workshop)
+    words[words.index("size=16")] = "asking.size=16"
+    server.script[:] = [json.dumps({"program": GOOD, "explanation": "held"})]
+    (_, run), *_ = trained(monkeypatch, *words)
+    assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
+    assert (run.folder / "reward.txt").read_text().endswith(GOOD)
+    # The second training finds it.
+    before = len(server.requests)
+    trained(monkeypatch, *words, "seed=1")
+    assert len(server.requests) == before
+
+
+def test_training_asks_nobody_unless_told_to(server, monkeypatch):
+    with pytest.raises(ValueError, match="no image reward is recorded"):
+        trained(monkeypatch)
+    assert not server.requests
+    assert not Path("results").exists()
+
+
+def test_training_stops_where_no_program_is_accepted(words, server, monkeypatch):
+    monkeypatch.setattr(asking, "workshop", commands.workshop)
+    words[words.index("size=16")] = "asking.size=16"
+    server.script[:] = [json.dumps({"program": "import os", "explanation": ""})] * 3
+    with pytest.raises(RewardError, match="no program was written"):
+        trained(monkeypatch, *words)
+    assert not Path("results/main/dep_front+seg_side").exists()

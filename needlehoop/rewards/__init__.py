@@ -4,8 +4,8 @@ The terms are summed to a potential, and each step pays the potential's differen
 an episode's return is its last potential.
 """
 
-from needlehoop.rewards.loader import REWARDS, load, text
+from needlehoop.rewards.loader import NONE, REWARDS, load, text
 from needlehoop.rewards.terms import Reward, potential
 from needlehoop.rewards.written import RewardError, pin
 
-__all__ = ["REWARDS", "Reward", "RewardError", "load", "pin", "potential", "text"]
+__all__ = ["NONE", "REWARDS", "Reward", "RewardError", "load", "pin", "potential", "text"]

@@ -15,6 +15,9 @@ from needlehoop.rewards.terms import Reward
 REWARDS = {"human": Human, "sparse": Sparse}
 """Rewards that are classes; the other kinds are programs, ``written.KINDS``."""
 
+NONE = {"kind": "sparse", "success": 1.0}
+"""The config of a reward that nobody looks at."""
+
 
 def load(config: Mapping[str, Any]) -> Reward:
     """A reward from its config: ``kind`` and the values of that kind.

@@ -110,22 +110,46 @@ def find(
             the command that makes one.
     """
     chosen = tuple(cams)
+    folders = _folders(flavour, study, results, recording)
+    found = _search(folders, chosen, flavour)
+    if found is None:
+        known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{flavour}.txt")})
+        raise ValueError(
+            f"cams: no {flavour} reward is recorded for {'+'.join(chosen) or 'no cameras'} (there"
+            f" is {', '.join(known) or 'none'}); make one with: {command(chosen, flavour, study)}"
+        )
+    return found
+
+
+def is_recorded(config: Mapping[str, Any]) -> bool:
+    """Whether there is the program that a reward's config asks for; errors as in ``find``."""
+    flavour = FLAVOURS.get(config["kind"])
+    if flavour is None or config["program"] is not None:
+        return True
+    study, results = str(config["study"]), str(config["results"])
+    folders = _folders(flavour, study, results, config["recording"])
+    return _search(folders, tuple(_names(config["cams"])), flavour) is not None
+
+
+def _folders(flavour: str, study: str, results: str, recording: str | None) -> list[Path]:
     if flavour not in FLAVOURS.values():
         valid = ", ".join(FLAVOURS.values())
         raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
-    folders = [Path(results) / study / "vlm" / "rewards"]
-    if recording is not None:
-        folders.append(_recording(recording) / "rewards")
+    own = Path(results) / study / "vlm" / "rewards"
+    return [own] if recording is None else [own, _recording(recording) / "rewards"]
+
+
+def _search(folders: Iterable[Path], cams: tuple[str, ...], flavour: str) -> Source | None:
     for folder in folders:
-        for place in (_folder_of(folder, chosen), folder / ANY if flavour == "text" else None):
+        for place in (_folder_of(folder, cams), folder / ANY if flavour == "text" else None):
             file = None if place is None else place / f"{flavour}.txt"
             if file is not None and file.is_file():
                 return Source(file.read_text(encoding="utf-8"), str(file))
-    known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{flavour}.txt")})
-    raise ValueError(
-        f"cams: no {flavour} reward is recorded for {'+'.join(chosen) or 'no cameras'} (there is"
-        f" {', '.join(known) or 'none'}); make one with: {command(chosen, flavour, study)}"
-    )
+    return None
+
+
+def _names(cams: Any) -> list[str]:
+    return cams.split(",") if isinstance(cams, str) else list(cams)
 
 
 def command(cams: Iterable[str], flavour: str, study: str) -> str:
@@ -205,10 +229,8 @@ def _source(config: Mapping[str, Any]) -> Source:
         return Source(str(pinned["text"]), str(pinned["origin"]))
     if kind == "file":
         return read(Path(config["path"]))
-    cams = config["cams"]
-    names = cams.split(",") if isinstance(cams, str) else cams
     study, results = str(config["study"]), str(config["results"])
-    return find(names, FLAVOURS[kind], study, results, config["recording"])
+    return find(_names(config["cams"]), FLAVOURS[kind], study, results, config["recording"])
 
 
 def read(path: Path) -> Source:

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
     from needlehoop.vlm.writing import Workshop

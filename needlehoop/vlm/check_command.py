@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 
-
 def add_check_command(commands: Any) -> None:
     """Add the command that judges a reward program.
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.controllers import CONTROLLERS, controller
-from needlehoop.rewards import potential
+from needlehoop.rewards import NONE, potential
 from needlehoop.rewards.language import Program
 from needlehoop.rollout import Controller
 from needlehoop.settings import Settings, build
@@ -231,7 +231,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         num_envs=gates.episodes,
         seed=gates.seed,
         # Not looked at: the moments are scored later, by as many programs as need be.
-        reward={"kind": "sparse", "success": 1.0},
+        reward=NONE,
         # The cheat must get to stay where it is, and the expert to stop once through.
         episode=replace(settings.episode, end_on_success=True),
     )
