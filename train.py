@@ -19,7 +19,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from needlehoop import config, rewards
+from needlehoop import config, rewards, sweep
 from needlehoop.evaluate import assess, evaluate, film, load_agent, report
 from needlehoop.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.interruption import Interruption
@@ -28,7 +28,7 @@ from needlehoop.learner import Learner
 from needlehoop.loggers import Logger, build_logger
 from needlehoop.metrics import episode_columns, peak_memory
 from needlehoop.run import Run
-from needlehoop.vlm.asking import ask_where_missing
+from needlehoop.session import open_session
 
 
 def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> bool:
@@ -88,35 +88,23 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     print(f"\n{report(found)}\nrun          {run.folder}")
 
 
-def start(values: dict[str, Any], overrides: list[str]) -> None:
-    """A new run, or the rest of one that was stopped."""
-    state = None
-    if values["resume"] is not None:
-        if len(overrides) > 1:
-            raise ValueError("resume: a run goes on with its own settings; give no others with it")
-        run = Run.open(Path(values["resume"]))
-        values = run.config()
-        job = config.job(values)
-        if run.manifest().get("finished"):
-            raise ValueError(f"resume: {run.folder} is finished")
-        state = run.load()
-        for table in (METRICS, EVALUATIONS):
-            run.cut(table, state["update"])
-    else:
-        # Checked first, without a program, so that nobody is asked for one in vain.
-        ask_where_missing(values, config.job({**values, "reward": rewards.NONE}).env)
-        values = {**values, "reward": rewards.pin(values["reward"])}
-        job = config.job(values)
-        reward = rewards.text(rewards.load(job.env.reward))
-        folder = Path(job.results) / job.place
-        run = Run.create(folder, values, reward, values["overwrite"])
-    logger = build_logger(job.logger, job.place, values, run.folder)
+def start(values: dict[str, Any], overrides: list[str]) -> str:
+    """Do what a composed config asks for: a new run, or the rest of one.
+
+    Returns:
+        ``done``, ``done before`` or ``stopped``.
+    """
+    session = open_session(values, overrides)
+    job, run = session.job, session.run
+    if session.is_finished:
+        return "done before"
+    logger = build_logger(job.logger, job.place, session.values, run.folder)
     try:
-        was_trained = state is not None and state["update"] == job.updates
-        if was_trained or train(job, run, logger, state):
+        if session.is_trained or train(job, run, logger, session.state):
             finish(job, run, logger)
-        else:
-            print(f"stopped; go on with: python train.py resume={run.folder}")
+            return "done"
+        print(f"stopped; go on with: python train.py resume={run.folder}")
+        return "stopped"
     finally:
         logger.close()
 
@@ -125,21 +113,28 @@ def start(values: dict[str, Any], overrides: list[str]) -> None:
 def main(composed: DictConfig) -> None:
     """One run; under ``-m`` called once for each."""
     values: Any = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    own = HydraConfig.get()
+    overrides = list(own.overrides.task)
+    if own.mode == RunMode.MULTIRUN:
+        values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
+        sweep.attempt(lambda: start(values, overrides), Path(own.runtime.output_dir), overrides)
+        return
     try:
-        start(values, list(HydraConfig.get().overrides.task))
+        start(values, overrides)
     except (ValueError, OSError, rewards.RewardError) as error:
-        if HydraConfig.get().mode == RunMode.MULTIRUN:
-            raise
         sys.exit(f"train.py: {error}")
 
 
 if __name__ == "__main__":
     sys.argv[1:] = config.in_brackets(sys.argv[1:])
-    config.register_cameras()
-    if not any(word.startswith("-") for word in sys.argv[1:]):
+    config.register()
+    if not any(word.startswith(("-", "+experiment=")) for word in sys.argv[1:]):
         try:
             # Hydra's own message for a bad override has ten lines and no list of keys.
             config.compose(sys.argv[1:], "config")
         except ValueError as error:
             sys.exit(f"train.py: {error}")
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit("train.py: the sweep was stopped")

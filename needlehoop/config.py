@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import cattrs
+import yaml
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
@@ -35,7 +36,7 @@ def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
     """The composed config as plain values; errors as in ``settings``."""
     given = list(overrides)
-    register_cameras()
+    register()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         try:
             composed = hydra_compose(config, overrides=given)
@@ -99,8 +100,8 @@ def _plain(line: str) -> str:
     return line.removeprefix("env: ").removeprefix("env.")
 
 
-def register_cameras() -> None:
-    """Tell Hydra of every view and rendering that has a YAML file.
+def register() -> None:
+    """Tell Hydra of every view and rendering that has a YAML file, and of experiments' models.
 
     Reading the folders keeps a new camera a matter of one file.
     """
@@ -109,7 +110,21 @@ def register_cameras() -> None:
         for group in ("view", "rendering")
         for file in sorted((CONF / group).glob("*.yaml"))
     ]
-    ConfigStore.instance().store(name="cameras", node={"defaults": defaults})
+    store = ConfigStore.instance()
+    store.store(name="cameras", node={"defaults": defaults})
+    for name in _models():
+        cameras, _, reward = name.rpartition(".")
+        node = {"defaults": [{"override /reward": reward}], "cams": cameras.split("+")}
+        store.store(group="model", name=name, node=node, package="_global_")
+
+
+def _models() -> list[str]:
+    """What experiments sweep over as ``+model``: cameras and reward in one word."""
+    found = []
+    for file in sorted((CONF / "experiment").glob("*.yaml")):
+        params = yaml.safe_load(file.read_text())["hydra"]["sweeper"]["params"]
+        found += [name.strip() for name in params.get("+model", "").split(",") if name.strip()]
+    return found
 
 
 def _explain(error: Exception, config: str) -> str:

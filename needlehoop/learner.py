@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
 
+from needlehoop.engines.cpu import available_cpus
 from needlehoop.env import NeedleHoopEnv
 from needlehoop.job import Job
 from needlehoop.networks import Agent, convolution_dtype
@@ -32,7 +33,8 @@ class Learner:
         torch.manual_seed(job.env.seed)
         self.env = NeedleHoopEnv(job.env, stagger=True)
         self.agent = build_agent(job, self.env, self.device)
-        self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed)
+        threads = job.env.engine.threads or available_cpus()
+        self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed, threads)
         if state is not None:
             self.ppo.load_state_dict(state["ppo"])
             self.env.restore(state["env"])

@@ -79,9 +79,10 @@ class Ppo:
         config: hyperparameters.
         updates: buffers until the schedules end.
         seed: decides the minibatches.
+        threads: that may work on a minibatch's shards; the result is the same with any number.
     """
 
-    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int):
+    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, threads: int):
         self.agent, self.config, self.updates = agent, config, updates
         self.done_updates = 0
         self._critic = agent.operator.get_value_operator()
@@ -106,7 +107,7 @@ class Ppo:
         )
         self._parameters = list(agent.parameters())
         self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
-        self._pool = ThreadPoolExecutor(config.shards)
+        self._pool = ThreadPoolExecutor(min(threads, config.shards))
         self._normalizers = {
             path.rpartition(".")[2]: module
             for path, module in agent.named_modules()

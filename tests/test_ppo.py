@@ -47,7 +47,7 @@ def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
 
 
 def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
-    return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed)
+    return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed, threads=2)
 
 
 def flags(*places: tuple[int, int]) -> torch.Tensor:

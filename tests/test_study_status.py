@@ -95,3 +95,14 @@ def test_a_study_without_rates_promises_nothing(tmp_path, capsys):
 def test_a_study_that_is_not_there(tmp_path, capsys):
     assert main(["status", str(tmp_path / "nowhere")]) == 2
     assert "no such folder" in capsys.readouterr().err
+
+
+def test_top_is_what_trains_cams_takes(capsys):
+    assert main(["top", "paper"]) == 0
+    assert capsys.readouterr().out == (
+        "[dep_front,seg_side],[dep_front,rgb_side],[rgb_front,seg_side]\n"
+    )
+    assert main(["top", "paper", "--count", "1"]) == 0
+    assert capsys.readouterr().out == "[dep_front,seg_side]\n"
+    assert main(["top", "paper", "--count", "15"]) == 2
+    assert "paper has 14 combinations" in capsys.readouterr().err

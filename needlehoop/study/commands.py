@@ -1,4 +1,4 @@
-"""``needlehoop plot``, ``report`` and ``status``: no simulator, no torch."""
+"""``needlehoop plot``, ``report``, ``status`` and ``top``: no simulator, no torch."""
 
 from __future__ import annotations
 
@@ -32,6 +32,11 @@ def add_commands(commands: Any) -> None:
     command = commands.add_parser("status", help=summary, description=summary)
     command.add_argument("study", type=Path, metavar="STUDY", help="a study's folder")
     command.set_defaults(run=_status, overrides=[])
+    summary = "Print a study's best combinations by measured return, as cams= takes them."
+    command = commands.add_parser("top", help=summary, description=summary)
+    command.add_argument("study", metavar="STUDY", help=_STUDY)
+    command.add_argument("--count", type=int, default=3, metavar="N", help="how many (3)")
+    command.set_defaults(run=_top, overrides=[], out=None)
 
 
 def _plot(options: argparse.Namespace) -> None:
@@ -72,6 +77,15 @@ def _status(options: argparse.Namespace) -> None:
     _no_more(options)
     study = read_study(options.study)
     print(describe(standings(study), study))
+
+
+def _top(options: argparse.Namespace) -> None:
+    _no_more(options)
+    findings, _ = _open(options)
+    ranked = findings.ranked
+    if not 1 <= options.count <= len(ranked):
+        raise ValueError(f"count: {options.count}; {options.study} has {len(ranked)} combinations")
+    print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[: options.count]))
 
 
 def _open(options: argparse.Namespace) -> tuple[Findings, Path]:
