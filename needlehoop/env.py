@@ -111,6 +111,8 @@ class NeedleHoopEnv(EnvBase):
             return self._tensordict(self._simulation.look(), ends, no.nonzero().flatten())
         mask = None if asked is None else asked.reshape(self.batch_size[0])
         first = self._simulation.state is None
+        if first:
+            self._observer.forget()
         moment = self._simulation.reset(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
         return self._tensordict(moment, ends, fresh)

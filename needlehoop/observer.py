@@ -67,6 +67,10 @@ class Observer:
         """The frames in memory, by camera."""
         return dict(self._pixels)
 
+    def forget(self) -> None:
+        """Drop the frames in memory: every episode is about to begin."""
+        self._pixels = {}
+
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """Go on from a ``snapshot``."""
         self._pixels = dict(snapshot)
@@ -91,7 +95,8 @@ class Observer:
         begins = self._simulation.state.steps == 0
         begins = begins if ids is None else begins[ids]
         filled = image.repeat(1, self._obs.frame_stack, 1, 1)
-        if bool(begins.all()):
+        # Staggered episodes begin with steps used up, but without a frame in memory.
+        if bool(begins.all()) or name not in self._pixels:
             return filled
         before = self._pixels[name] if ids is None else self._pixels[name][ids]
         moved = torch.cat((before[:, image.shape[1] :], image), 1)

@@ -84,6 +84,15 @@ def test_staggered_first_episodes_end_one_after_the_other():
     assert ends == [[7, 15], [5, 13], [3, 11], [1, 9]]
 
 
+def test_a_staggered_episode_begins_with_its_own_frames():
+    words = ["cams=[seg_side]", "obs.frame_stack=2", "image_size=32"]
+    env = NeedleHoopEnv(replace(config.settings(words), num_envs=3), stagger=True)
+    for seed in (0, 1):
+        env.set_seed(seed)
+        older, newer = env.reset()["pixels", "seg_side"].chunk(2, dim=1)
+        assert torch.equal(older, newer)
+
+
 def test_rollouts_repeat_with_their_seed():
     def run(seed):
         torch.manual_seed(0)
