@@ -181,7 +181,7 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
     found = shake(settings, episodes=40)
     assert found.not_finite == 0
     assert found.outside_table == 0
-    assert found.deep_contacts < 0.002 * found.steps
+    assert found.deep_contacts < 0.005 * found.steps
 
 
 def test_a_held_needle_follows_the_tool():
