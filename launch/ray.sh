@@ -4,8 +4,8 @@
 #   launch/ray.sh table2 seed=0,1,2                              a cluster of this machine's own
 #   launch/ray.sh table2 +hydra.launcher.ray.init.address=auto   the cluster that runs here
 set -e
-cd "$(dirname "$0")/.."
 [ $# -gt 0 ] || { sed -n '2,6p' "$0" >&2; exit 2; }
+cd "$(dirname "$0")/.."
 experiment=$1
 shift
 exec .venv/bin/python train.py "+experiment=$experiment" hydra/launcher=ray \

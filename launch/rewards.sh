@@ -3,8 +3,8 @@
 #   launch/rewards.sh results/main [overrides]              top three by measured return
 #   launch/rewards.sh paper [overrides]                     the paper's top three
 set -e
-cd "$(dirname "$0")/.."
 [ $# -gt 0 ] || { sed -n '2,4p' "$0" >&2; exit 2; }
+cd "$(dirname "$0")/.."
 study=$1
 shift
 [ "$study" = paper ] && exec .venv/bin/python train.py +experiment=rewards "$@"

@@ -3,8 +3,8 @@
 #   launch/slurm.sh table2 seed=0,1,2 hydra.launcher.partition=cpu
 #   launch/slurm.sh table2 hydra.launcher.partition=gpu hydra.launcher.gpus_per_node=1
 set -e
-cd "$(dirname "$0")/.."
 [ $# -gt 0 ] || { sed -n '2,4p' "$0" >&2; exit 2; }
+cd "$(dirname "$0")/.."
 experiment=$1
 shift
 exec .venv/bin/python train.py "+experiment=$experiment" hydra/launcher=slurm "$@"
