@@ -4,7 +4,7 @@
 #   launch/ray.sh table2 seed=0,1,2                              a cluster of this machine's own
 #   launch/ray.sh table2 +hydra.launcher.ray.init.address=auto   the cluster that runs here
 set -e
-[ $# -gt 0 ] || { sed -n '2,6p' "$0" >&2; exit 2; }
+[ $# -gt 0 ] || { sed -n '2,5p' "$0" >&2; exit 2; }
 cd "$(dirname "$0")/.."
 experiment=$1
 shift
