@@ -10,15 +10,15 @@ from needlehoop.vlm.gates import random_signals
 
 PROGRAM = """\
 reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
-pickup = 1 * (1 if grasped else reach)
+grasp = 1 * (1 if grasped else reach)
 raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
 lift = 3 * (1 if lifted else raised)
-insert = 0
+hoop = 0
 if lifted:
-    insert = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
+    hoop = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
 closed = 2 if grasped and jaw_command < 0.1 else 0
 time = -1 * elapsed
-reward = pickup + lift + insert + closed + time
+reward = grasp + lift + hoop + closed + time
 """
 """Ten lines that say the human reward."""
 

@@ -16,7 +16,7 @@ from needlehoop.engines.cpu import available_cpus
 OUTCOME = "outcome.json"
 """In the folder that Hydra makes for each job of a sweep."""
 
-DONE, STOPPED, FAILED = "done", "stopped", "failed"
+STOPPED, FAILED = "stopped", "failed"
 
 
 def attempt(run: Callable[[], str], folder: Path, overrides: list[str]) -> None:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import settings as tried
 
 from needlehoop import config, rewards
+from needlehoop.bench_program import PROGRAM
 from needlehoop.rewards.functions import FUNCTIONS, describe_functions
 from needlehoop.rewards.grammar import ProgramError
 from needlehoop.rewards.language import Program, compile_program
@@ -20,20 +21,6 @@ from needlehoop.signals import TABLE, Signals, vocabulary
 from needlehoop.vlm.gates import random_signals
 
 N = 7
-
-HUMAN = """
-# The human reward, in the language.
-reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
-grasp = 1 * (1 if grasped else reach)
-raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
-lift = 3 * (1 if lifted else raised)
-hoop = 0
-if lifted:
-    hoop = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
-closed = 2 if grasped and jaw_command < 0.1 else 0
-time = -1 * elapsed
-reward = grasp + lift + hoop + closed + time
-"""
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +46,7 @@ def test_the_human_reward_can_be_said(signals):
     # Nearer than random, so that no term is all zeros.
     many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis
     many.needle_tip = many.goal - 0.01 * many.hoop_axis
-    said, meant = compile_program(HUMAN)(many), human(many)
+    said, meant = compile_program(PROGRAM)(many), human(many)
     assert list(said) == list(meant)
     for name in meant:
         assert meant[name].abs().max() > 0.1

@@ -131,10 +131,15 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
     return _search(folders, tuple(_names(config["cams"])), flavour) is not None
 
 
-def _folders(flavour: str, study: str, results: str, recording: str | None) -> list[Path]:
+def check_flavour(flavour: str) -> None:
+    """Raises ``ValueError`` for a flavour that there is not."""
     if flavour not in FLAVOURS.values():
         valid = ", ".join(FLAVOURS.values())
         raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
+
+
+def _folders(flavour: str, study: str, results: str, recording: str | None) -> list[Path]:
+    check_flavour(flavour)
     own = Path(results) / study / "vlm" / "rewards"
     return [own] if recording is None else [own, _recording(recording) / "rewards"]
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.job import check_name
+from needlehoop.rewards.written import check_flavour
 from needlehoop.run import Run
 from needlehoop.settings import Settings
 from needlehoop.vlm.album import Album, open_album
@@ -19,7 +20,7 @@ from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import FLAVOURS, Work, Workshop, reward_prompt, write_program
+from needlehoop.vlm.writing import Work, Workshop, reward_prompt, write_program
 
 QUESTIONS, RANKINGS = "questions.json", "rankings.json"
 
@@ -123,8 +124,7 @@ class Inquiry(AbstractContextManager):
         cameras = "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        if flavour not in FLAVOURS:
-            raise ValueError(f"flavour: {flavour!r} is unknown; choose from {', '.join(FLAVOURS)}")
+        check_flavour(flavour)
         place = f"rewards/{cameras}"
         path = self._files.folder / place / f"{flavour}.txt"
         if path.exists() and not self._config.overwrite:

@@ -16,8 +16,6 @@ from needlehoop.vlm.forms import Program
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.prompts import fill
 
-FLAVOURS = ("text", "image")
-
 
 @dataclass(frozen=True)
 class Verdict:
