@@ -5,14 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-import platform
 import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Mapping
-from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -20,19 +14,8 @@ from typing import Any
 import torch
 import yaml
 
-from needlehoop.files import CHECKPOINT, CONFIG, MANIFEST, REWARD
-
-_PACKAGES = (
-    "needlehoop",
-    "torch",
-    "torchrl",
-    "tensordict",
-    "mujoco",
-    "mujoco-warp",
-    "warp-lang",
-    "dm_control",
-    "hydra-core",
-)
+from needlehoop.files import CHECKPOINT, CONFIG, MANIFEST, REWARD, write_whole
+from needlehoop.provenance import provenance
 
 
 class Run:
@@ -64,10 +47,10 @@ class Run:
             shutil.rmtree(folder)
         folder.mkdir(parents=True, exist_ok=True)
         run = cls(folder)
-        _write(folder / REWARD, reward)
-        run.note(**_machine(), started=_now(), wall_time=0.0, steps=0, finished=False)
+        write_whole(folder / REWARD, reward)
+        run.note(**provenance(), wall_time=0.0, steps=0, finished=False)
         # Last: a folder with a config is a run.
-        _write(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
+        write_whole(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
         return run
 
     @classmethod
@@ -93,7 +76,7 @@ class Run:
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
         text = json.dumps({**self.manifest(), **facts}, indent=2)
-        _write(self.folder / MANIFEST, text + "\n")
+        write_whole(self.folder / MANIFEST, text + "\n")
 
     def append(self, table: str, row: Mapping[str, Any]) -> None:
         """Add a row to a CSV file; NaN and ``None`` become empty cells.
@@ -134,13 +117,13 @@ class Run:
         writer = csv.DictWriter(text, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-        _write(path, text.getvalue())
+        write_whole(path, text.getvalue())
 
     def save(self, state: Mapping[str, Any]) -> None:
         """Write the checkpoint, whole or not at all."""
         buffer = io.BytesIO()
         torch.save(dict(state), buffer)
-        _write(self.folder / CHECKPOINT, buffer.getvalue())
+        write_whole(self.folder / CHECKPOINT, buffer.getvalue())
 
     def load(self) -> dict[str, Any]:
         """The last checkpoint, on the CPU; a foreign file can't run anything here.
@@ -160,7 +143,7 @@ class Run:
         """Write a small file, whole or not at all; another text of that name is kept."""
         path = self.folder / name
         if not (path.exists() and path.read_text() == text):
-            _write(self.vacate(name), text)
+            write_whole(self.vacate(name), text)
         return path
 
     def vacate(self, name: str) -> Path:
@@ -170,20 +153,6 @@ class Run:
             taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
             path.rename(next(place for place in taken if not place.exists()))
         return path
-
-
-def _write(path: Path, content: str | bytes) -> None:
-    """Replace a file in one step, once all of it is on the disk."""
-    partial = path.with_name(path.name + ".partial")
-    data = content.encode() if isinstance(content, str) else content
-    try:
-        with partial.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _header(path: Path) -> list[str]:
@@ -198,35 +167,3 @@ def _cell(value: Any) -> Any:
     if isinstance(value, float):
         return "" if value != value else format(value, ".9g")
     return "" if value is None else value
-
-
-def _machine() -> dict[str, Any]:
-    return {
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
-        "commit": _commit(),
-        "python": platform.python_version(),
-        "versions": {name: version(name) for name in _PACKAGES},
-        "platform": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
-        "cpus": os.cpu_count(),
-        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
-    }
-
-
-def _commit() -> str | None:
-    """The git commit, with ``+`` where the source differs from it; ``None`` outside git."""
-    here = Path(__file__).parent
-
-    def git(*words: str) -> str:
-        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)
-        return done.stdout.strip()
-
-    try:
-        commit = git("rev-parse", "--short=12", "HEAD")
-        return commit + ("+" if git("status", "--porcelain", "--", ".", "../train.py") else "")
-    except (OSError, subprocess.CalledProcessError):
-        return None
-
-
-def _now() -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
