@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from needlehoop.probe.commands import add_commands as add_probe_commands
 from needlehoop.study.commands import add_commands as add_study_commands
 from needlehoop.vlm.commands import add_commands as add_vlm_commands
 
@@ -102,6 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])
     add_study_commands(commands)
+    add_probe_commands(commands)
     return parser
 
 

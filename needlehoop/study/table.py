@@ -47,6 +47,16 @@ class Table:
         csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
         return text.getvalue()
 
+    def text(self) -> str:
+        """Aligned columns for a terminal, under the title."""
+        lines = [self.header, *self.rows]
+        widths = [max(len(line[i]) for line in lines) for i in range(len(self.header))]
+        body = [
+            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+            for line in lines
+        ]
+        return "\n".join((self.title, *body, *([self.note] if self.note else []), ""))
+
     def markdown(self) -> str:
         """A table of GitHub's Markdown, under its title."""
         lines = [self.header, ("---",) * len(self.header), *self.rows]

@@ -1,0 +1,185 @@
+"""Frames of episodes that do not all go well, with what is to be read off them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from needlehoop.controllers import controller
+from needlehoop.images import Imager
+from needlehoop.observer import state
+from needlehoop.settings import Settings, build
+from needlehoop.signals import Signals
+from needlehoop.simulation import Moment, Simulation
+
+PHASES = ("reach", "lift", "insert")
+"""Until the needle is held, until it is lifted, until it is through."""
+
+KINDS = ("expert", "perturbed", "random", "perturbed")
+"""Who acts in episode ``i``: entry ``i % 4``."""
+
+POINTS = ("needle_tip", "pickup_point", "tool_midpoint")
+"""Signals whose places relative to the goal are to be read off."""
+
+_NOISE = (0.1, 0.8)
+"""Range of a perturbed episode's noise, in units of the action."""
+
+_MEMORY = 0.7
+"""Share of the noise that stays from step to step, so that it leads somewhere."""
+
+_BATCH = 60
+
+
+@dataclass(frozen=True)
+class Frames:
+    """``m`` frames.
+
+    ``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
+    probe that needs no eyes; ``points`` ``(m, 3, 3)`` float32, ``POINTS`` less the goal in mm,
+    world axes; ``grasped`` ``(m,)`` bool; ``phase`` ``(m,)`` int64 into ``PHASES``; ``episode``
+    ``(m,)`` int64.
+    """
+
+    images: dict[str, Tensor]
+    state: Tensor
+    points: Tensor
+    grasped: Tensor
+    phase: Tensor
+    episode: Tensor
+
+    def __len__(self) -> int:
+        return len(self.phase)
+
+
+def collect(
+    settings: Settings, episodes: int, per_phase: int, tick: Callable[[int], object]
+) -> Frames:
+    """Frames of the first episode of ``episodes`` environments of the settings' seed.
+
+    Every batch runs twice: once blind, to know each episode's phases, and once more to look at
+    the steps that were chosen. A traced image costs more than a step.
+
+    Args:
+        settings: all cameras that are wanted; each view is traced once for all its renderings.
+        episodes: how many.
+        per_phase: most frames of one phase of one episode, spread evenly over it.
+        tick: called with the number of episodes that were added.
+    """
+    parts = []
+    for first in range(0, episodes, _BATCH):
+        chunk = replace(settings, num_envs=min(_BATCH, episodes - first))
+        simulation, imager = build(chunk, first_env=first)
+        chosen = _spread(_phases(simulation, _Cast(chunk, first)), per_phase)
+        simulation.reseed(chunk.seed)
+        parts.append(_look(simulation, imager, _Cast(chunk, first), chosen, first))
+        tick(chunk.num_envs)
+    return _join(parts)
+
+
+def phase_of(signals: Signals) -> Tensor:
+    """Index into ``PHASES`` ``(n,)`` of each environment's moment."""
+    return signals.grasped.long() * (1 + signals.lifted.long())
+
+
+class _Cast:
+    """The controllers of a batch: environment ``i`` has the one that ``KINDS`` names.
+
+    Args:
+        settings: of the batch.
+        first: index of its first environment.
+    """
+
+    def __init__(self, settings: Settings, first: int):
+        who = [KINDS[(first + env) % len(KINDS)] for env in range(settings.num_envs)]
+        self._expert = controller("expert", settings)
+        self._size = settings.episode.action_size
+        self._generator = torch.Generator().manual_seed(settings.seed + first)
+        low, high = _NOISE
+        amplitude = low + (high - low) * self._draw(settings.num_envs)
+        self._random = torch.tensor([kind == "random" for kind in who]).unsqueeze(-1)
+        perturbed = torch.tensor([kind == "perturbed" for kind in who])
+        self._amplitude = (amplitude * perturbed).unsqueeze(-1)
+        self._drift = torch.zeros(settings.num_envs, self._size, dtype=torch.float64)
+
+    def __call__(self, signals: Signals) -> Tensor:
+        uniform = 2.0 * self._draw(*self._drift.shape) - 1.0
+        self._drift = _MEMORY * self._drift + uniform
+        scripted = self._expert(signals) + self._amplitude * self._drift
+        return torch.where(self._random, uniform, scripted.clamp(-1.0, 1.0))
+
+    def _draw(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._generator, dtype=torch.float64)
+
+
+def _run(simulation: Simulation, cast: _Cast) -> Iterator[tuple[Moment, Tensor]]:
+    """Moments of one episode in every environment, and which episodes were still on ``(n,)``."""
+    moment = simulation.reset()
+    alive = torch.ones(simulation.num_envs, dtype=torch.bool)
+    yield moment, alive
+    for _ in range(simulation.episode.max_steps):
+        moment = simulation.step(cast(moment.signals))
+        # The moment in which an episode ends still belongs to it.
+        yield moment, alive
+        alive = alive & ~(moment.terminated | moment.truncated)
+        if not bool(alive.any()):
+            return
+
+
+def _phases(simulation: Simulation, cast: _Cast) -> np.ndarray:
+    """Each moment's phase ``(steps, n)``; -1 after an episode's end."""
+    rows = [
+        torch.where(alive, phase_of(moment.signals), -1) for moment, alive in _run(simulation, cast)
+    ]
+    return torch.stack(rows).numpy()
+
+
+def _spread(phases: np.ndarray, most: int) -> np.ndarray:
+    """At most ``most`` moments of each phase of each episode, evenly spread; bool as ``phases``."""
+    chosen = np.zeros(phases.shape, dtype=bool)
+    for env in range(phases.shape[1]):
+        for phase in range(len(PHASES)):
+            (at,) = np.nonzero(phases[:, env] == phase)
+            picks = np.linspace(0, len(at) - 1, min(most, len(at))).round().astype(int)
+            chosen[at[picks], env] = True
+    return chosen
+
+
+def _look(
+    simulation: Simulation, imager: Imager, cast: _Cast, chosen: np.ndarray, first: int
+) -> Frames:
+    parts = []
+    for (moment, _), wanted in zip(_run(simulation, cast), chosen, strict=True):
+        ids = torch.from_numpy(np.flatnonzero(wanted))
+        if len(ids):
+            signals: Any = moment.signals[ids]
+            parts.append(
+                Frames(
+                    imager(simulation.engine.render(ids)),
+                    state(signals),
+                    _points(signals),
+                    signals.grasped,
+                    phase_of(signals),
+                    first + ids,
+                )
+            )
+    return _join(parts)
+
+
+def _points(signals: Signals) -> Tensor:
+    places = [getattr(signals, name) - signals.goal for name in POINTS]
+    return 1e3 * torch.stack(places, 1).float()
+
+
+def _join(parts: list[Frames]) -> Frames:
+    return Frames(
+        {name: torch.cat([part.images[name] for part in parts]) for name in parts[0].images},
+        *(
+            torch.cat([getattr(part, name) for part in parts])
+            for name in ("state", "points", "grasped", "phase", "episode")
+        ),
+    )

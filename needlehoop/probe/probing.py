@@ -1,0 +1,110 @@
+"""The probe itself: frames once for all, then a reader for each combination."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import replace
+
+import torch
+from tqdm import tqdm
+
+from needlehoop.engines.cpu import available_cpus
+from needlehoop.networks import convolution_dtype
+from needlehoop.probe.folder import Folder
+from needlehoop.probe.frames import Frames, collect
+from needlehoop.probe.plan import CONSTANT, TRUTH, Plan, name_of
+from needlehoop.probe.regression import Reader, fold
+from needlehoop.probe.scores import constant, errors
+
+
+def probe(plan: Plan, folder: Folder) -> None:
+    """Measure every combination of a plan that its folder does not have yet, and the baselines.
+
+    Raises:
+        ValueError: episodes that do not come to every phase.
+    """
+    wanted = {name_of(one): one for one in plan.combinations} | {TRUTH: ()}
+    todo = {
+        seed: {name: one for name, one in wanted.items() if not folder.has(seed, name)}
+        for seed in range(plan.scope.seeds)
+    }
+    total = plan.fit.updates * sum(map(len, todo.values()))
+    # One torch thread per reader: sums are then rounded alike at any number of threads.
+    with _torch_threads(1), tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
+        for seed, missing in todo.items():
+            if missing or not folder.has(seed, CONSTANT):
+                _probe_seed(plan, folder, seed, missing, bar)
+
+
+def _probe_seed(
+    plan: Plan, folder: Folder, seed: int, missing: Mapping[str, tuple[str, ...]], bar: tqdm
+) -> None:
+    learnt, held_out = _frames(plan, seed, missing.values(), bar)
+    episodes = plan.episodes.held_out
+    folder.save(seed, CONSTANT, errors(held_out, constant(learnt, held_out), episodes))
+    bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
+    stop = threading.Event()
+
+    def tick() -> None:
+        bar.update()
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    def measure(name: str, reader: Reader) -> None:
+        reader.learn(learnt, plan.fit, seed, tick)
+        folder.save(seed, name, errors(held_out, reader.read(held_out), episodes))
+
+    threads = plan.env.engine.threads or available_cpus()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            jobs = [
+                pool.submit(measure, name, _reader(plan, learnt, cameras, seed))
+                for name, cameras in missing.items()
+            ]
+            for job in as_completed(jobs):
+                job.result()
+        finally:
+            # Ctrl-C, or a reader that failed: the others need not end first.
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+
+
+def _frames(
+    plan: Plan, seed: int, combinations: Iterable[tuple[str, ...]], bar: tqdm
+) -> tuple[Frames, Frames]:
+    """Frames to learn from and held-out ones, folded."""
+    cameras = tuple(dict.fromkeys(camera for one in combinations for camera in one))
+    sizes = (plan.episodes.train, plan.episodes.held_out)
+    done, found = 0, []
+
+    def tick(more: int) -> None:
+        nonlocal done
+        done += more
+        bar.set_description(f"seed {seed}: episode {done} of {sum(sizes)}")
+
+    for episodes, own in zip(sizes, plan.episode_seeds(seed), strict=True):
+        settings = replace(plan.env, cams=cameras, seed=own)
+        frames = collect(settings, episodes, plan.episodes.per_phase, tick)
+        found.append(fold(frames, plan.encoder.stem))
+    return found[0], found[1]
+
+
+def _reader(plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int) -> Reader:
+    """Weights of a seed are the same whichever other combinations are still to be done."""
+    device = plan.scope.torch_device
+    torch.manual_seed(seed)
+    dtype = convolution_dtype(plan.scope.precision, device)
+    return Reader(learnt, cameras, plan.encoder, plan.heads, dtype, device)
+
+
+@contextmanager
+def _torch_threads(number: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

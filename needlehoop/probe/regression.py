@@ -1,0 +1,135 @@
+"""What an encoder reads off the frames: the agent's own network, trained on the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from needlehoop.networks import EncoderConfig, Fold, HeadConfig, Trunk
+from needlehoop.probe.frames import POINTS, Frames
+
+_STATE = "signals"
+_NUMBERS = 3 * len(POINTS)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the network is trained; values in ``conf/probe.yaml``."""
+
+    updates: int
+    minibatch: int
+    learning_rate: float
+    """Of Adam at the start; falls to zero in a straight line."""
+
+    def __post_init__(self) -> None:
+        for key in ("updates", "minibatch"):
+            if getattr(self, key) < 1:
+                raise ValueError(f"fit.{key}: {getattr(self, key)} must be at least 1")
+        if not self.learning_rate > 0:
+            raise ValueError(f"fit.learning_rate: {self.learning_rate} must be positive")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What was read off ``m`` frames: ``points`` as in ``Frames``, ``grasped`` ``(m,)`` bool."""
+
+    points: Tensor
+    grasped: Tensor
+
+
+class Reader:
+    """The agent's encoders and trunk, with the answers in place of the policy.
+
+    Weights are drawn here, from torch's global generator; ``learn`` draws from its own.
+
+    Args:
+        frames: to learn from, folded by ``fold``.
+        cameras: whose images are read; none: the true state is.
+        encoder: of every camera.
+        heads: width and layers of the trunk.
+        dtype: of the convolutions.
+        device: where it is trained.
+    """
+
+    def __init__(
+        self,
+        frames: Frames,
+        cameras: Sequence[str],
+        encoder: EncoderConfig,
+        heads: HeadConfig,
+        dtype: torch.dtype,
+        device: torch.device,
+    ):
+        self._cameras, self._device = tuple(cameras), device
+        # Trunk takes unfolded shapes: (c, h, w).
+        images = {name: _unfolded(frames.images[name].shape[1:], encoder.stem) for name in cameras}
+        vectors = {} if cameras else {_STATE: frames.state.shape[-1]}
+        trunk = Trunk(images, vectors, encoder, heads, dtype)
+        self._net = nn.Sequential(_Spread(trunk), nn.Linear(heads.hidden, _NUMBERS + 1)).to(device)
+        self._normalizers: list[Any] = list(trunk.normalizers.values())
+        self._mean = frames.points.mean(0)
+        self._deviation = frames.points.std(0).clamp(min=1e-3)
+
+    def learn(self, frames: Frames, fit: Fit, seed: int, tick: Callable[[], object]) -> None:
+        """Train on frames, in minibatches drawn by ``seed``; ``tick`` is called after each."""
+        for normalizer in self._normalizers:
+            normalizer.learn(frames.state.to(self._device))
+        wanted = ((frames.points - self._mean) / self._deviation).flatten(1)
+        optimizer = torch.optim.Adam(self._net.parameters(), lr=fit.learning_rate)
+        falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, fit.updates)
+        generator = torch.Generator().manual_seed(seed)
+        for _ in range(fit.updates):
+            rows = torch.randint(len(frames), (fit.minibatch,), generator=generator)
+            said = self._net(self._observed(frames, rows))
+            loss = functional.mse_loss(said[:, :-1], wanted[rows].to(self._device))
+            loss = loss + functional.binary_cross_entropy_with_logits(
+                said[:, -1], frames.grasped[rows].float().to(self._device)
+            )
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            falling.step()
+            tick()
+
+    @torch.no_grad()
+    def read(self, frames: Frames) -> Reading:
+        """Read frames that were not learnt from."""
+        parts = [
+            self._net(self._observed(frames, rows)).cpu()
+            for rows in torch.arange(len(frames)).split(512)
+        ]
+        said = torch.cat(parts)
+        points = said[:, :-1].view(-1, len(POINTS), 3) * self._deviation + self._mean
+        return Reading(points, said[:, -1] > 0)
+
+    def _observed(self, frames: Frames, rows: Tensor) -> tuple[Tensor, ...]:
+        values = [frames.images[name] for name in self._cameras] or [frames.state]
+        return tuple(value[rows].to(self._device) for value in values)
+
+
+class _Spread(nn.Module):
+    """A trunk that takes its observations as one tuple."""
+
+    def __init__(self, trunk: Trunk):
+        super().__init__()
+        self.trunk = trunk
+
+    def forward(self, observed: tuple[Tensor, ...]) -> Tensor:
+        return self.trunk(*observed)
+
+
+def fold(frames: Frames, stem: int) -> Frames:
+    """Frames with their images folded for an encoder, once for all who read them."""
+    folder = Fold(stem)
+    images = {name: folder(image) for name, image in frames.images.items()}
+    return Frames(images, frames.state, frames.points, frames.grasped, frames.phase, frames.episode)
+
+
+def _unfolded(shape: torch.Size, stem: int) -> torch.Size:
+    height, width, channels = shape
+    return torch.Size((channels // stem**2, height * stem, width * stem))

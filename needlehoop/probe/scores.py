@@ -1,0 +1,169 @@
+"""Errors of readings, and the one number that a combination of cameras gets.
+
+The score is the mean over phases of ``1 - e / e0``: ``e`` is the error in mm of what the phase
+needs, ``e0`` that of a constant, the mean of the training frames of that phase. 1 is without
+error; 0 is no better than not looking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from needlehoop.probe.frames import PHASES, POINTS, Frames
+from needlehoop.probe.regression import Reading
+
+GAP = "tool_to_pickup"
+QUANTITIES = (*POINTS, GAP, "grasped")
+"""Errors are in mm (``GAP``: of the way from tool to pickup point), of ``grasped`` the share of
+frames in which it is wrong."""
+
+NEEDED = {"reach": GAP, "lift": "pickup_point", "insert": "needle_tip"}
+"""What each phase needs to know: the way to the needle, then how far the needle, then how far its
+tip is from the goal."""
+
+_RESAMPLES = 2_000
+_LIMITS = (2.5, 97.5)
+"""Percentiles of a 95 % interval."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Mean errors of held-out episodes.
+
+    ``mean`` ``(episodes, phases, quantities)``, NaN where an episode has no such phase; ``frames``
+    ``(episodes, phases)``, how many each mean is over.
+    """
+
+    mean: np.ndarray
+    frames: np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its 95 % interval over held-out episodes."""
+
+    value: float
+    low: float
+    high: float
+
+
+def errors(frames: Frames, reading: Reading, episodes: int) -> Errors:
+    """Errors of a reading of held-out frames, episode by episode."""
+    off = (reading.points - frames.points).double()
+    gap = off[:, POINTS.index("pickup_point")] - off[:, POINTS.index("tool_midpoint")]
+    columns = [off[:, i].norm(dim=-1) for i in range(len(POINTS))]
+    columns += [gap.norm(dim=-1), (reading.grasped != frames.grasped).double()]
+    values = np.stack([column.numpy() for column in columns], -1)
+    total = np.zeros((episodes, len(PHASES), len(QUANTITIES)))
+    count = np.zeros((episodes, len(PHASES)), dtype=int)
+    where = (frames.episode.numpy(), frames.phase.numpy())
+    np.add.at(total, where, values)
+    np.add.at(count, where, 1)
+    with np.errstate(invalid="ignore"):
+        return Errors(total / count[..., None], count)
+
+
+def constant(learnt: Frames, frames: Frames) -> Reading:
+    """What one would say of ``frames`` without looking.
+
+    Of places the mean of the phase's training frames; ``grasped`` as most training frames are.
+
+    Raises:
+        ValueError: a phase that no training frame shows.
+    """
+    points = torch.empty_like(frames.points)
+    for phase, name in enumerate(PHASES):
+        known = learnt.points[learnt.phase == phase]
+        if not len(known):
+            raise ValueError(f"episodes.train: none comes to the phase {name}; take more")
+        points[frames.phase == phase] = known.mean(0)
+    commonest = learnt.grasped.float().mean() > 0.5
+    return Reading(points, commonest.expand(len(frames)))
+
+
+def score(found: Sequence[Errors], constants: Sequence[Errors]) -> Estimate:
+    """The score of one combination, as the module says; mean over the probe's seeds.
+
+    Args:
+        found: of the combination, seed by seed.
+        constants: of the constant, likewise.
+    """
+    return _interval(
+        [
+            _Weighted(
+                [
+                    (own.mean[:, p, q], blind.mean[:, p, q])
+                    for p, q in enumerate(QUANTITIES.index(NEEDED[name]) for name in PHASES)
+                ]
+            )
+            for own, blind in zip(found, constants, strict=True)
+        ]
+    )
+
+
+def error(found: Sequence[Errors], phase: str, quantity: str) -> Estimate:
+    """Mean error over episodes, in mm (``grasped``: a share); mean over the probe's seeds."""
+    p, q = PHASES.index(phase), QUANTITIES.index(quantity)
+    return _interval([_Weighted([(own.mean[:, p, q], None)]) for own in found])
+
+
+def places(scores: Mapping[str, Estimate]) -> dict[str, tuple[int, int]]:
+    """The best and the worst place that each combination may have, counted from 1.
+
+    One is before another only where its whole interval is above the other's. Two whose
+    intervals overlap always share a place.
+    """
+    n = len(scores)
+    return {
+        name: (
+            1 + sum(other.low > own.high for other in scores.values()),
+            n - sum(other.high < own.low for other in scores.values()),
+        )
+        for name, own in scores.items()
+    }
+
+
+class _Weighted:
+    """Of one seed's episodes: the error, or the mean over phases of the score.
+
+    Args:
+        columns: for each phase, errors by episode and those of the constant (``None``: the mean
+            error itself is wanted).
+    """
+
+    def __init__(self, columns: Sequence[tuple[np.ndarray, np.ndarray | None]]):
+        self._columns = columns
+        self.episodes = len(columns[0][0])
+
+    def value(self, weights: np.ndarray) -> np.ndarray:
+        """By how often each episode counts ``(k, episodes)``; ``(k,)``."""
+        parts = []
+        for own, blind in self._columns:
+            value = _mean(own, weights)
+            parts.append(value if blind is None else 1.0 - value / _mean(blind, weights))
+        return np.mean(parts, axis=0)
+
+
+def _mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted means ``(k,)`` over the episodes that have a value."""
+    has = ~np.isnan(values)
+    # A sample may have none of them.
+    with np.errstate(invalid="ignore"):
+        return weights[:, has] @ values[has] / weights[:, has].sum(1)
+
+
+def _interval(seeds: Sequence[_Weighted]) -> Estimate:
+    """Mean over seeds; episodes are resampled within each."""
+    generator = np.random.default_rng(0)
+    value, drawn = 0.0, np.zeros(_RESAMPLES)
+    for one in seeds:
+        n = one.episodes
+        value += float(one.value(np.ones((1, n)))[0]) / len(seeds)
+        weights = generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)
+        drawn += one.value(weights.astype(float)) / len(seeds)
+    low, high = np.nanpercentile(drawn, _LIMITS)
+    return Estimate(value, float(low), float(high))
