@@ -65,7 +65,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
     """
 
     def pilot(chunk: Settings, simulation: Simulation, imager: Imager) -> Pilot:
-        return Pilot(agent, Observer(chunk, simulation, imager), _device(agent))
+        return Pilot(agent.actor, Observer(chunk, simulation, imager), _device(agent))
 
     return run_batches(settings, episodes, _BATCH, pilot)
 
@@ -82,7 +82,7 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
     """
     alone = replace(job_env, num_envs=1, seed=seed)
     simulation, imager = build(alone)
-    pilot = Pilot(agent, Observer(alone, simulation, imager), _device(agent))
+    pilot = Pilot(agent.actor, Observer(alone, simulation, imager), _device(agent))
     record(alone, simulation, imager, pilot, episodes, out)
 
 

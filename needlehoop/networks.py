@@ -69,6 +69,8 @@ class HeadConfig:
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
+    told: tuple[str, ...]
+    """Facts that the value function is told and the policy is not."""
 
     def __post_init__(self) -> None:
         for key, value in (("hidden", self.hidden), ("layers", self.layers)):
@@ -243,11 +245,26 @@ class Gaussian(nn.Module):
         return loc, self.log_sigma.exp().expand_as(loc)
 
 
+class Value(nn.Module):
+    """Value head: linear; with facts told, a hidden layer that can weigh them by what is seen."""
+
+    def __init__(self, inner: int, told: int):
+        super().__init__()
+        layers: list[nn.Module] = []
+        if told:
+            layers = [_linear(inner + told, inner), nn.SiLU()]
+        self.layers = nn.Sequential(*layers, _linear(inner, 1))
+
+    def forward(self, hidden: Tensor, *facts: Tensor) -> Tensor:
+        return self.layers(torch.cat((hidden, *(fact.float() for fact in facts)), -1))
+
+
 class Agent(TensorDictModuleBase):
     """Policy and value function over a shared trunk.
 
     Called with a TensorDict of observations, it writes the folded images, ``action`` (sampled or
     the mean, as TorchRL's exploration type says), its log-probability and ``state_value``.
+    ``actor`` does the same without the value, for which nothing but observations is needed.
 
     Args:
         observed: the environment's observation spec, batch size ``(n,)``.
@@ -257,7 +274,7 @@ class Agent(TensorDictModuleBase):
         dtype: of the convolutions.
 
     Raises:
-        ValueError: images that do not fit the encoder.
+        ValueError: images that do not fit the encoder, or a fact that the environment lacks.
     """
 
     def __init__(
@@ -297,10 +314,25 @@ class Agent(TensorDictModuleBase):
             distribution_class=IndependentNormal,
             return_log_prob=True,
         )
-        value = ValueOperator(_linear(heads.hidden, 1), in_keys=trunks[-1].out_keys)
+        facts = [("facts", name) for name in heads.told]
+        known = sorted(map(str, observed["facts"].keys())) if facts else []
+        for name in heads.told:
+            if name not in known:
+                raise ValueError(
+                    f"algo.network.told: {name!r} is unknown; choose from {', '.join(known)}"
+                )
+        value = ValueOperator(
+            Value(heads.hidden, len(facts)), in_keys=[*trunks[-1].out_keys, *facts]
+        )
         self.operator = ActorValueOperator(trunk, policy, value)
-        self.in_keys = [*(("pixels", name) for name in images), *vectors]
+        self.in_keys = [*(("pixels", name) for name in images), *vectors, *facts]
         self.out_keys = [*self.fold.out_keys, *self.operator.out_keys]
+
+    @property
+    def actor(self) -> TensorDictModuleBase:
+        """The policy alone, from the same weights."""
+        policy: Any = self.operator.get_policy_operator()
+        return TensorDictSequential(self.fold, policy)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self.operator(self.fold(tensordict))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.distributions import Normal
 from torch.nn.functional import pixel_unshuffle
-from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop import config
@@ -23,7 +23,7 @@ from needlehoop.networks import (
 
 ENCODERS = sorted(file.stem for file in (config.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
-HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True)
+HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True, told=())
 
 
 def random_images(*shape: int) -> torch.Tensor:
@@ -130,7 +130,7 @@ def test_an_encoder_of_nothing_is_refused_by_key(key):
     ("key", "value"), [("hidden", 0), ("layers", 0), ("sigma", 0.0), ("sigma", float("nan"))]
 )
 def test_bad_heads_are_refused_by_key(key, value):
-    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, key: value}
+    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, "told": (), key: value}
     with pytest.raises(ValueError, match=rf"algo\.network\.{key}: "):
         HeadConfig(**values)
 
@@ -281,6 +281,46 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
         ]
         assert all(grad is not None for grad in grads[moved])
         assert all(grad is None for grad in grads[1 - moved])
+
+
+def told(spec: Composite) -> Agent:
+    spec["facts"] = Composite(
+        {name: Binary(1, shape=(2, 1), dtype=torch.bool) for name in ("grasped", "lifted")},
+        shape=(2,),
+    )
+    return Agent(spec, 5, SMALL, replace(HEADS, told=("lifted",)), torch.float32)
+
+
+def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
+    spec = observed(2, {"rgb_a": 3}, {})
+    agent = told(spec)
+    seen = spec.rand()
+    seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
+    before = agent(seen.clone())
+    for fact, moves in (("grasped", False), ("lifted", True)):
+        other = seen.clone()
+        other["facts", fact] = ~other["facts", fact]
+        after = agent(other)
+        assert torch.equal(after["loc"], before["loc"])
+        assert torch.equal(after["state_value"], before["state_value"]) != moves
+
+
+def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
+    spec = observed(2, {"rgb_a": 3}, {})
+    agent = told(spec)
+    seen = spec.rand()
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        flown = agent.actor(seen.select("pixels"))
+        assert torch.equal(flown["action"], agent(seen)["action"])
+    assert "state_value" not in set(flown.keys())
+    assert not [name for name in agent.state_dict() if "actor" in name]
+
+
+def test_an_unknown_fact_is_refused_with_those_that_are_known():
+    spec = observed(2, {"rgb_a": 3}, {})
+    spec["facts"] = Composite({"lifted": Binary(1, shape=(2, 1), dtype=torch.bool)}, shape=(2,))
+    with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from lifted"):
+        Agent(spec, 5, SMALL, replace(HEADS, told=("held",)), torch.float32)
 
 
 def test_images_that_do_not_fit_are_refused_when_the_agent_is_made():

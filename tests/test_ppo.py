@@ -13,7 +13,7 @@ from needlehoop.networks import Agent, EncoderConfig, HeadConfig, Normalizer
 from needlehoop.ppo import Ppo, PpoConfig
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
-HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True)
+HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True, told=())
 ENVS, STEPS = 3, 8
 SPECS = {
     "signals": Composite(signals=Unbounded(shape=(ENVS, 4)), shape=(ENVS,)),

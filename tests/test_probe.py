@@ -209,7 +209,7 @@ def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **mo
         env=settings,
         combinations=combinations(given, settings),
         encoder=EncoderConfig("tiny", 4, (16,), 1),
-        heads=HeadConfig(64, 1, 1.0, True),
+        heads=HeadConfig(64, 1, 1.0, True, ()),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
         scope=Scope(1, str(folder), "probe", False, "cpu", "fp32"),
