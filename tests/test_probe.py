@@ -350,13 +350,13 @@ def test_a_grid_of_views_is_probed_and_mapped(tmp_path):
     folder = tmp_path / "probe" / "views_rgb"
     assert (folder / "map.png").exists()
     names = {file.stem for file in (folder / "seed0").iterdir()} - {CONSTANT, TRUTH}
-    assert names == {f"rgb_a{a}e{e}" for a in (-30, 0, 30) for e in (20, 50)}
+    assert names == {f"rgb_az{a}-el{e}" for a in (-30, 0, 30) for e in (20, 50)}
 
 
 def test_a_grid_view_like_a_named_one_is_that_view(settings):
     own = settings.views["side"]
     grid = Grid("rgb", "side", own.fovy, (0.0, own.azimuth), (own.elevation, 60.0))
-    assert grid.views(settings.views)[f"a{own.azimuth:g}e{own.elevation:g}"] == own
+    assert grid.views(settings.views)[f"az{own.azimuth:g}-el{own.elevation:g}"] == own
 
 
 def test_the_map_puts_each_score_where_its_camera_stands():

@@ -43,7 +43,7 @@ def ranking(findings: Findings) -> Figure:
     right.tick_params(axis="y", length=0)
     right.grid(axis="both", linewidth=0.3)
     right.set_xlim(left=0)
-    right.set_xlabel("error, mm\n(dotted: from the true state)")
+    right.set_xlabel("error, mm\n(dotted: true state)")
     figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6.5,
                   handletextpad=0.1, columnspacing=0.8)  # fmt: skip
     return figure

@@ -62,8 +62,9 @@ def _probe(options: argparse.Namespace) -> int:
     folder.note(wall_time=round(time.perf_counter() - began, 1), memory_gb=round(peak_memory(), 2))
     findings = read_findings(folder, plan.scope.seeds)
     _write(findings, folder.path, grid, standing.views)
-    print(ranking(findings).text())
-    print(agreements(findings).text())
+    for table in (ranking(findings), agreements(findings)):
+        if table.rows:
+            print(table.text())
     print(f"files        {folder.path}")
     return 0
 

@@ -41,9 +41,9 @@ class Grid:
         }
 
     def names(self) -> dict[tuple[float, float], str]:
-        """Names of the views by azimuth and elevation, such as ``a-30e45``."""
+        """Names of the views by azimuth and elevation, such as ``az-30-el45``."""
         return {
-            (azimuth, elevation): f"a{azimuth:g}e{elevation:g}"
+            (azimuth, elevation): f"az{azimuth:g}-el{elevation:g}"
             for elevation in self.elevations
             for azimuth in self.azimuths
         }
