@@ -10,11 +10,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from needlehoop.command import add_command
 from needlehoop.probe.commands import add_commands as add_probe_commands
 from needlehoop.study.commands import add_commands as add_study_commands
 from needlehoop.vlm.commands import add_commands as add_vlm_commands
@@ -42,17 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True)
 
-    def add(name: str, run: Callable[[argparse.Namespace], None], summary: str, keys: str):
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=summary,
-            epilog=f"Keys: {keys}; and all of conf/env.yaml, such as task=wide or seed=1.",
-        )
-        command.add_argument("overrides", nargs="*", metavar="key=value")
-        command.set_defaults(run=run)
-        return command
-
+    add = partial(add_command, commands)
     add(
         "snapshot",
         _snapshot,

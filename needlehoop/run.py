@@ -146,6 +146,10 @@ class Run:
             write_whole(self.vacate(name), text)
         return path
 
+    def replace(self, name: str, text: str) -> None:
+        """Write a small file, whole or not at all, over what is there."""
+        _write(self.folder / name, text)
+
     def vacate(self, name: str) -> Path:
         """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""
         path = self.folder / name

@@ -10,6 +10,7 @@ import torch
 
 from needlehoop import config
 from needlehoop.cli import main
+from needlehoop.rewards import written
 from needlehoop.rewards.language import compile_program
 from needlehoop.signals import TABLE
 from needlehoop.vlm.gates import Gates, Trajectories, card, collect, random_signals
@@ -155,6 +156,22 @@ def test_the_audit_can_be_passed_by_a_margin(judge):
     gap = judge(SOUND).expert - judge(SOUND).cheat
     assert not judge(SOUND, audit_margin=gap - 0.01).flags
     assert judge(SOUND, audit_margin=gap + 0.01).flags
+
+
+def test_the_papers_own_rewards_are_seen_through(judge):
+    """Its text-only reward was gamed in training; of the others, one leaves the range."""
+    shipped = written.RECORDINGS / "paper" / "rewards"
+    found = {
+        f"{path.parent.name}/{path.stem}": judge(path.read_text())
+        for path in shipped.glob("*/*.txt")
+    }
+    assert len(found) == 4
+    assert found["any/text"].passed
+    assert "touching the goal without threading" in found["any/text"].flags[0]
+    assert found["any/text"].expert - found["any/text"].cheat < 0.1
+    refused = {name: card.reasons for name, card in found.items() if not card.passed}
+    assert list(refused) == ["dep_front+rgb_side/image"]
+    assert ["rises to" in reason for reason in refused["dep_front+rgb_side/image"]] == [True]
 
 
 def test_random_signals_are_wild_but_possible():

@@ -185,6 +185,17 @@ def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
     assert "'d' has no value yet where the if on line 1 goes the other way" in error.reason
 
 
+INNER = "if grasped:\n        d = 1"
+
+
+@pytest.mark.parametrize(
+    ("then", "other", "line"), [(INNER, "d = 2", 2), ("d = 2", INNER, 4), (INNER, INNER, 2)]
+)
+def test_a_variable_of_one_inner_branch_has_no_value_after_either(then, other, line):
+    error = refused(f"if lifted:\n    {then}\nelse:\n    {other}\nreward = d")
+    assert f"'d' has no value yet where the if on line {line} goes" in error.reason
+
+
 @pytest.mark.parametrize(
     ("end", "terms"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import runpy
 import shutil
@@ -15,6 +16,7 @@ from vlm_server import KEY, Server, by_schema, serve
 from needlehoop import config
 from needlehoop.cli import main
 from needlehoop.rewards import RewardError
+from needlehoop.rewards.written import RECORDINGS
 from needlehoop.vlm import asking, commands
 from needlehoop.vlm.writing import Verdict, Workshop
 
@@ -131,11 +133,18 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
     for flavour in ("text", "image"):
         assert main(["vlm", "reward", *offline, CAMS, f"flavour={flavour}"]) == 0
     assert len(server.requests) == asked
-    assert "prompts" in said
+    # Of the last command, which was refused nothing, and of all that was asked.
+    assert "this:       1 prompts, 115 tokens (100 in, 15 out), 0 invalid answers" in said
+    assert f"transcript: {6 + 3 + 5 + 3 + 3} prompts" in said
+    assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in said
     before, after = contents(study), contents(Path("results/again/vlm"))
     assert set(after) == {
         "questions.json",
+        "questions.csv",
         "rankings.json",
+        "rankings.csv",
+        "agreement.csv",
+        "totals.csv",
         *(
             f"rewards/dep_front+seg_side/{name}"
             for name in ("text.txt", "text.attempts.jsonl", "image.txt", "image.attempts.jsonl")
@@ -179,6 +188,41 @@ def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, 
     assert found["lists"][0]["agreement"]["same_top"] == 0.5
     names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")]
     assert names == ["question"] * 6 + ["rank"] * 2 + ["rank/2"] * 7
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_answers_are_tables_too(study, words, server):
+    own = "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]"
+    assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
+    answers = json.loads((study / "questions.json").read_text())["answers"]
+    asked = {row["question"]: row for row in rows_of(study / "questions.csv")}
+    with (RECORDINGS / "paper" / "table_1.csv").open(newline="") as file:
+        assert {row["question"] for row in csv.DictReader(file)} <= set(asked)
+    best = asked["Best view for subtask 2"]
+    assert best["answer"] == answers["suits"]["second"]["view"]
+    assert best["reason"] == answers["suits"]["second"]["view_reason"]
+    ranked = rows_of(study / "rankings.csv")
+    assert len(ranked) == 2 * (2 + 2)
+    assert ranked[1] == {
+        "list": "1",
+        "sample": "1",
+        "place": "2",
+        "cameras": "dep_front+seg_side",
+        "reason": "because of dep_front+seg_side",
+    }
+    assert rows_of(study / "agreement.csv")[1] == {
+        "list": "2",
+        "samples": "2",
+        "tau_b": "1.0",
+        "same_top": "1.0",
+    }
+    costs = rows_of(study / "totals.csv")
+    assert [row["conversation"] for row in costs] == ["question", "rank", "rank/2", "all"]
+    assert [row["prompts"] for row in costs] == ["6", "2", "7", "15"]
 
 
 def test_a_ranking_that_is_no_permutation_goes_back(study, words, server):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,13 +13,14 @@ from pathlib import Path
 import pytest
 from vlm_server import by_schema
 
-from needlehoop import signals
+from needlehoop import config, signals
 from needlehoop.rewards.human import Human
 from needlehoop.settings import Settings
 from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import STATES, Album
-from needlehoop.vlm.conversation import Conversation
+from needlehoop.vlm.conversation import Conversation, NoAnswerError
 from needlehoop.vlm.forms import Program
+from needlehoop.vlm.gates import Gates
 from needlehoop.vlm.messages import Picture, Request
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.provider import LiveConfig, Reply
@@ -26,7 +28,8 @@ from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import Verdict, Workshop, reward_prompt
+from needlehoop.vlm.workshop import open_workshop
+from needlehoop.vlm.writing import Verdict, Work, Workshop, reward_prompt, write_program
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
@@ -36,14 +39,16 @@ CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
 
 
 class Obliging:
-    """Answers anything in the right form; ranks in the order of the list."""
+    """Answers as told, then anything in the right form; ranks in the order of the list."""
 
-    def __init__(self):
+    def __init__(self, answers: Iterable[str] = ()):
+        self.answers = list(answers)
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
         self.asked.append(request)
-        return Reply("answered", by_schema(dict(request.schema)), "", "m", 1, 1)
+        answer = self.answers.pop(0) if self.answers else by_schema(dict(request.schema))
+        return Reply("answered", answer, "", "m", 1, 1)
 
     def close(self) -> None:
         pass
@@ -87,6 +92,33 @@ def asked(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[
     return everything_said(settings, tmp_path_factory.mktemp("record"))
 
 
+BAD = (
+    "import os",
+    "reward = 3",
+    "reward = 40",
+    "reward = 1 / elapsed",
+    "reward = 9 * exp(-50 * distance(needle_tip, goal))",
+    "reward = 2",
+)
+
+
+@pytest.fixture(scope="module")
+def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
+    """Requests for a reward of a model that never gets it right, with the real judge."""
+    gates = config.as_type(config.compose([], "check")["gates"], Gates, "gates")
+    # The default margin of the audit is also the angle at which the jaws let go.
+    gates = replace(gates, episodes=1, random_signals=50, audit="refuse", audit_margin=0.75)
+    quick = replace(settings, engine=replace(settings.engine, threads=1))
+    workshop = open_workshop(quick, gates)
+    programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
+    provider = Obliging(programs)
+    recorder = Recorder(Transcript(tmp_path_factory.mktemp("bad")), provider, CONFIG)
+    work = Work(Conversation(recorder, "reward", len(BAD)))
+    with pytest.raises(NoAnswerError):
+        write_program(work, reward_prompt(settings, workshop, "text"), workshop)
+    return provider.asked
+
+
 def test_one_conversation_shows_three_pictures_then_eighteen(asked):
     counts = [sum(isinstance(p, Picture) for p in r.messages[-1].parts) for r in asked]
     # Five questions, one list, a reward from text and one from text and pictures.
@@ -118,27 +150,61 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     assert "21 mm" in description.scene(changed)
 
 
-def test_neither_the_human_reward_nor_the_success_test_is_told(asked, settings):
-    said = text_of(asked).lower()
-    for name in ("touched", "threaded", "verdict", "cheat", "human"):
-        assert name not in said
-    secret = [f.name for f in fields(Human)] + [f.name for f in fields(settings.episode)]
+def leaks(text: str, settings: Settings) -> list[str]:
+    """What a text says of the human reward and of the success test."""
+    said = text.lower()
+    words = {"touched", "touching", "threaded", "threading", "verdict", "cheat", "human"}
+    words |= {f.name for f in fields(Human)} | {f.name for f in fields(settings.episode)}
     # Plain words that the task can't be told without.
-    plain = {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "jaw", "rotation"}
-    plain |= {"control", "translation", "tolerance"}
-    for name in set(secret) - plain:
-        assert not re.search(rf"\b{name}\b", said), name
-    assert "tolerance" not in said
-    for line in inspect.getsource(Human.__call__).splitlines()[2:]:
-        assert line.strip().lower() not in said or len(line.strip()) < 4
+    words -= {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "jaw", "rotation"}
+    words -= {"control", "translation"}
+    found = [name for name in sorted(words) if re.search(rf"\b{name}\b", said)]
+    lines = [line.strip().lower() for line in inspect.getsource(Human.__call__).splitlines()[2:]]
+    found += [line for line in lines if len(line) >= 4 and line in said]
     episode, reward = settings.episode, settings.reward
-    for value in (episode.lift_radius, episode.goal_radius, episode.thread_depth):
-        assert not re.search(rf"(?<![\d.]){1000 * value:g} mm", said)
-        assert not re.search(rf"(?<![\d.]){re.escape(str(value))}(?![\d])", said)
-    for name in ("tolerance", "rate", "closed_below", "grasp", "hoop"):
-        assert not re.search(rf"(?<![\d.]){re.escape(str(float(reward[name])))}(?!\d)", said)
-    for value in (episode.close_below, episode.release_above):
-        assert not re.search(rf"(?<![\d.]){re.escape(str(value))}(?!\d)", said)
+    near = [episode.lift_radius, episode.goal_radius, episode.thread_depth]
+    limits = [*near, episode.close_below, episode.release_above]
+    limits += [float(reward[name]) for name in ("tolerance", "rate", "closed_below")]
+    values = [f"{1000 * value:g} mm" for value in near] + [str(value) for value in limits]
+    values += [str(float(reward[name])) for name in ("grasp", "lift", "hoop", "closed")]
+    return found + [v for v in values if re.search(rf"(?<![\d.]){re.escape(v)}(?!\d)", said)]
+
+
+def test_neither_the_human_reward_nor_the_success_test_is_told(asked, corrected, settings):
+    assert leaks(text_of([*asked, *corrected]), settings) == []
+
+
+def test_all_prompts_are_among_those_searched(asked, corrected):
+    said = " ".join(text_of([*asked, *corrected]).split())
+    for path in Path(prompts.__file__).parent.glob("*.txt"):
+        longest = max(re.split(r"\$[a-z_]+", path.read_text()), key=len)
+        assert len(longest) > 20
+        assert " ".join(longest.split()) in said, path
+
+
+@pytest.mark.parametrize(
+    "leak",
+    [
+        "it is done once threaded",
+        "touching the goal",
+        "when the tip is within 5 mm",
+        "distance < 0.005",
+        "exp(-80.0 * d)",
+        "a term closed_below",
+        "reward 3.0 for the lift",
+        *(f"    {line}" for line in inspect.getsource(Human.__call__).splitlines()[3:5]),
+    ],
+)
+def test_what_leaked_would_be_found(asked, settings, leak):
+    assert leaks(f"{text_of(asked)}\n{leak}", settings)
+
+
+def test_refused_programs_go_back_with_every_kind_of_reason(corrected):
+    said = text_of(corrected[-1:])
+    for reason in ("'import' is not in the language", "above a random policy", "rises to 40.000"):
+        assert reason in said
+    assert "not finite on" in said
+    assert "an episode that fails at the task ends" in said
 
 
 def test_nothing_said_depends_on_rewards_or_thresholds(asked, settings, tmp_path):

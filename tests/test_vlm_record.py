@@ -9,11 +9,12 @@ import pytest
 from pydantic import ValidationError
 
 from needlehoop.vlm.agreement import agreement
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
 from needlehoop.vlm.forms import Program, Subtasks, choice, ranking
 from needlehoop.vlm.messages import Message, Picture, Request
 from needlehoop.vlm.provider import LiveConfig, ProviderError, Reply
 from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
+from needlehoop.vlm.totals import in_words, of_transcript, papers
 from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import Verdict, Work, Workshop, write_program
 
@@ -274,8 +275,42 @@ def test_tokens_that_nobody_counted_are_said_to_be_missing(tmp_path):
     silent = Reply("answered", json.dumps(subtasks("a")), "", "m", None, None)
     conversation = Conversation(live(tmp_path, silent), "question", 1)
     conversation.ask(["?"], Subtasks)
-    assert totals(conversation.attempts)["prompts_without_token_count"] == 1
+    assert totals_of(conversation.attempts)["prompts_without_token_count"] == 1
     assert models(conversation.attempts) == ["gemini m"]
+
+
+def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
+    good = json.dumps(subtasks("a"))
+    silent = Reply("answered", good, "", "m", None, None)
+    down = [ProviderError("down", 503)] * 2
+    script = [reply("no"), reply(good), reply('{"', "truncated"), silent, *down]
+    recorder = live(tmp_path, *script, reply("", "refused", "SAFETY"))
+    for name in ("question", "rank"):
+        conversation = Conversation(recorder, name, 3)
+        conversation.ask([name], Subtasks)
+    for error in (ProviderError, RefusalError):
+        with pytest.raises(error):
+            recorder.ask(request("else"), "reward/text")
+    found = of_transcript(Transcript(tmp_path).exchanges)
+    assert found == of_transcript(recorder.transcript.exchanges)
+    assert list(found) == ["question", "rank", "reward/text", "all"]
+    assert found["question"] == {
+        "prompts": 2,
+        "tokens_in": 20,
+        "tokens_out": 6,
+        "prompts_without_token_count": 0,
+        "invalid_answers": 1,
+    }
+    assert found["rank"]["prompts_without_token_count"] == 1
+    assert found["rank"]["invalid_answers"] == 1
+    # The request that nobody answered is no prompt; the one that was refused is.
+    assert found["reward/text"]["prompts"] == found["reward/text"]["invalid_answers"] == 1
+    for key, value in found["all"].items():
+        assert value == sum(row[key] for name, row in found.items() if name != "all")
+    assert in_words(found["all"]) == (
+        "5 prompts, 52 tokens (40 in, 12 out; 1 prompts not counted), 3 invalid answers"
+    )
+    assert papers() == "25 prompts, 14137 tokens"
 
 
 def places(*names: str) -> str:

@@ -81,7 +81,10 @@ def test_a_missing_program_names_the_command_that_makes_it(place):
     with pytest.raises(ValueError, match="no image reward") as found:
         config.settings(["reward=vlm_img", "cams=[rgb_front,seg_side]"])
     said = str(found.value)
-    assert "needlehoop vlm reward 'cams=[rgb_front,seg_side]' flavour=image study=main" in said
+    assert (
+        "needlehoop vlm reward 'cams=[rgb_front,seg_side]' flavour=image study=main vlm=gemini"
+        in said
+    )
     assert "there is dep_front+seg_side" in said
 
 

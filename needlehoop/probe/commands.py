@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from needlehoop.command import add_command
+
 if TYPE_CHECKING:
     from needlehoop.cameras import View
     from needlehoop.probe.findings import Findings
@@ -20,20 +22,18 @@ if TYPE_CHECKING:
 
 def add_commands(commands: Any) -> None:
     """Add the command to the subparsers of ``needlehoop``."""
-    summary = "Rank cameras by what can be read off their images, without training a policy."
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "probe",
-        help=summary,
-        description=f"{summary} Stopped, the same command goes on where it was.",
-        epilog="Keys: cams=rgb_front,dep_front+seg_side seeds=2 episodes.train=300 fit.updates=400"
-        " study=probe overwrite=false; grid.rendering=rgb grid.azimuths=[-60,0,60]; and all of"
-        " conf/env.yaml, such as task=wide or image_size=32.",
+        _probe,
+        "Rank cameras by what can be read off their images, without training a policy. Stopped, the"
+        " same command goes on.",
+        "cams=rgb_front,dep_front+seg_side seeds=2 episodes.train=300 fit.updates=400 study=probe"
+        " overwrite=false grid.rendering=rgb grid.azimuths=[-60,0,60]",
     )
-    command.add_argument("overrides", nargs="*", metavar="key=value")
     command.add_argument(
         "--grid", choices=("views",), help="score a grid of azimuths and elevations, and map it"
     )
-    command.set_defaults(run=_probe)
 
 
 def _probe(options: argparse.Namespace) -> int:

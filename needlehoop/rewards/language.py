@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-from needlehoop.rewards.compiler import Code, compile_tree
+from needlehoop.rewards.code import Code
+from needlehoop.rewards.compiler import compile_tree
 from needlehoop.rewards.grammar import parse
 from needlehoop.signals import Signals
 

@@ -116,7 +116,8 @@ def find(
         known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{flavour}.txt")})
         raise ValueError(
             f"cams: no {flavour} reward is recorded for {'+'.join(chosen) or 'no cameras'} (there"
-            f" is {', '.join(known) or 'none'}); make one with: {command(chosen, flavour, study)}"
+            f" is {', '.join(known) or 'none'}); make one with:"
+            f" {command(chosen, flavour, study, results)}"
         )
     return found
 
@@ -157,9 +158,10 @@ def _names(cams: Any) -> list[str]:
     return cams.split(",") if isinstance(cams, str) else list(cams)
 
 
-def command(cams: Iterable[str], flavour: str, study: str) -> str:
-    """The command that asks a VLM for a reward."""
-    return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} study={study}"
+def command(cams: Iterable[str], flavour: str, study: str, results: str) -> str:
+    """The command that asks a VLM for a reward, into a study."""
+    place = f"study={study}" + ("" if results == "results" else f" results={results}")
+    return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} {place} vlm=gemini"
 
 
 def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path | None:

@@ -60,7 +60,7 @@ def read_answers(folder: Path) -> tuple[Answers | None, list[LeftOut]]:
         try:
             found = _load(folder / name)
             if name == QUESTIONS:
-                questions = _questions(_part(found, "answers", dict))
+                questions = as_rows(_part(found, "answers", dict))
             else:
                 rankings = tuple(_ranking(entry) for entry in _part(found, "lists", list))
             models += [model for model in _part(found, "models", list) if model not in models]
@@ -81,8 +81,15 @@ def _load(path: Path) -> dict[str, Any]:
     return found
 
 
-def _questions(answers: Mapping[str, Any]) -> tuple[Answer, ...]:
-    """The answers in the order of Table I, and the two that it leaves to Appendix B."""
+def as_rows(answers: Mapping[str, Any]) -> tuple[Answer, ...]:
+    """The answers in the order of Table I, and the two that it leaves to Appendix B.
+
+    Args:
+        answers: as in ``questions.json``.
+
+    Raises:
+        UnreadableError: one is missing or of another form.
+    """
     subtasks, suits = _part(answers, "subtasks", dict), _part(answers, "suits", dict)
     parts = [_part(subtasks, part, dict) for part in ("first", "second")]
     said = [

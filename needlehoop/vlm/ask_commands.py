@@ -5,7 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from needlehoop.command import add_command
 
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
@@ -22,35 +26,15 @@ def add_ask_commands(commands: Any, workshop: Callable[[dict[str, Any]], Worksho
         workshop: the language of rewards and its judge, for a composed config.
     """
 
-    def add(
-        name: str, run: Callable[[argparse.Namespace], None], summary: str, keys: str = ""
-    ) -> None:
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=summary,
-            epilog=f"Keys: {keys}{_SHARED}; and all of conf/env.yaml, such as task=wide.",
-        )
-        command.add_argument("overrides", nargs="*", metavar="key=value")
-        command.set_defaults(run=run)
-
-    add("question", _question, "Ask which views and renderings suit the task's parts.")
-    add(
-        "rank",
-        _rank,
-        "Ask for rankings of sets of cameras.",
-        "lists=[[rgb_default,dep_front+seg_side]] samples=1 ",
-    )
-
-    def reward(options: argparse.Namespace) -> None:
-        _reward(options, workshop)
-
-    add(
-        "reward",
-        reward,
-        "Ask for a reward program for a set of cameras.",
-        "cams=[dep_front,seg_side] flavour=image|text ",
-    )
+    add = partial(add_command, commands)
+    summary = "Ask which views and renderings suit the task's parts."
+    add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
+    summary = "Ask for rankings of sets of cameras."
+    own = "lists=[[rgb_default,dep_front+seg_side]] samples=1"
+    add("rank", _rank, summary, f"{own} {_SHARED}")
+    summary = "Ask for a reward program for a set of cameras."
+    own = "cams=[dep_front,seg_side] flavour=image|text gates.margin=2"
+    add("reward", partial(_reward, workshop=workshop), summary, f"{own} {_SHARED}")
 
 
 def _question(options: argparse.Namespace) -> None:
@@ -68,7 +52,7 @@ def _question(options: argparse.Namespace) -> None:
     for what in ("goal", "lifted"):
         print(f"{what}: best shown by {answers[what]['rendering']}, {answers[what]['view']} view")
     print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
-    _report(found["totals"])
+    _report(inquiry, found["totals"], "questions.csv")
 
 
 def _rank(options: argparse.Namespace) -> None:
@@ -86,7 +70,7 @@ def _rank(options: argparse.Namespace) -> None:
         if entry["agreement"]:
             agreed = entry["agreement"]
             print(f"  tau_b {agreed['tau_b']:.3f}, same top {agreed['same_top']:.2f}")
-    _report(found["totals"])
+    _report(inquiry, found["totals"], "rankings.csv", "agreement.csv")
 
 
 def _reward(options: argparse.Namespace, workshop: Callable[[dict[str, Any]], Workshop]) -> None:
@@ -95,8 +79,7 @@ def _reward(options: argparse.Namespace, workshop: Callable[[dict[str, Any]], Wo
     values = config.compose(options.overrides, "vlm_reward")
     with _open(values) as inquiry:
         path, totals = inquiry.reward(values["flavour"], workshop(values))
-    print(path)
-    _report(totals)
+    _report(inquiry, totals, path.relative_to(inquiry.folder))
 
 
 def _open(values: dict[str, Any]) -> Inquiry:
@@ -115,9 +98,12 @@ def _open(values: dict[str, Any]) -> Inquiry:
     return inquiry
 
 
-def _report(totals: dict[str, int]) -> None:
-    tokens = totals["tokens_in"] + totals["tokens_out"]
-    print(
-        f"{totals['prompts']} prompts, {tokens} tokens ({totals['tokens_in']} in,"
-        f" {totals['tokens_out']} out), {totals['invalid_answers']} invalid answers"
-    )
+def _report(inquiry: Inquiry, found: dict[str, int], *written: str | Path) -> None:
+    """Where the answers are, and what they, and all of the transcript, cost."""
+    from needlehoop.vlm.totals import in_words, papers
+
+    for name in written:
+        print(inquiry.folder / name)
+    print(f"this:       {in_words(found)}")
+    print(f"transcript: {in_words(inquiry.totals()['all'])}")
+    print(f"the paper:  {papers()}")

@@ -7,14 +7,15 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.vlm.messages import Message, Part, Request
-from needlehoop.vlm.provider import LiveConfig, ProviderError, Reply, failure, lacking
+from needlehoop.vlm.provider import LiveConfig, Reply, lacking
+from needlehoop.vlm.sdk import SdkProvider
 
 if TYPE_CHECKING:
     import openai
     from openai.types.chat import ChatCompletion
 
 
-class Compatible:
+class Compatible(SdkProvider):
     """Asks ``chat.completions``.
 
     Args:
@@ -30,61 +31,41 @@ class Compatible:
             import openai
         except ImportError as error:
             raise lacking("openai", "openai") from error
+        super().__init__(config)
         self._openai = openai
-        self._config = config
-        self._key = config.read_key()
-        self._client: openai.OpenAI | None = None
-
-    def ask(self, request: Request) -> Reply:
-        """See ``Provider``."""
-        messages: list[Any] = [_message(message) for message in request.messages]
-        form: Any = {"name": "answer", "schema": dict(request.schema), "strict": True}
-        try:
-            completion = self._connect().chat.completions.create(
-                model=self._config.model,
-                messages=messages,
-                response_format={"type": "json_schema", "json_schema": form},
-                # In the body as they are: servers differ in what they take.
-                extra_body=self._config.sent,
-            )
-        except Exception as error:
-            known = self._explain(error)
-            if known is None:
-                raise
-            # The SDK's own error may carry what the server said of the key.
-            raise known from None
-        if not getattr(completion, "choices", None):
-            raise failure(self._config, self._key, "unreadable", "the reply has no choices")
-        return _reply(completion, self._config.model)
-
-    def close(self) -> None:
-        """See ``Provider``."""
-        if self._client is not None:
-            self._client.close()
 
     def _connect(self) -> openai.OpenAI:
-        if self._client is None:
-            self._client = self._openai.OpenAI(
-                api_key=self._key or "none",
-                base_url=self._config.base_url,
-                timeout=self._config.timeout,
-                # The policy is in retries.py alone.
-                max_retries=0,
-            )
-        return self._client
+        return self._openai.OpenAI(
+            api_key=self._key or "none",
+            base_url=self._config.base_url,
+            timeout=self._config.timeout,
+            max_retries=0,
+        )
 
-    def _explain(self, error: Exception) -> ProviderError | None:
-        """The SDK's errors in our terms; ``None`` for what is no failure to communicate."""
+    def _send(self, request: Request) -> Reply:
+        messages: list[Any] = [_message(message) for message in request.messages]
+        form: Any = {"name": "answer", "schema": dict(request.schema), "strict": True}
+        completion = self._client.chat.completions.create(
+            model=self._config.model,
+            messages=messages,
+            response_format={"type": "json_schema", "json_schema": form},
+            # In the body as they are: servers differ in what they take.
+            extra_body=self._config.sent,
+        )
+        if not getattr(completion, "choices", None):
+            raise self._failure("unreadable", "the reply has no choices")
+        return _reply(completion, self._config.model)
+
+    def _status(self, error: Exception) -> tuple[int | str, str] | None:
         sdk = self._openai
         if isinstance(error, sdk.APIStatusError):
-            return failure(self._config, self._key, error.status_code, error.message)
+            return error.status_code, error.message
         if isinstance(error, sdk.APITimeoutError):
-            said = f"no answer within {self._config.timeout:g} s"
-            return failure(self._config, self._key, "timeout", said)
+            return "timeout", ""
         if isinstance(error, sdk.APIConnectionError):
-            return failure(self._config, self._key, "unreachable", str(error.__cause__ or error))
+            return "unreachable", str(error.__cause__ or error)
         if isinstance(error, sdk.APIResponseValidationError | json.JSONDecodeError):
-            return failure(self._config, self._key, "unreadable", "the reply is no JSON")
+            return "unreadable", "the reply is no JSON"
         return None
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from needlehoop.vlm.messages import Message, Part, Request
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.totals import totals
 from needlehoop.vlm.transcript import Exchange
 
 F = TypeVar("F", bound=BaseModel)
@@ -87,23 +88,16 @@ class Conversation:
 
     def totals(self) -> dict[str, int]:
         """Prompts, tokens and answers that could not be used, so far."""
-        return totals(self.attempts)
+        return totals_of(self.attempts)
 
     def _say(self, role: str, *parts: Part) -> None:
         self._messages = (*self._messages, Message(role, parts))
 
 
-def totals(attempts: Sequence[Attempt]) -> dict[str, int]:
-    """Prompts, tokens and invalid answers; tokens that were not reported count nothing."""
-    exchanges = [attempt.exchange for attempt in attempts]
-    unknown = sum(e.tokens_in is None or e.tokens_out is None for e in exchanges)
-    return {
-        "prompts": len(attempts),
-        "tokens_in": sum(e.tokens_in or 0 for e in exchanges),
-        "tokens_out": sum(e.tokens_out or 0 for e in exchanges),
-        "prompts_without_token_count": unknown,
-        "invalid_answers": sum(attempt.reason is not None for attempt in attempts),
-    }
+def totals_of(attempts: Sequence[Attempt]) -> dict[str, int]:
+    """Prompts, tokens and answers that could not be used."""
+    invalid = sum(attempt.reason is not None for attempt in attempts)
+    return totals([attempt.exchange for attempt in attempts], invalid)
 
 
 def models(attempts: Sequence[Attempt]) -> list[str]:

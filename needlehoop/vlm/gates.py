@@ -22,6 +22,9 @@ from needlehoop.settings import Settings, build
 from needlehoop.signals import TABLE, Signals
 from needlehoop.simulation import Simulation
 
+CHEATING = "touching the goal without threading"
+"""How a card says what the audit found; no model is told (see ``workshop``)."""
+
 _REACH = 0.3
 """Random points lie within this of the origin along each axis, m."""
 _TURN = 3.2
@@ -213,7 +216,7 @@ def _audit(c: Card) -> tuple[str, ...]:
     if c.expert - c.cheat >= c.gates.audit_margin:
         return ()
     return (
-        f"touching the goal without threading ends {c.expert - c.cheat:.3f} below the expert;"
+        f"{CHEATING} ends {c.expert - c.cheat:.3f} below the expert;"
         f" at least {c.gates.audit_margin:g} is asked",
     )
 

@@ -6,14 +6,15 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.vlm.messages import Message, Request
-from needlehoop.vlm.provider import LiveConfig, ProviderError, Reply, failure, lacking
+from needlehoop.vlm.provider import LiveConfig, Reply, lacking
+from needlehoop.vlm.sdk import SdkProvider
 
 if TYPE_CHECKING:
     from google import genai
     from google.genai import types
 
 
-class Gemini:
+class Gemini(SdkProvider):
     """Asks ``generate_content``.
 
     Args:
@@ -29,18 +30,22 @@ class Gemini:
             from google import genai
         except ImportError as error:
             raise lacking("gemini", "google-genai") from error
+        super().__init__(config)
         self._genai = genai
-        self._config = config
-        self._key = config.read_key()
-        self._client: genai.Client | None = None
         known = set(genai.types.GenerateContentConfig.model_fields)
         for name in config.sent:
             if name not in known:
                 valid = "temperature, top_p, top_k, seed, max_output_tokens, thinking_config"
                 raise ValueError(f"vlm.sampling: unknown key {name!r}; choose from {valid}, …")
 
-    def ask(self, request: Request) -> Reply:
-        """See ``Provider``."""
+    def _connect(self) -> genai.Client:
+        # Without retry_options it tries once.
+        options = self._genai.types.HttpOptions(
+            base_url=self._config.base_url, timeout=round(1000 * self._config.timeout)
+        )
+        return self._genai.Client(api_key=self._key or "none", vertexai=False, http_options=options)
+
+    def _send(self, request: Request) -> Reply:
         types = self._genai.types
         options = types.GenerateContentConfig(
             **self._config.sent,
@@ -48,33 +53,10 @@ class Gemini:
             response_json_schema=dict(request.schema),
         )
         contents: list[Any] = [self._content(message) for message in request.messages]
-        try:
-            response = self._connect().models.generate_content(
-                model=self._config.model, contents=contents, config=options
-            )
-        except Exception as error:
-            known = self._explain(error)
-            if known is None:
-                raise
-            # The SDK's own error may carry what the server said of the key.
-            raise known from None
+        response = self._client.models.generate_content(
+            model=self._config.model, contents=contents, config=options
+        )
         return _reply(response, self._config.model)
-
-    def close(self) -> None:
-        """See ``Provider``."""
-        if self._client is not None:
-            self._client.close()
-
-    def _connect(self) -> genai.Client:
-        if self._client is None:
-            # Without retry_options the SDK tries once: the policy is in retries.py alone.
-            options = self._genai.types.HttpOptions(
-                base_url=self._config.base_url, timeout=round(1000 * self._config.timeout)
-            )
-            self._client = self._genai.Client(
-                api_key=self._key or "none", vertexai=False, http_options=options
-            )
-        return self._client
 
     def _content(self, message: Message) -> types.Content:
         part = self._genai.types.Part
@@ -87,20 +69,18 @@ class Gemini:
         role = "model" if message.role == "assistant" else "user"
         return self._genai.types.Content(role=role, parts=parts)
 
-    def _explain(self, error: Exception) -> ProviderError | None:
-        """The SDK's errors in our terms; ``None`` for what is no failure to communicate."""
+    def _status(self, error: Exception) -> tuple[int | str, str] | None:
         import httpx2
 
         if isinstance(error, self._genai.errors.APIError):
-            return failure(self._config, self._key, error.code, error.message or str(error))
+            return error.code, error.message or str(error)
         if isinstance(error, httpx2.TimeoutException):
-            said = f"no answer within {self._config.timeout:g} s"
-            return failure(self._config, self._key, "timeout", said)
+            return "timeout", ""
         if isinstance(error, httpx2.TransportError):
-            return failure(self._config, self._key, "unreachable", str(error))
+            return "unreachable", str(error)
         # The SDK reports a body that is no JSON by a subclass of ValueError of its own.
         if isinstance(error, json.JSONDecodeError | self._genai.errors.UnknownApiResponseError):
-            return failure(self._config, self._key, "unreadable", "the reply is no JSON")
+            return "unreadable", "the reply is no JSON"
         return None
 
 

@@ -13,16 +13,18 @@ from needlehoop.job import check_name
 from needlehoop.rewards.written import check_flavour
 from needlehoop.run import Run
 from needlehoop.settings import Settings
+from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.conversation import Attempt, Conversation, models, totals
+from needlehoop.vlm.conversation import Attempt, Conversation, models, totals_of
 from needlehoop.vlm.provider import LiveConfig, ReplayConfig, build_provider
 from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.totals import of_transcript
 from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import Work, Workshop, reward_prompt, write_program
 
-QUESTIONS, RANKINGS = "questions.json", "rankings.json"
+QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
 
 
 @dataclass(frozen=True)
@@ -78,17 +80,32 @@ class Inquiry(AbstractContextManager):
 
     def __exit__(self, *_: object) -> None:
         self._recorder.close()
+        if self._files.folder.exists():
+            # Also after a failure, which was paid for as well.
+            self._files.replace(TOTALS, sheets.totals(self.totals()))
+
+    @property
+    def folder(self) -> Path:
+        """Where results are written."""
+        return self._files.folder
+
+    def totals(self) -> dict[str, dict[str, int]]:
+        """What the transcript cost so far, as in ``totals.of_transcript``."""
+        return of_transcript(self.transcript.exchanges)
 
     def question(self, questions: Questions) -> dict[str, Any]:
-        """The questioning, into ``questions.json``; errors as in ``questions.question``."""
+        """The questioning, into ``questions.json`` and ``.csv``; errors as in ``question``."""
         questions.check(self._settings)
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         conversation = self._begin("question")
         answers = question(conversation, self._settings, self._album(), questions)
-        return self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
+        return self._answered(answers, conversation)
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
-        """The rankings, into ``rankings.json``; its totals count the questionings too."""
+        """The rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
+
+        The totals count the questionings too; errors as in ``ranking.rank_lists``.
+        """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
         self._clear("rank", files=(RANKINGS,))
@@ -99,13 +116,16 @@ class Inquiry(AbstractContextManager):
             held.append(conversation)
             answers = question(conversation, self._settings, album, questions)
             if sample == 1:
-                self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
+                self._answered(answers, conversation)
                 conversation.name = "rank"
             return conversation
 
         ranked = rank(begin, lists)
         attempts = [attempt for conversation in held for attempt in conversation.attempts]
-        return self._write(RANKINGS, {"lists": ranked}, attempts)
+        found = self._write(RANKINGS, {"lists": ranked}, attempts)
+        self._files.write("rankings.csv", sheets.rankings(ranked))
+        self._files.write("agreement.csv", sheets.agreement(ranked))
+        return found
 
     def reward(self, flavour: str, workshop: Workshop) -> tuple[Path, dict[str, Any]]:
         """A reward program for the settings' cameras.
@@ -161,11 +181,16 @@ class Inquiry(AbstractContextManager):
         for name in files:
             self._files.vacate(name)
 
+    def _answered(self, answers: dict[str, Any], conversation: Conversation) -> dict[str, Any]:
+        found = self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
+        self._files.write("questions.csv", sheets.questions(answers))
+        return found
+
     def _write(
         self, name: str, found: dict[str, Any], attempts: Sequence[Attempt]
     ) -> dict[str, Any]:
         """Write results with who gave them and what they cost; files of a replay are the same."""
-        whole = {**found, "models": models(attempts), "totals": totals(attempts)}
+        whole = {**found, "models": models(attempts), "totals": totals_of(attempts)}
         self._files.folder.mkdir(parents=True, exist_ok=True)
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole

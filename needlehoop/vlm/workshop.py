@@ -6,7 +6,7 @@ from needlehoop.rewards.functions import FUNCTIONS
 from needlehoop.rewards.grammar import ProgramError
 from needlehoop.rewards.language import compile_program
 from needlehoop.settings import Settings
-from needlehoop.vlm.gates import Gates, card, collect
+from needlehoop.vlm.gates import CHEATING, Gates, card, collect
 from needlehoop.vlm.writing import Verdict, Workshop
 
 _RESULT = (
@@ -30,7 +30,9 @@ def open_workshop(settings: Settings, gates: Gates) -> Workshop:
         except ProgramError as error:
             return Verdict(False, str(error), {})
         found = card(program, settings, gates, trajectories)
-        return Verdict(found.passed, "; ".join(found.reasons), found.as_dict())
+        # What a cheat would be says what success is, and that no model is told.
+        told = "; ".join(found.reasons).replace(CHEATING, "an episode that fails at the task")
+        return Verdict(found.passed, told, found.as_dict())
 
     return Workshop(
         functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},
