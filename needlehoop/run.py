@@ -10,7 +10,6 @@ import pickle
 import platform
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -67,7 +66,7 @@ class Run:
         run = cls(folder)
         _write(folder / REWARD, reward)
         run.note(
-            **_machine(), started=_now(), wall_time=0.0, steps=0, finished=False
+            **_machine(), started=_now(), wall_time=0.0, steps=0, stopped=False, finished=False
         )
         # Last: a folder with a config is a run.
         _write(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
@@ -245,7 +244,6 @@ def _cell(value: Any) -> Any:
 
 def _machine() -> dict[str, Any]:
     return {
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         "commit": _commit(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in _PACKAGES},

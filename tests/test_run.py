@@ -52,7 +52,7 @@ def test_a_new_run_writes_down_what_it_is(run, folder):
     assert manifest["versions"]["torch"] == torch.__version__
     assert manifest["finished"] is False
     assert manifest["steps"] == 0
-    assert {"command", "commit", "python", "started"} <= manifest.keys()
+    assert {"commit", "python", "started"} <= manifest.keys()
 
 
 def test_a_run_may_begin_in_an_empty_folder(folder):
