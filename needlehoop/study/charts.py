@@ -44,7 +44,7 @@ def final_values(findings: Findings) -> Figure:
     grid[0, 0].set_xlabel("final return")
     if findings.study is None:
         grid[0, 0].set_title("As published in the paper")
-    grid[0, 0].xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 3, 5, 10]))
+    grid[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     if findings.seeds < 2:
         grid[0, 0].set_xlabel(f"final return\n({ONE_SEED})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
