@@ -70,7 +70,7 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
             if interruption.asked or update % job.checkpoint_every == 0 or update == job.updates:
                 wall = time.perf_counter() - began
                 run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
-                run.note(steps=learner.steps, wall_time=round(wall, 1))
+                run.note(steps=learner.steps, wall_time=round(wall, 1), stopped=interruption.asked)
             if interruption.asked:
                 break
     return learner.ppo.done_updates == job.updates
@@ -117,7 +117,10 @@ def main(composed: DictConfig) -> None:
     overrides = list(own.overrides.task)
     if own.mode == RunMode.MULTIRUN:
         values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
-        sweep.attempt(lambda: start(values, overrides), Path(own.runtime.output_dir), overrides)
+        if values["existing"] == "auto":
+            values["existing"] = "resume"
+        note = sweep.identity(values, overrides)
+        sweep.attempt(lambda: start(values, overrides), Path(own.runtime.output_dir), note)
         return
     try:
         start(values, overrides)
@@ -137,4 +140,4 @@ if __name__ == "__main__":
     try:
         main()
     except KeyboardInterrupt:
-        sys.exit("train.py: the sweep was stopped")
+        sys.exit("train.py: stopped; the same command goes on with a sweep")

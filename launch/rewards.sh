@@ -9,5 +9,5 @@ study=$1
 shift
 [ "$study" = paper ] && exec .venv/bin/python train.py +experiment=rewards "$@"
 cams=$(.venv/bin/needlehoop top "$study")
-exec .venv/bin/python train.py -m existing=resume "cams=$cams" reward=vlm_text,vlm_img \
+exec .venv/bin/python train.py -m "cams=$cams" reward=vlm_text,vlm_img \
   "results=$(dirname "$study")" "study=$(basename "$study")" "$@"

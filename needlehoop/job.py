@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from needlehoop.files import seen
 from needlehoop.networks import EncoderConfig, convolution_dtype
 from needlehoop.ppo import PpoConfig
 from needlehoop.settings import Settings
@@ -115,8 +116,8 @@ class Job:
     @property
     def place(self) -> str:
         """The run's folder below ``results``: study, cameras, reward, seed."""
-        seen = (*self.env.cams, *(["signals"] if self.env.obs.signals else []))
-        return f"{self.study}/{'+'.join(seen)}/{self.reward_name}/seed{self.env.seed}"
+        cameras = seen(self.env.cams, self.env.obs.signals)
+        return f"{self.study}/{cameras}/{self.reward_name}/seed{self.env.seed}"
 
     @property
     def torch_device(self) -> torch.device:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-import sys
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -27,9 +26,8 @@ _PACKAGES = (
 
 
 def provenance() -> dict[str, Any]:
-    """Command, commit, versions, machine and time, as plain values for a manifest."""
+    """Commit, versions, machine and time, as plain values for a manifest."""
     return {
-        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         "commit": _commit(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in _PACKAGES},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import pickle
 import shutil
 from collections.abc import Mapping
 from itertools import count
@@ -48,7 +49,7 @@ class Run:
         folder.mkdir(parents=True, exist_ok=True)
         run = cls(folder)
         write_whole(folder / REWARD, reward)
-        run.note(**provenance(), wall_time=0.0, steps=0, finished=False)
+        run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
         # Last: a folder with a config is a run.
         write_whole(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
         return run
@@ -65,13 +66,36 @@ class Run:
         return cls(folder)
 
     def config(self) -> dict[str, Any]:
-        """The composed config that the run began with."""
-        return yaml.safe_load((self.folder / CONFIG).read_text())
+        """The composed config that the run began with.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
+        path = self.folder / CONFIG
+        try:
+            found = yaml.safe_load(path.read_text())
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise _damaged(path) from error
+        if not isinstance(found, dict):
+            raise _damaged(path)
+        return found
 
     def manifest(self) -> dict[str, Any]:
-        """Versions, commit, machine, times."""
+        """Versions, commit, machine, times; empty where there is none.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
         path = self.folder / MANIFEST
-        return json.loads(path.read_text()) if path.exists() else {}
+        if not path.exists():
+            return {}
+        try:
+            found = json.loads(path.read_text())
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise _damaged(path) from error
+        if not isinstance(found, dict):
+            raise _damaged(path)
+        return found
 
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
@@ -107,9 +131,16 @@ class Run:
         ]
 
     def cut(self, table: str, update: int) -> None:
-        """Drop rows after ``update``: they are about to be made again."""
-        rows = [row for row in self.rows(table) if int(row["update"]) <= update]
+        """Drop rows after ``update``: they are about to be made again.
+
+        Raises:
+            ValueError: the file is damaged.
+        """
         path = self.folder / table
+        try:
+            rows = [row for row in self.rows(table) if int(row["update"]) <= update]
+        except (KeyError, ValueError) as error:
+            raise _damaged(path) from error
         if not rows:
             path.unlink(missing_ok=True)
             return
@@ -129,7 +160,7 @@ class Run:
         """The last checkpoint, on the CPU; a foreign file can't run anything here.
 
         Raises:
-            ValueError: there is none.
+            ValueError: there is none, or it is damaged.
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
@@ -137,7 +168,10 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it); begin again with overwrite=true"
             )
-        return torch.load(path, map_location="cpu", weights_only=True)
+        try:
+            return torch.load(path, map_location="cpu", weights_only=True)
+        except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+            raise _damaged(path) from error
 
     def write(self, name: str, text: str) -> Path:
         """Write a small file, whole or not at all; another text of that name is kept."""
@@ -148,7 +182,7 @@ class Run:
 
     def replace(self, name: str, text: str) -> None:
         """Write a small file, whole or not at all, over what is there."""
-        _write(self.folder / name, text)
+        write_whole(self.folder / name, text)
 
     def vacate(self, name: str) -> Path:
         """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""
@@ -157,6 +191,13 @@ class Run:
             taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
             path.rename(next(place for place in taken if not place.exists()))
         return path
+
+
+def _damaged(path: Path) -> ValueError:
+    return ValueError(
+        f"{path} is damaged: cut off, or something else; put it back, or begin the run again"
+        " with overwrite=true"
+    )
 
 
 def _header(path: Path) -> list[str]:

@@ -13,7 +13,7 @@ from needlehoop.job import Job
 from needlehoop.run import Run
 from needlehoop.vlm.asking import ask_where_missing
 
-_EXISTING = ("stop", "resume")
+_EXISTING = ("auto", "stop", "resume")
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "results", "engine", "logger", "checkpoint_every"),
@@ -79,7 +79,10 @@ def open_session(values: dict[str, Any], overrides: list[str]) -> Session:
         # It ended before its first checkpoint: nothing is lost.
         overwrite = True
     reward = rewards.text(rewards.load(job.env.reward))
-    return Session(job, Run.create(folder, values, reward, overwrite), values, None)
+    run = Run.create(folder, values, reward, overwrite)
+    # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
+    run.note(command=["train.py", *overrides])
+    return Session(job, run, values, None)
 
 
 def _go_on(run: Run) -> Session:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,33 +13,52 @@ from typing import Any
 from hydra.experimental.callback import Callback
 
 from needlehoop.engines.cpu import available_cpus
+from needlehoop.files import OUTCOME, seen
 
-OUTCOME = "outcome.json"
-"""In the folder that Hydra makes for each job of a sweep."""
+RESUMING = ("auto", "resume")
+"""Values of ``existing`` with which a sweep goes on with what is there."""
 
-STOPPED, FAILED = "stopped", "failed"
+DONE_BEFORE, STOPPED, FAILED = "done before", "stopped", "failed"
 
 
-def attempt(run: Callable[[], str], folder: Path, overrides: list[str]) -> None:
+def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
+    """Which run of a sweep it is, for its note; known before anything of it is checked.
+
+    Args:
+        values: the composed config.
+        overrides: what makes this run differ from the others.
+    """
+    cams = values["cams"]
+    listed = cams.split(",") if isinstance(cams, str) else cams
+    return {
+        "run": " ".join(overrides),
+        "study": values["study"],
+        "cameras": seen(listed, values["obs"]["signals"]),
+        "reward": values["reward"]["kind"],
+        "seed": values["seed"],
+    }
+
+
+def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> None:
     """Do one run of a sweep and note what became of it; a failure does not stop the others.
-
-    Somebody who stopped the run stops the sweep.
 
     Args:
         run: does it; returns what became of it in a word, such as ``done``.
         folder: the job's own.
-        overrides: what makes this run differ from the others.
+        note: what is known of the run, as ``identity`` gives it.
+
+    Raises:
+        KeyboardInterrupt: somebody stopped the run, and with it the sweep.
     """
-    note = {"run": " ".join(overrides)}
     try:
-        note["outcome"] = run()
-        if note["outcome"] == STOPPED:
-            raise KeyboardInterrupt
+        end = {"outcome": run()}
     except Exception as error:
         # Whatever it is: the next run may do better, and the summary says what this one did.
         traceback.print_exc()
-        note |= {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
-    (folder / OUTCOME).write_text(json.dumps(note, indent=2) + "\n")
+        end = {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
+    (folder / OUTCOME).write_text(json.dumps({**note, **end}, indent=2) + "\n")
+    if end["outcome"] == STOPPED:
+        raise KeyboardInterrupt
 
 
 class Summary(Callback):
@@ -46,39 +66,51 @@ class Summary(Callback):
 
     def on_multirun_end(self, config: Any, **kwargs: Any) -> None:
         """Called by Hydra where the sweep was started."""
-        told = summary(Path(config.hydra.sweep.dir))
-        print(told.text)
-        if told.failed:
+        lines, failed = summary(Path(config.hydra.sweep.dir))
+        print("\n".join(lines))
+        if failed:
+            print(rest(config.existing, config.overwrite))
             sys.exit(1)
 
 
-class Told:
-    """A sweep's end in words.
+def summary(folder: Path) -> tuple[list[str], int]:
+    """What became of the jobs whose folders are in a sweep's.
 
-    Args:
-        notes: what was noted of each job.
-        silent: folders of jobs that noted nothing.
+    Returns:
+        Lines to be printed, and how many jobs failed or ended without a note.
     """
+    jobs = sorted(
+        (job for job in folder.iterdir() if job.name.isdigit()), key=lambda job: int(job.name)
+    )
+    outcomes: Counter[str] = Counter()
+    lines = []
+    for job in jobs:
+        note = _note(job / OUTCOME)
+        outcomes[note["outcome"] if note else FAILED] += 1
+        if note is None:
+            lines.append(f"  {job}: ended without a word")
+        elif note["outcome"] == FAILED:
+            place = f"{note['cameras']}/{note['reward']}/seed{note['seed']}"
+            lines.append(f"  {place}: {note['error']}")
+    told = f"{len(jobs)} runs, {outcomes[FAILED]} failed"
+    if outcomes[DONE_BEFORE]:
+        told += f", {outcomes[DONE_BEFORE]} done before"
+    return [told, *lines], outcomes[FAILED]
 
-    def __init__(self, notes: list[dict[str, str]], silent: list[Path]):
-        self.failed = len(silent) + sum(note["outcome"] == FAILED for note in notes)
-        lines = [f"{len(notes) + len(silent)} runs, {self.failed} failed"]
-        lines += [
-            f"  {note['run']}: {note['error']}" for note in notes if note["outcome"] == FAILED
-        ]
-        lines += [f"  {folder}: ended without a word" for folder in silent]
-        if self.failed:
-            lines.append("the same command does what is missing")
-        self.text = "\n".join(lines)
+
+def _note(file: Path) -> dict[str, str] | None:
+    """A job's note; ``None`` where its process was killed before or while it wrote."""
+    try:
+        return json.loads(file.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
 
 
-def summary(folder: Path) -> Told:
-    """What became of the jobs whose folders are in a sweep's."""
-    jobs = [job for job in folder.iterdir() if job.name.isdigit()]
-    jobs.sort(key=lambda job: int(job.name))
-    files = [job / OUTCOME for job in jobs]
-    notes = [json.loads(file.read_text()) for file in files if file.exists()]
-    return Told(notes, [file.parent for file in files if not file.exists()])
+def rest(existing: str, overwrite: bool) -> str:
+    """How to do what a sweep with these settings left undone."""
+    changes = [] if existing in RESUMING else ["with existing=resume"]
+    changes += ["without overwrite=true"] if overwrite else []
+    return " ".join(("the same command", *changes, "does what is missing"))
 
 
 def threads(launcher: Mapping[str, Any]) -> int:

@@ -87,6 +87,19 @@ def test_curves_are_grouped_as_in_the_paper(study):
     ]
 
 
+def test_a_combination_keeps_its_colour_from_panel_to_panel(tmp_path):
+    for cameras, goal in (("dep_front+rgb_side", 8.0), ("rgb_default", 1.0), ("seg_default", 9.0)):
+        write_run(tmp_path, cameras, goal=goal)
+    with styled():
+        depth, segmentation, _ = learning_curves(study_findings(tmp_path)).axes
+    colours = {
+        axes: [line.get_color() for line in axes.lines if len(line.get_xdata()) > 2]
+        for axes in (depth, segmentation)
+    }
+    assert [len(set(found)) for found in colours.values()] == [2, 1]
+    assert colours[segmentation][0] in colours[depth]
+
+
 def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
     findings = study_findings(study)
     (result,) = [r for r in findings.ranked if r.cameras == "rgb_default"]
@@ -118,7 +131,7 @@ def test_cheats_stand_against_successes(study):
         axes = success_and_cheats(study_findings(study)).axes[0]
     lengths = [patch.get_width() for patch in axes.patches]
     rows = [label.get_text() for label in axes.get_yticklabels()]
-    text_only = rows.index("DEP (F) + SEG (S) · VLM, text")
+    text_only = rows.index("DEP (F) + SEG (S), text")
     assert lengths[text_only] == pytest.approx(0.2, abs=0.01)
     assert lengths[len(rows) + text_only] == pytest.approx(-0.6, abs=0.01)
 

@@ -50,7 +50,7 @@ def test_whole_runs_are_read_in_order(study):
     assert short.steps == 40 * BUFFER
     assert whole.metrics is not None
     assert math.isnan(whole.metrics["return"][0])
-    assert whole.command == "train.py 'cams=[dep_front,seg_side]' seed=0"
+    assert whole.command == "python train.py 'cams=[dep_front,seg_side]' seed=0"
     assert found.left_out == ()
 
 
@@ -105,6 +105,9 @@ def test_the_state_counts_as_something_seen(tmp_path):
         ("evaluation.json", b"[]", "holds no keys"),
         ("evaluation.json", b'{"return": NaN}', "has no usable episodes, success"),
         ("manifest.json", b"", "is empty"),
+        ("video.mp4", b"", "is empty"),
+        ("video.mp4", b"\0\0\0\x08ftyp\0\0\0\x08moov\0\0\0\x20mdat", "is no film, or cut off"),
+        ("video.mp4", b"\0\0\0\x08ftyp\0\0\0\x08mdat", "is no film, or cut off"),
         ("video.mp4.partial", b"x", "half-written"),
         ("notes.txt", b"x", "is no file of a run"),
     ],
@@ -151,6 +154,25 @@ def test_folders_that_are_no_runs_are_named(study):
     assert "is rgb_default/human/seed0, as is" in reasons["rgb_default/human/seed0"]
     assert reasons["dep_side/best"] == "holds a run but is not called seed<k>"
     assert len(reasons) == 4
+
+
+def test_loose_files_beside_runs_are_named(study):
+    for name in ("seg_side", "rgb_default/notes.csv", "rgb_default/human/seed3", ".hidden"):
+        (study / name).write_text("x")
+    for name in ("report.html", "vlm/questions.json", "figures/rewards.png"):
+        (study / name).parent.mkdir(exist_ok=True)
+        (study / name).write_text("x")
+    assert left_out(read_study(study)) == dict.fromkeys(
+        ("seg_side", "rgb_default/notes.csv", "rgb_default/human/seed3"), "is no run"
+    )
+
+
+def test_a_whole_film_is_kept(study):
+    whole = b"\0\0\0\x08ftyp\0\0\0\x01mdat\0\0\0\0\0\0\0\x14abcd\0\0\0\x08moov"
+    (torn(study) / "video.mp4").write_bytes(whole)
+    found = read_study(study)
+    assert found.left_out == ()
+    assert [run.video and run.video.name for run in found.runs] == [None, "video.mp4"]
 
 
 def test_a_run_without_an_evaluation_has_no_final_value(study):

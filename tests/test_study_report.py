@@ -167,7 +167,9 @@ def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):
 
 def test_a_large_film_is_linked_to(tmp_path):
     run = write_run(tmp_path / "main", "rgb_default", updates=20)
-    (run / "video.mp4").write_bytes(bytes(4_000_001))
+    boxes = ((8, b"ftyp"), (8, b"moov"), (4_000_001, b"mdat"))
+    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    (run / "video.mp4").write_bytes(film)
     assert main(["report", str(tmp_path / "main"), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "report.html").read_text()
     assert 'href="../main/rgb_default/human/seed0/video.mp4"' in page

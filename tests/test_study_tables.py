@@ -70,6 +70,7 @@ def test_what_was_not_run_is_said(tmp_path):
     found = study_findings(tmp_path)
     rows = dicts(table_2(found))
     assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
+    assert {row["place"] for row in rows if row["cameras"] == "RGB (D)"} == {"1 of 1"}
     assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
     assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
     assert "improvement" not in {table.name for table in all_tables(found)}

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from needlehoop import config, sweep
+from needlehoop.cli import main
 
 ROOT = Path(__file__).parent.parent
 
@@ -50,18 +51,21 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     Path("results/main").mkdir(parents=True)
     blocked = Path("results/main/dep_side")
     blocked.write_text("")
-    words = ["-m", "cams=[seg_side],[dep_side],[rgb_side]", "existing=resume", *TINY]
+    words = ["-m", "cams=[seg_side],[dep_side],[rgb_side]", *TINY]
     with pytest.raises(SystemExit) as caught:
         run_train(monkeypatch, *words)
     assert caught.value.code == 1
     said = capfd.readouterr().out
     assert "3 runs, 1 failed" in said
-    assert "cams=[dep_side]" in said.splitlines()[-2]
+    assert "  dep_side/human/seed0: " in said.splitlines()[-2]
+    assert said.splitlines()[-1] == "the same command does what is missing"
+    assert main(["status", "results/main"]) == 0
+    assert "dep_side/human/seed0  failed" in capfd.readouterr().out
     began = {name: finished(f"{name}/human/seed0")["started"] for name in ("seg_side", "rgb_side")}
 
     blocked.unlink()
     run_train(monkeypatch, *words)
-    assert "3 runs, 0 failed" in capfd.readouterr().out
+    assert "3 runs, 0 failed, 2 done before" in capfd.readouterr().out
     assert finished("dep_side/human/seed0")["finished"]
     for name, when in began.items():
         assert finished(f"{name}/human/seed0")["started"] == when
@@ -76,7 +80,9 @@ def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypat
         run_train(monkeypatch, *words, "existing=resume", "steps=128", "algo.gamma=0.5")
     with pytest.raises(SystemExit, match="exists; go on with"):
         run_train(monkeypatch, *words)
-    with pytest.raises(SystemExit, match="existing: 'skip' is unknown; choose from stop, resume"):
+    with pytest.raises(
+        SystemExit, match="existing: 'skip' is unknown; choose from auto, stop, resume"
+    ):
         run_train(monkeypatch, *words, "existing=skip")
 
 
@@ -130,13 +136,48 @@ def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capf
     """Down to the first run, which is in the way of all others."""
     monkeypatch.chdir(tmp_path)
     started: list[str] = []
-    monkeypatch.setattr(
-        sweep, "attempt", lambda run, folder, overrides: started.append(" ".join(overrides))
-    )
+    monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
     with pytest.raises(SystemExit):
         run_train(monkeypatch, "+experiment=rewards", "seed=3,4", *TINY)
     assert len(started) == 12
     assert "12 runs, 12 failed" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("settings", "hint"),
+    [
+        (("auto", False), "the same command does what is missing"),
+        (("resume", False), "the same command does what is missing"),
+        (("stop", False), "the same command with existing=resume does what is missing"),
+        (("auto", True), "the same command without overwrite=true does what is missing"),
+    ],
+)
+def test_the_hint_at_the_end_is_true_of_the_settings(settings, hint):
+    assert sweep.rest(*settings) == hint
+
+
+def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
+    for job in ("0", "1", "2", "10"):
+        (tmp_path / job).mkdir()
+    sweep.attempt(lambda: "done before", tmp_path / "0", {"run": "seed=0"})
+    with pytest.raises(KeyboardInterrupt):
+        sweep.attempt(lambda: "stopped", tmp_path / "1", {"run": "seed=1"})
+    # Killed before, and while, it wrote its note.
+    (tmp_path / "10" / "outcome.json").write_text('{"run": ')
+    lines, failed = sweep.summary(tmp_path)
+    assert failed == 2
+    assert lines == [
+        "4 runs, 2 failed, 1 done before",
+        f"  {tmp_path / '2'}: ended without a word",
+        f"  {tmp_path / '10'}: ended without a word",
+    ]
+
+
+def test_a_job_says_which_run_it_is_as_the_study_reads_it():
+    values = config.compose(["cams=dep_front", "obs=signals", "reward=sparse", "seed=3"], "config")
+    note = sweep.identity(values, ["seed=3"])
+    place = f"{note['study']}/{note['cameras']}/{note['reward']}/seed{note['seed']}"
+    assert place == config.job(values).place == "main/dep_front+signals/sparse/seed3"
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,13 @@ def _probe(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    folder.note(wall_time=round(time.perf_counter() - began, 1), memory_gb=round(peak_memory(), 2))
+    spent = round(time.perf_counter() - began, 1)
+    flags = ["--grid", options.grid] if options.grid else []
+    folder.note(
+        command=["needlehoop", "probe", *flags, *options.overrides],
+        wall_time=spent,
+        memory_gb=round(peak_memory(), 2),
+    )
     findings = read_findings(folder, plan.scope.seeds)
     _write(findings, folder.path, grid, standing.views)
     for table in (ranking(findings), agreements(findings)):

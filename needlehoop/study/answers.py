@@ -105,7 +105,7 @@ def as_rows(answers: Mapping[str, Any]) -> tuple[Answer, ...]:
     said += _choice(_part(answers, "lifted", dict), "to see that the needle is lifted")
     layouts = _ranked(_part(answers, "layouts", list))
     best = next(iter(layouts))
-    said.append(Answer("Best combination of views", best, layouts[best]))
+    said.append(Answer("Best combination of views", best.replace("_", " "), layouts[best]))
     return tuple(said)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from needlehoop.study import paper
 from needlehoop.study.combinations import HUMAN, label, reward_label
@@ -43,6 +44,7 @@ def final_values(findings: Findings) -> Figure:
     grid[0, 0].set_xlabel("final return")
     if findings.study is None:
         grid[0, 0].set_title("As published in the paper")
+    grid[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     if findings.seeds < 2:
         grid[0, 0].set_xlabel(f"final return\n({ONE_SEED})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
@@ -52,7 +54,7 @@ def final_values(findings: Findings) -> Figure:
         if own:
             grid[0, 0].plot(
                 *zip(*own, strict=True), "D", markersize=3.2, markerfacecolor="white",
-                markeredgecolor=INK, markeredgewidth=0.7, label="the paper's",
+                markeredgecolor=INK, markeredgewidth=0.7, label="the paper's return",
                 clip_on=False, zorder=5,
             )  # fmt: skip
             figure.legend(loc="outside lower left", frameon=False, fontsize=6.5, handletextpad=0.2)
@@ -91,6 +93,7 @@ def success_and_cheats(findings: Findings) -> Figure:
                 said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
                 axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
     axes.axvline(0, color=INK, linewidth=0.6)
+    axes.spines["left"].set_visible(False)
     axes.set_xlim(-1.35, 1.35)
     axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
     axes.set_xlabel("share of episodes")
@@ -120,7 +123,8 @@ def time_to_threshold(findings: Findings) -> Figure:
     _rows(axes, [label(result.cameras) for result, _ in found])
     for y, (_, times) in enumerate(found):
         reached = [time / 1e6 for time in times if time is not None]
-        axes.plot(reached, [y] * len(reached), "o", color=COLOURS[0], markersize=3.5, alpha=0.8)
+        axes.plot(reached, [y] * len(reached), "o", color=COLOURS[0], markersize=3.5,
+                  alpha=0.8, markeredgewidth=0)  # fmt: skip
         how_many = f"{len(reached)} of {len(times)}" if reached else "not reached"
         axes.text(1.04 * longest, y, how_many, va="center", fontsize=6, clip_on=False,
                   color=INK if reached else FAINT)  # fmt: skip
@@ -158,7 +162,8 @@ def _bars(
     for y, found in enumerate(estimates):
         axes.barh(y, found.value, height=0.66, color=colour, alpha=0.75)
         if found.low is not None and found.high is not None:
-            axes.plot([found.low, found.high], [y, y], color=INK, linewidth=0.9)
+            # In front of the paper's mark, which would hide a narrow one.
+            axes.plot([found.low, found.high], [y, y], color=INK, linewidth=0.9, zorder=6)
     lowest = min(0.0, *(min(e.value, e.low or 0.0) for e in estimates))
     highest = max(full, *(max(e.value, e.high or 0.0) for e in estimates))
     axes.set_xlim(lowest, highest)
@@ -170,7 +175,7 @@ def _bars(
 def _name(result: Result, findings: Findings) -> str:
     name = label(result.cameras)
     own = result.reward == findings.main_reward
-    return name if own else f"{name} · {reward_label(result.reward)}"
+    return name if own else f"{name}, {reward_label(result.reward).removeprefix('VLM, ')}"
 
 
 def _value(found: Estimate | None) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +29,18 @@ def add_commands(commands: Any) -> None:
             help="where to write (the study's folder; for the paper's numbers, results/paper)",
         )
         command.set_defaults(run=run, overrides=[])
-    summary = "Show what of a study is done, running, failed or missing."
-    command = commands.add_parser("status", help=summary, description=summary)
+    summary = "Show what of a study is done, running, stopped, failed or missing."
+    command = commands.add_parser(
+        "status",
+        help=summary,
+        description=summary,
+        epilog="With the words of a sweep (experiment=table2 seed=0,1,2; or cams=… reward=…"
+        " seed=…), its runs, those included that nobody has started. Without, the runs that are"
+        " there or that sweeps have tried, and every seed of one for all others.",
+    )
     command.add_argument("study", type=Path, metavar="STUDY", help="a study's folder")
-    command.set_defaults(run=_status, overrides=[])
+    command.add_argument("overrides", nargs="*", metavar="key=value")
+    command.set_defaults(run=_status)
     summary = "Print a study's best combinations by measured return, as cams= takes them."
     command = commands.add_parser("top", help=summary, description=summary)
     command.add_argument("study", metavar="STUDY", help=_STUDY)
@@ -71,12 +80,18 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _status(options: argparse.Namespace) -> None:
-    from needlehoop.study.records import read_study
+    from needlehoop.study.outcomes import read_outcomes
+    from needlehoop.study.plan import planned
+    from needlehoop.study.records import Study, read_study
     from needlehoop.study.status import describe, standings
 
-    _no_more(options)
-    study = read_study(options.study)
-    print(describe(standings(study), study))
+    expected = planned(options.overrides) if options.overrides else None
+    outcomes, unread = read_outcomes(options.study)
+    # Before its first run a planned study has no folder.
+    begun = options.study.exists() or not (expected or outcomes)
+    study = read_study(options.study) if begun else Study(options.study, (), ())
+    study = replace(study, left_out=(*study.left_out, *unread))
+    print(describe(standings(study, outcomes, expected), study))
 
 
 def _top(options: argparse.Namespace) -> None:

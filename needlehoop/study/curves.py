@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ _WINDOW = 0.04
 """Width of the moving mean over training, as a share of the longest run."""
 _PANEL = 7
 """Curves in a panel, at most: one for each colour."""
+
+_Lines = list[tuple[str, tuple[Record, ...], int]]
+"""What a panel shows: name, runs and number of the colour of each curve."""
 
 
 class MissingDataError(ValueError):
@@ -45,15 +49,23 @@ def learning_curves(findings: Findings) -> Figure:
     panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
     panels = [(title, own) for title, own in panels if own]
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
-    _panels(
-        figure,
-        grid[:, 0],
-        [
-            (title, [(label(result.cameras), result.runs) for result in own])
-            for title, own in panels
-        ],
-    )
+    colours = _colours([[result.cameras for result in own] for _, own in panels])
+    shown = [
+        (title, [(label(r.cameras), r.runs, colours[r.cameras]) for r in own])
+        for title, own in panels
+    ]
+    _panels(figure, grid[:, 0], shown)
     return figure
+
+
+def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
+    """A number for each name: the same in all panels, and no other name's in any of its own."""
+    found: dict[str, int] = {}
+    for names in panels:
+        taken = {found[name] for name in names if name in found}
+        free = (number for number in count() if number not in taken)
+        found |= {name: next(free) for name in names if name not in found}
+    return found
 
 
 def reward_comparison(findings: Findings) -> Figure:
@@ -66,15 +78,19 @@ def reward_comparison(findings: Findings) -> Figure:
     for result in findings.ranked:
         rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
         if len(rivals) > 1:
-            # A reward keeps its colour from panel to panel.
             rivals.sort(key=lambda r: (_order(r.reward), r.reward))
-            panels.append(
-                (label(result.cameras), [(reward_label(r.reward), r.runs) for r in rivals])
-            )
+            panels.append((label(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no combination with learning curves for two rewards")
     figure, grid = new_figure(6 + 40 * len(panels), len(panels), sharex=True)
-    _panels(figure, grid[:, 0], panels)
+    # A reward keeps its colour from panel to panel.
+    every = {r.reward for _, rivals in panels for r in rivals}
+    colours = sorted(every, key=lambda reward: (_order(reward), reward))
+    shown = [
+        (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
+        for title, rivals in panels
+    ]
+    _panels(figure, grid[:, 0], shown)
     return figure
 
 
@@ -82,12 +98,8 @@ def _order(reward: str) -> int:
     return list(REWARDS).index(reward) if reward in REWARDS else len(REWARDS)
 
 
-def _panels(
-    figure: Figure,
-    column: Sequence[Axes],
-    panels: Sequence[tuple[str, Sequence[tuple[str, tuple[Record, ...]]]]],
-) -> None:
-    runs = [run for _, lines in panels for _, some in lines for run in some]
+def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]]) -> None:
+    runs = [run for _, lines in panels for _, some, _ in lines for run in some]
     longest = max(run.steps for run in runs)
     # No more points than buffers, or a short run's line has stairs.
     buffers = max(len(run.metrics) for run in runs if run.metrics is not None)
@@ -97,7 +109,7 @@ def _panels(
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
         axes.set_ylabel("return")
-        ends.append([_line(axes, steps, i, name, runs) for i, (name, runs) in enumerate(lines)])
+        ends.append([_line(axes, steps, number, name, runs) for name, runs, number in lines])
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
@@ -116,13 +128,13 @@ def _panels(
 
 
 def _line(
-    axes: Axes, steps: np.ndarray, i: int, name: str, runs: tuple[Record, ...]
+    axes: Axes, steps: np.ndarray, number: int, name: str, runs: tuple[Record, ...]
 ) -> tuple[str, float, float, str]:
     """Draw the IQM and the interval over seeds; returns where the line ends."""
-    colour = COLOURS[i % len(COLOURS)]
+    colour = COLOURS[number % len(COLOURS)]
     middle, low, high = band(np.array([_on(run, steps) for run in _curves(runs)]))
     million = steps / 1e6
-    axes.plot(million, middle, color=colour, linestyle=DASHES[i % len(DASHES)])
+    axes.plot(million, middle, color=colour, linestyle=DASHES[number % len(DASHES)])
     axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
     last = np.flatnonzero(~np.isnan(middle))[-1]
     return name, float(million[last]), float(middle[last]), colour

@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 from needlehoop.study.charts import final_values, success_and_cheats, time_to_threshold
 from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.findings import Findings
+from needlehoop.study.media import check_picture
+from needlehoop.study.rows import UnreadableError
 from needlehoop.study.style import save, styled
 
 CONTACT_SHEET = "contact_sheet.png"
@@ -80,9 +82,13 @@ def _contact_sheet(findings: Findings, folder: Path) -> Drawn:
     if findings.study is None:
         return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
     source = findings.study.folder / CONTACT_SHEET
+    how = f"make it with: needlehoop snapshot out={source}"
     if not source.exists():
-        how = f"make it with: needlehoop snapshot out={source}"
         return Drawn("contact_sheet", caption, (), how)
+    try:
+        check_picture(source)
+    except UnreadableError as error:
+        return Drawn("contact_sheet", caption, (), f"{source} {error}; {how} overwrite=true")
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / CONTACT_SHEET
     shutil.copyfile(source, copy)

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from needlehoop import files
+from needlehoop.study.media import check_film
 from needlehoop.study.rows import Rows, UnreadableError, read_rows, read_text
 
 _KEYED = ("update", "step", "wall_time")
@@ -25,6 +26,7 @@ _RUN_FILES = re.compile(
     r"|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
+_STUDY_FILES = {"report.html", "contact_sheet.png", "README.md"}
 
 
 @dataclass(frozen=True)
@@ -67,11 +69,18 @@ class Record:
     """A row per evaluation on the way."""
     evaluation: Mapping[str, Any] | None
     """The long one at the end."""
+    video: Path | None
+    """Its film."""
 
     @property
     def finished(self) -> bool:
         """Whether training, evaluation and film are done."""
         return self.manifest.get("finished") is True
+
+    @property
+    def stopped(self) -> bool:
+        """Whether somebody stopped it in an orderly way, when it last wrote its manifest."""
+        return self.manifest.get("stopped") is True
 
     @property
     def planned_steps(self) -> int:
@@ -86,15 +95,9 @@ class Record:
 
     @property
     def command(self) -> str | None:
-        """What was typed, if the manifest knows."""
+        """What makes this run alone, if the manifest knows."""
         words = self.manifest.get("command")
-        return " ".join(map(_quoted, words)) if isinstance(words, list) else None
-
-    @property
-    def video(self) -> Path | None:
-        """Its film, if there is one with something in it."""
-        path = self.folder / files.VIDEO
-        return path if path.is_file() and path.stat().st_size else None
+        return " ".join(map(_quoted, ("python", *words))) if isinstance(words, list) else None
 
 
 @dataclass(frozen=True)
@@ -127,19 +130,30 @@ def read_study(folder: Path) -> Study:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; give a study's, such as results/main")
     reading = _Reading(folder)
+    loose = {folder: set(_visible(folder)) - _STUDY_FILES}
     for here, folders, names in os.walk(folder):
         place = Path(here)
         if _RUN_FOLDER.fullmatch(place.name):
             folders.clear()
             _read_run(place, reading)
+            above = [parent for parent in place.parents if folder in parent.parents]
+            loose |= {parent: set(_visible(parent)) for parent in above}
             continue
         # In the order of names, whatever the file system's is.
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         if place != folder and files.CONFIG in names:
             reading.leave(place, "holds a run but is not called seed<k>")
             folders.clear()
+    for parent, names in loose.items():
+        for name in names:
+            reading.leave(parent / name, "is no run")
     runs = tuple(reading.runs[place] for place in sorted(reading.runs))
     return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
+
+
+def _visible(folder: Path) -> list[str]:
+    """Names of the files in a folder, without hidden ones."""
+    return [path.name for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
 
 
 def _read_run(folder: Path, reading: _Reading) -> None:
@@ -153,8 +167,8 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     except UnreadableError as error:
         reading.leave(folder, f"no run: its {files.CONFIG} {error}")
         return
-    seen = [*config["cams"], *(["signals"] if config["obs"].get("signals") else [])]
-    place = Place("+".join(seen), folder.parent.name, config["seed"])
+    cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
+    place = Place(cameras, folder.parent.name, config["seed"])
     if folder.name != f"seed{place.seed}":
         reading.leave(folder, f"its config has seed {place.seed}")
         return
@@ -169,6 +183,7 @@ def _read_run(folder: Path, reading: _Reading) -> None:
         _rows(folder / files.METRICS, (*_KEYED, "return", "success"), _KEYED, reading),
         _rows(folder / files.EVALUATIONS, (*_KEYED, *_OUTCOME), (*_KEYED, *_OUTCOME), reading),
         _json(folder / files.EVALUATION, _OUTCOME, reading),
+        _film(folder / files.VIDEO, reading),
     )
 
 
@@ -235,6 +250,17 @@ def _rows(
     for problem in problems:
         reading.leave(path, problem)
     return rows
+
+
+def _film(path: Path, reading: _Reading) -> Path | None:
+    if not path.is_file():
+        return None
+    try:
+        check_film(path)
+    except UnreadableError as error:
+        reading.leave(path, str(error))
+        return None
+    return path
 
 
 def _finite(value: Any) -> bool:

@@ -242,5 +242,14 @@ def _flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str
         if isinstance(value, Mapping):
             pairs += _flatten(value, f"{prefix}{key}.")
         else:
-            pairs.append((f"{prefix}{key}", str(value)))
+            pairs.append((f"{prefix}{key}", _typed(value)))
     return pairs
+
+
+def _typed(value: Any) -> str:
+    """A value as Hydra takes it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, list):
+        return f"[{','.join(map(_typed, value))}]"
+    return str(value)

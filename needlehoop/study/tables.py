@@ -49,6 +49,8 @@ def results(findings: Findings) -> Table:
         )
     head = ("place", "cameras", "return", "95 %", "success, %", "95 %", "cheat, %", "reward")
     note = "Interquartile means over seeds and bootstrap intervals of the final value."
+    if any(result.reward != findings.main_reward for result in findings.results):
+        note += " A return is in its own reward's points: across rewards, compare success."
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."
     return Table("results", "Results", (*head, "seeds", "unfinished"), tuple(rows), note)
@@ -83,7 +85,7 @@ def table_2(findings: Findings) -> Table:
                 (
                     LISTS.get(name, name),
                     label(cameras),
-                    _place(own.get(cameras)),
+                    _place(own.get(cameras), len(own) if len(own) < len(members) else None),
                     f"{result.value.value:.2f}" if result else "",
                     result.value.interval if result else "not run",
                     _percent(result.success) if result else "",
@@ -270,8 +272,11 @@ def _mean_place(
     return None if scores is None else -scores[cameras]
 
 
-def _place(place: float | None) -> str:
-    return "" if place is None else f"{place:g}"
+def _place(place: float | None, of: int | None = None) -> str:
+    """A place; with ``of``, among so many only."""
+    if place is None:
+        return ""
+    return f"{place:g}" if of is None else f"{place:g} of {of}"
 
 
 def _percent(found: Estimate | None) -> str:
