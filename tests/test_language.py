@@ -98,6 +98,8 @@ MEANT = {
     "jaw_1_touch != jaw_2_touch": lambda s: s.jaw_1_touch != s.jaw_2_touch,
     "(1 + 2) * 3 - 8 / 4": lambda s: 7,
     "True": lambda s: 1,
+    "1 + (2 if True else 0) - 1": lambda s: 2,
+    "0 * elapsed + (2 if False else 3)": lambda s: 3,
     "norm(vector(3, 4, 0))": lambda s: 5,
     "(\n  elapsed  # so far\n  + 1\n)": lambda s: s.elapsed + 1,
 }
