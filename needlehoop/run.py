@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import os
-import pickle
 import platform
 import shutil
 import subprocess
@@ -188,7 +187,10 @@ class Run:
             )
         try:
             return torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        except OSError:
+            raise
+        except Exception as error:
+            # Whatever an unpickler can trip over: other bytes fail in ways of their own.
             raise _damaged(path) from error
 
     def write(self, name: str, text: str) -> Path:
