@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import pickle
 import shutil
 from collections.abc import Mapping
 from itertools import count
@@ -170,7 +169,10 @@ class Run:
             )
         try:
             return torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        except OSError:
+            raise
+        except Exception as error:
+            # Whatever an unpickler can trip over: other bytes fail in ways of their own.
             raise _damaged(path) from error
 
     def write(self, name: str, text: str) -> Path:

@@ -105,6 +105,13 @@ def test_the_state_counts_as_something_seen(tmp_path):
         ("evaluation.json", b"[]", "holds no keys"),
         ("evaluation.json", b'{"return": NaN}', "has no usable episodes, success"),
         ("manifest.json", b"", "is empty"),
+        (
+            "evaluations.csv",
+            b"update,step,wall_time,episodes,success,cheat,touched,return\n1,9,3,0,0,0,0,0\n",
+            "has an evaluation of no episodes",
+        ),
+        ("reward.txt", b"", "is empty"),
+        ("reward.txt", b"\x80", "is no text"),
         ("video.mp4", b"", "is empty"),
         ("video.mp4", b"\0\0\0\x08ftyp\0\0\0\x08moov\0\0\0\x20mdat", "is no film, or cut off"),
         ("video.mp4", b"\0\0\0\x08ftyp\0\0\0\x08mdat", "is no film, or cut off"),

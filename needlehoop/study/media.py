@@ -40,9 +40,12 @@ def check_picture(path: Path) -> None:
     """That a PNG file begins and ends as one.
 
     Raises:
-        UnreadableError: empty, cut off, or something else.
+        UnreadableError: empty, cut off, something else, or not to be opened.
     """
-    data = path.read_bytes()
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UnreadableError(f"can't be read: {error.strerror}") from error
     if not data:
         raise UnreadableError("is empty")
     if not (data.startswith(_PNG_START) and data.endswith(_PNG_END)):

@@ -175,6 +175,7 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     if place in reading.runs:
         reading.leave(folder, f"is {place}, as is {reading.runs[place].folder}")
         return
+    _check_text(folder / files.REWARD, reading)
     reading.runs[place] = Record(
         place,
         folder,
@@ -244,12 +245,22 @@ def _rows(
         for name in columns:
             if name not in rows.columns:
                 raise UnreadableError(f"is no table of a run: it has no column {name}")
+        if "episodes" in filled and (rows["episodes"] < 1).any():
+            raise UnreadableError("has an evaluation of no episodes")
     except UnreadableError as error:
         reading.leave(path, str(error))
         return None
     for problem in problems:
         reading.leave(path, problem)
     return rows
+
+
+def _check_text(path: Path, reading: _Reading) -> None:
+    try:
+        if path.exists():
+            read_text(path)
+    except UnreadableError as error:
+        reading.leave(path, str(error))
 
 
 def _film(path: Path, reading: _Reading) -> Path | None:
