@@ -94,6 +94,12 @@ def test_a_tie_at_the_top_hits_only_if_all_of_it_is_best():
     assert both.regret == 0.0
 
 
+def test_a_tie_at_the_bottom_hits_only_if_all_of_it_is_worst():
+    tied = {"a": 2.0, "b": 1.0, "c": 1.0}
+    assert not agreement(tied, {"a": 3.0, "b": 1.0, "c": 0.0}).bottom_hit
+    assert agreement(tied, {"a": 3.0, "b": 0.0, "c": 0.0}).bottom_hit
+
+
 @pytest.mark.parametrize(
     ("predicted", "measured", "said"),
     [
