@@ -194,7 +194,7 @@ def test_an_unfinished_runs_value_is_the_mean_of_its_last_evaluations(study):
     path = record.folder / "evaluations.csv"
     header, *_ = path.read_text().splitlines()
     rows = [dict.fromkeys(header.split(","), 0.0) for _ in range(4)]
-    for row, update, value in zip(rows, (10, 37, 38, 40), (9.0, 1.0, 2.0, 4.0), strict=True):
+    for row, update, value in zip(rows, (34, 37, 38, 40), (9.0, 1.0, 2.0, 4.0), strict=True):
         row |= {"update": update, "step": update * BUFFER, "return": value, "episodes": 10}
     rows[-1]["episodes"] = 30
     with path.open("w", newline="") as file:
@@ -213,6 +213,23 @@ def test_an_unfinished_runs_value_is_the_mean_of_its_last_evaluations(study):
         now = final(read_study(study).runs[1])
         assert now is not None
         assert (now.value, now.finished) == (pytest.approx(value), False)
+
+
+def test_a_finished_runs_value_is_its_last_evaluation_whenever_it_was_made(study):
+    path = study / "dep_front+seg_side" / "human" / "seed0" / EVALUATION
+    whole = json.loads(path.read_text())
+    del whole["steps_trained"]
+    path.write_text(json.dumps({**whole, "return": 3.5}))
+    found = final(read_study(study).runs[0])
+    assert found is not None
+    assert (found.value, found.steps, found.finished) == (3.5, UPDATES * BUFFER, True)
+
+
+@pytest.mark.parametrize("odd", [1, "yes", None])
+def test_only_true_is_finished(odd, study):
+    path = study / "dep_front+seg_side" / "human" / "seed0" / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "finished": odd}))
+    assert not read_study(study).runs[0].finished
 
 
 def test_no_such_study(tmp_path):
