@@ -116,6 +116,21 @@ def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
     assert y[-1] == pytest.approx(np.mean(ends))
 
 
+def test_a_curve_breaks_where_a_run_ends_before_the_others(tmp_path):
+    write_run(tmp_path, "rgb_default", seed=0, goal=2.0, updates=UPDATES // 2)
+    write_run(tmp_path, "rgb_default", seed=1, goal=8.0)
+    with styled():
+        axes, _ = learning_curves(study_findings(tmp_path)).axes
+    one, both = axes.lines[:2]
+    assert one.get_linewidth() < both.get_linewidth()
+    drawn = [~np.isnan(line.get_ydata()) for line in (both, one)]
+    half = UPDATES // 2 * BUFFER / 1e6
+    assert (both.get_xdata()[drawn[0]] <= half).all()
+    assert (one.get_xdata()[drawn[1]] > half).all()
+    # No line leads from one mean to the other.
+    assert not (drawn[0] & drawn[1]).any()
+
+
 def test_rewards_are_compared_where_there_are_several(study, tmp_path):
     with styled():
         (axes,) = reward_comparison(study_findings(study)).axes

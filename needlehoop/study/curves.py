@@ -130,11 +130,21 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
 def _line(
     axes: Axes, steps: np.ndarray, number: int, name: str, runs: tuple[Record, ...]
 ) -> tuple[str, float, float, str]:
-    """Draw the IQM and the interval over seeds; returns where the line ends."""
+    """Draw the IQM and the interval over seeds; returns where the line ends.
+
+    The line breaks where a run ends before the others: what is left is a mean over fewer, and
+    thinner.
+    """
     colour = COLOURS[number % len(COLOURS)]
-    middle, low, high = band(np.array([_on(run, steps) for run in _curves(runs)]))
+    curves = np.array([_on(run, steps) for run in _curves(runs)])
+    middle, low, high = band(curves)
     million = steps / 1e6
-    axes.plot(million, middle, color=colour, linestyle=DASHES[number % len(DASHES)])
+    present = (~np.isnan(curves)).sum(axis=0)
+    for some in sorted({*present.tolist()} - {0}):
+        axes.plot(
+            million, np.where(present == some, middle, np.nan), color=colour,
+            linestyle=DASHES[number % len(DASHES)], linewidth=1.2 if some == len(curves) else 0.6,
+        )  # fmt: skip
     axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
     last = np.flatnonzero(~np.isnan(middle))[-1]
     return name, float(million[last]), float(middle[last]), colour

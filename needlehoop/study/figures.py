@@ -23,7 +23,8 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
         "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
-        " bootstrap intervals; each point is the mean over the last 4 % of the longest run.",
+        " bootstrap intervals; each point is the mean over the last 4 % of the longest run. Thin:"
+        " fewer seeds have come so far.",
     ),
     "rewards": (
         reward_comparison,
