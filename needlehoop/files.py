@@ -20,7 +20,7 @@ SIGNALS = "signals"
 """Stands among the cameras where the agent is told the state."""
 
 
-def seen(cams: Iterable[str], signals: bool) -> str:
+def seen(cams: Iterable[str], signals: bool = False) -> str:
     """What a run's folder calls that which its agent sees: ``dep_front+seg_side``."""
     return "+".join((*cams, *([SIGNALS] if signals else [])))
 

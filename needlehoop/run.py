@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -70,14 +70,7 @@ class Run:
         Raises:
             ValueError: the file is damaged.
         """
-        path = self.folder / CONFIG
-        try:
-            found = yaml.safe_load(path.read_text())
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise _damaged(path) from error
-        if not isinstance(found, dict):
-            raise _damaged(path)
-        return found
+        return _mapping(self.folder / CONFIG, yaml.safe_load)
 
     def manifest(self) -> dict[str, Any]:
         """Versions, commit, machine, times; empty where there is none.
@@ -86,15 +79,7 @@ class Run:
             ValueError: the file is damaged.
         """
         path = self.folder / MANIFEST
-        if not path.exists():
-            return {}
-        try:
-            found = json.loads(path.read_text())
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise _damaged(path) from error
-        if not isinstance(found, dict):
-            raise _damaged(path)
-        return found
+        return _mapping(path, json.loads) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
@@ -193,6 +178,17 @@ class Run:
             taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
             path.rename(next(place for place in taken if not place.exists()))
         return path
+
+
+def _mapping(path: Path, parse: Callable[[str], Any]) -> dict[str, Any]:
+    """What a file of keys and values says."""
+    try:
+        found = parse(path.read_text())
+    except (yaml.YAMLError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise _damaged(path) from error
+    if not isinstance(found, dict):
+        raise _damaged(path)
+    return found
 
 
 def _damaged(path: Path) -> ValueError:

@@ -43,7 +43,7 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.probe.folder import Folder
     from needlehoop.probe.grid import Grid
     from needlehoop.probe.probing import probe
-    from needlehoop.probe.tables import agreements, ranking
+    from needlehoop.probe.tables import PHASES_TABLE, all_tables
 
     values = config.compose(config.in_brackets(options.overrides), "probe")
     standing = config.structure({**values, "cams": []})
@@ -67,10 +67,12 @@ def _probe(options: argparse.Namespace) -> int:
         memory_gb=round(peak_memory(), 2),
     )
     findings = read_findings(folder, plan.scope.seeds)
-    _write(findings, folder.path, grid, standing.views)
-    for table in (ranking(findings), agreements(findings)):
-        if table.rows:
+    for table in all_tables(findings):
+        table.write(folder.path)
+        # Hundreds of rows are for files.
+        if table.name != PHASES_TABLE:
             print(table.text())
+    _draw(findings, folder.path, grid, standing.views)
     print(f"files        {folder.path}")
     return 0
 
@@ -106,16 +108,13 @@ def _noted(values: dict[str, Any], grid: Grid | None) -> dict[str, Any]:
     return {**own, "network": values["algo"]["network"]}
 
 
-def _write(
+def _draw(
     findings: Findings, folder: Path, grid: Grid | None, standing: Mapping[str, View]
 ) -> None:
-    """Tables, and the figure: the ranking, or the map of a grid."""
+    """The figure: the ranking, or the map of a grid."""
     from needlehoop.probe import charts
-    from needlehoop.probe.tables import all_tables
     from needlehoop.study.style import save, styled
 
-    for table in all_tables(findings):
-        table.write(folder)
     with styled():
         if not grid:
             save(charts.ranking(findings), folder / "ranking")

@@ -34,7 +34,7 @@ class Folder:
 
     Args:
         path: made where missing.
-        config: the composed settings.
+        config: the composed settings, as plain values.
         overwrite: whether errors that are there are dropped.
 
     Raises:
@@ -43,7 +43,7 @@ class Folder:
 
     def __init__(self, path: Path, config: Mapping[str, Any], overwrite: bool):
         self.path = path
-        own, held = _plain(dict(config)), path / CONFIG
+        own, held = dict(config), path / CONFIG
         if path.exists() and any(file.is_file() for file in path.iterdir()):
             before = yaml.safe_load(held.read_text()) if held.is_file() else None
             if not isinstance(before, dict) or "fit" not in before:
@@ -109,8 +109,3 @@ class Folder:
 
     def _file(self, seed: int, name: str) -> Path:
         return self.path / f"seed{seed}" / f"{name}.csv"
-
-
-def _plain(value: Any) -> Any:
-    """As it comes back from YAML."""
-    return yaml.safe_load(yaml.safe_dump(json.loads(json.dumps(value))))

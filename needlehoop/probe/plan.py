@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 
 from needlehoop.cameras import parse_cameras
+from needlehoop.files import SIGNALS, seen
 from needlehoop.job import check_name, pick_device
 from needlehoop.networks import EncoderConfig, HeadConfig, convolution_dtype
 from needlehoop.probe.regression import Fit
 from needlehoop.settings import Settings
 
-TRUTH, CONSTANT = "signals", "constant"
+TRUTH, CONSTANT = SIGNALS, "constant"
 """Baselines beside the combinations: the true state read by the same trunk, and not looking."""
 
 _SEEDS = 2_000_000
@@ -81,11 +81,6 @@ class Plan:
         return _SEEDS + 2 * seed, _SEEDS + 2 * seed + 1
 
 
-def name_of(cameras: Sequence[str]) -> str:
-    """A combination's name, such as ``dep_front+seg_side``."""
-    return "+".join(cameras)
-
-
 def combinations(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     """Combinations as a command line gives them.
 
@@ -108,5 +103,5 @@ def combinations(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
         raise ValueError("cams: nothing to probe; give combinations, such as rgb_front+rgb_side")
     for one in found:
         if found.count(one) > 1:
-            raise ValueError(f"cams: {name_of(one)} is named twice")
+            raise ValueError(f"cams: {seen(one)} is named twice")
     return tuple(found)

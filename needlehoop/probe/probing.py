@@ -12,10 +12,11 @@ import torch
 from tqdm import tqdm
 
 from needlehoop.engines.cpu import available_cpus
+from needlehoop.files import seen
 from needlehoop.networks import convolution_dtype
 from needlehoop.probe.folder import Folder
 from needlehoop.probe.frames import Frames, collect
-from needlehoop.probe.plan import CONSTANT, TRUTH, Plan, name_of
+from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.regression import Reader, fold
 from needlehoop.probe.scores import constant, errors
 
@@ -26,7 +27,7 @@ def probe(plan: Plan, folder: Folder) -> None:
     Raises:
         ValueError: episodes that do not come to every phase.
     """
-    wanted = {name_of(one): one for one in plan.combinations} | {TRUTH: ()}
+    wanted = {seen(one): one for one in plan.combinations} | {TRUTH: ()}
     todo = {
         seed: {name: one for name, one in wanted.items() if not folder.has(seed, name)}
         for seed in range(plan.scope.seeds)

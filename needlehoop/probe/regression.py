@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -127,7 +127,7 @@ def fold(frames: Frames, stem: int) -> Frames:
     """Frames with their images folded for an encoder, once for all who read them."""
     folder = Fold(stem)
     images = {name: folder(image) for name, image in frames.images.items()}
-    return Frames(images, frames.state, frames.points, frames.grasped, frames.phase, frames.episode)
+    return replace(frames, images=images)
 
 
 def _unfolded(shape: torch.Size, stem: int) -> torch.Size:

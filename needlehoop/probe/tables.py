@@ -15,6 +15,9 @@ from needlehoop.study.agreement import agreement
 from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.table import Table
 
+PHASES_TABLE = "phases"
+"""Name of the longest table."""
+
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
 
@@ -66,7 +69,7 @@ def phases(findings: Findings) -> Table:
     ]
     head = ("cameras", "phase", "quantity", "error", "95 %", "needed")
     note = "Errors in mm; of grasped, the share of frames in which it is wrong."
-    return Table("phases", "Errors by phase", head, tuple(rows), note)
+    return Table(PHASES_TABLE, "Errors by phase", head, tuple(rows), note)
 
 
 def agreements(findings: Findings) -> Table:

@@ -41,9 +41,7 @@ def planned(words: Sequence[str]) -> list[Place]:
         rewards = [reward.strip() for reward in own["reward"].split(",")]
         pairs = list(product(_combinations(own["cams"]), rewards))
     _check(pairs)
-    return sorted(
-        Place(seen(cams, False), reward, seed) for (cams, reward), seed in product(pairs, seeds)
-    )
+    return sorted(Place(seen(cams), reward, seed) for (cams, reward), seed in product(pairs, seeds))
 
 
 def _pair(word: str) -> tuple[str, str]:
