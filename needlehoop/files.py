@@ -1,13 +1,16 @@
 """The names of a run's folder and files, for those who write and those who only read them.
 
-And how a file is written: whole.
+And how a file is written: whole, and tables as CSV.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
 METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
@@ -37,3 +40,12 @@ def write_whole(path: Path, content: str | bytes) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """A table as CSV, a line feed after each line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()

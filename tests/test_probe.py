@@ -296,8 +296,26 @@ def test_more_combinations_are_added_and_nothing_is_done_twice(tmp_path, monkeyp
     folder = tmp_path / "probe"
     assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
     assert {"RGB (D)", "SEG (S)"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
+    done = (folder / "manifest.json").read_bytes()
     monkeypatch.setattr(probing, "collect", None)
     assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0, "all there: nothing to collect"
+    assert (folder / "manifest.json").read_bytes() == done, "it took nothing"
+
+
+def test_the_manifest_counts_the_time_of_all_calls(tmp_path, capsys):
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
+    path = tmp_path / "probe" / "manifest.json"
+    path.write_text(json.dumps({"wall_time": 5000.0, "memory_gb": 900.0}))
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
+    manifest = json.loads(path.read_text())
+    assert 5000 < manifest["wall_time"] < 6000
+    assert manifest["memory_gb"] == 900
+    assert manifest["command"][-2:] == ["cams=seg_side", "seeds=1"]
+    assert _run(tmp_path, "cams=seg_side", "seeds=1", "overwrite=true") == 0
+    assert json.loads(path.read_text())["wall_time"] < 1000
+    path.write_text('{"wall')
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 2
+    assert f"{path} is damaged" in capsys.readouterr().err
 
 
 def test_a_folder_of_something_else_or_other_settings_is_left_alone(tmp_path, capsys):

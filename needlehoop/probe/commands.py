@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -38,7 +37,6 @@ def add_commands(commands: Any) -> None:
 
 def _probe(options: argparse.Namespace) -> int:
     from needlehoop import config
-    from needlehoop.metrics import peak_memory
     from needlehoop.probe.findings import read_findings
     from needlehoop.probe.folder import Folder
     from needlehoop.probe.grid import Grid
@@ -52,20 +50,14 @@ def _probe(options: argparse.Namespace) -> int:
     place = Path(plan.scope.results) / plan.scope.study
     if grid:
         place /= f"views_{grid.rendering}"
-    folder = Folder(place, _noted(values, grid), plan.scope.overwrite)
-    began = time.perf_counter()
+    flags = ["--grid", options.grid] if options.grid else []
+    command = ["needlehoop", "probe", *flags, *options.overrides]
+    folder = Folder(place, _noted(values, grid), plan.scope.overwrite, command)
     try:
         probe(plan, folder)
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    spent = round(time.perf_counter() - began, 1)
-    flags = ["--grid", options.grid] if options.grid else []
-    folder.note(
-        command=["needlehoop", "probe", *flags, *options.overrides],
-        wall_time=spent,
-        memory_gb=round(peak_memory(), 2),
-    )
     findings = read_findings(folder, plan.scope.seeds)
     for table in all_tables(findings):
         table.write(folder.path)

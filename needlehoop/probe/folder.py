@@ -1,19 +1,21 @@
-"""The files of a probe: settings, and for each seed and combination the errors by episode."""
+"""The files of a probe: settings, manifest, and by seed and combination the errors by episode."""
 
 from __future__ import annotations
 
 import csv
-import io
 import json
 import shutil
-from collections.abc import Mapping
+import threading
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from needlehoop.files import CONFIG, MANIFEST, write_whole
+from needlehoop.files import CONFIG, MANIFEST, csv_text, write_whole
+from needlehoop.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
 from needlehoop.provenance import provenance
@@ -36,13 +38,18 @@ class Folder:
         path: made where missing.
         config: the composed settings, as plain values.
         overwrite: whether errors that are there are dropped.
+        command: the words it was called with, for the manifest.
 
     Raises:
         ValueError: the folder holds something else, or a probe with other settings.
     """
 
-    def __init__(self, path: Path, config: Mapping[str, Any], overwrite: bool):
+    def __init__(
+        self, path: Path, config: Mapping[str, Any], overwrite: bool, command: Sequence[str] = ()
+    ):
         self.path = path
+        self._began, self._lock = time.perf_counter(), threading.Lock()
+        self._origin = {**provenance(), "command": list(command)}
         own, held = dict(config), path / CONFIG
         if path.exists() and any(file.is_file() for file in path.iterdir()):
             before = yaml.safe_load(held.read_text()) if held.is_file() else None
@@ -59,12 +66,10 @@ class Folder:
             if overwrite:
                 for old in path.glob("seed*"):
                     shutil.rmtree(old)
+                (path / MANIFEST).unlink(missing_ok=True)
+        self._before = _manifest(path / MANIFEST)
         path.mkdir(parents=True, exist_ok=True)
         write_whole(held, yaml.safe_dump(own, sort_keys=False))
-
-    def note(self, **facts: Any) -> None:
-        """Write the manifest: where the files come from, and ``facts``."""
-        write_whole(self.path / MANIFEST, json.dumps({**provenance(), **facts}, indent=2) + "\n")
 
     def has(self, seed: int, name: str) -> bool:
         """Whether a combination's errors are there."""
@@ -78,16 +83,15 @@ class Folder:
         return sorted(set.intersection(*found))
 
     def save(self, seed: int, name: str, found: Errors) -> None:
-        """Write a combination's errors, whole or not at all."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_COLUMNS)
+        """Write a combination's errors, whole or not at all, and what it took."""
+        rows = []
         for episode, (mean, frames) in enumerate(zip(found.mean, found.frames, strict=True)):
             cells = ["" if np.isnan(value) else f"{value:.4g}" for value in mean.flatten()]
-            writer.writerow([episode, KINDS[episode % len(KINDS)], *frames, *cells])
+            rows.append((episode, KINDS[episode % len(KINDS)], *frames, *cells))
         path = self._file(seed, name)
         path.parent.mkdir(exist_ok=True)
-        write_whole(path, text.getvalue())
+        write_whole(path, csv_text(_COLUMNS, rows))
+        self._note()
 
     def load(self, seed: int, name: str) -> Errors:
         """A combination's errors.
@@ -107,5 +111,27 @@ class Folder:
             np.array(values).reshape(len(rows), len(PHASES), len(QUANTITIES)), np.array(frames)
         )
 
+    def _note(self) -> None:
+        """Bring the manifest up to date: time and memory of all calls that measured something."""
+        with self._lock:
+            spent = self._before.get("wall_time", 0.0) + time.perf_counter() - self._began
+            memory = max(self._before.get("memory_gb", 0.0), peak_memory())
+            facts = {"wall_time": round(spent, 1), "memory_gb": round(memory, 2)}
+            text = json.dumps({**self._origin, **facts}, indent=2)
+            write_whole(self.path / MANIFEST, text + "\n")
+
     def _file(self, seed: int, name: str) -> Path:
         return self.path / f"seed{seed}" / f"{name}.csv"
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    """What an earlier call noted; empty if there was none."""
+    if not path.exists():
+        return {}
+    try:
+        found = json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is damaged; delete it, and time is counted anew") from error
+    if not isinstance(found, dict):
+        raise ValueError(f"{path} is damaged; delete it, and time is counted anew")
+    return found

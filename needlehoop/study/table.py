@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+
+from needlehoop.files import csv_text
 
 _LATEX: Mapping[int, str] = str.maketrans(
     {
@@ -43,9 +43,7 @@ class Table:
 
     def csv(self) -> str:
         """The cells alone, as they are."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([self.header, *self.rows])
-        return text.getvalue()
+        return csv_text(self.header, self.rows)
 
     def text(self) -> str:
         """Aligned columns for a terminal, under the title."""

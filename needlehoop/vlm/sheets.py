@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from needlehoop.files import csv_text
 from needlehoop.study.answers import as_rows
 
 
 def questions(answers: Mapping[str, Any]) -> str:
     """``question``, ``answer``, ``reason``: the rows of the paper's Table I, and Appendix B's."""
     rows = [(row.question, row.answer, row.reason) for row in as_rows(answers)]
-    return _csv(("question", "answer", "reason"), rows)
+    return csv_text(("question", "answer", "reason"), rows)
 
 
 def rankings(lists: Sequence[Mapping[str, Any]]) -> str:
@@ -24,7 +23,7 @@ def rankings(lists: Sequence[Mapping[str, Any]]) -> str:
         for sample, places in enumerate(ranked["rankings"], 1)
         for place, entry in enumerate(places, 1)
     ]
-    return _csv(("list", "sample", "place", "cameras", "reason"), rows)
+    return csv_text(("list", "sample", "place", "cameras", "reason"), rows)
 
 
 def agreement(lists: Sequence[Mapping[str, Any]]) -> str:
@@ -33,18 +32,10 @@ def agreement(lists: Sequence[Mapping[str, Any]]) -> str:
     for number, ranked in enumerate(lists, 1):
         agreed = ranked["agreement"] or {"tau_b": "", "same_top": ""}
         rows.append((number, len(ranked["rankings"]), agreed["tau_b"], agreed["same_top"]))
-    return _csv(("list", "samples", "tau_b", "same_top"), rows)
+    return csv_text(("list", "samples", "tau_b", "same_top"), rows)
 
 
 def totals(found: Mapping[str, Mapping[str, int]]) -> str:
     """``conversation`` and what it cost, one row each; the last, ``all``, is their sum."""
     head = ("conversation", *found["all"])
-    return _csv(head, [(name, *row.values()) for name, row in found.items()])
-
-
-def _csv(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(head, [(name, *row.values()) for name, row in found.items()])
