@@ -77,6 +77,18 @@ def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
     return _structure({name: values[name] for name in names}, kind)
 
 
+def value(values: Mapping[str, Any], key: str, kind: type[T]) -> T:
+    """One whole number, truth or text of a composed config.
+
+    Raises:
+        ValueError: it is something else; says the key.
+    """
+    try:
+        return _converter.structure(values[key], kind)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from error
+
+
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
@@ -171,7 +183,7 @@ def _flatten(error: BaseException, path: str = "") -> Iterable[str]:
 
 
 def _whole_number(value: Any, _: type) -> int:
-    if isinstance(value, bool) or int(value) != value:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value % 1 != 0:
         raise ValueError(f"{value!r} is not a whole number")
     return int(value)
 

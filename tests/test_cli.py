@@ -111,8 +111,8 @@ def test_bench_measures_and_says_where_the_time_goes():
 def test_bench_train_says_where_the_time_goes():
     # The other side's share is kept small: it renders ten images a second.
     script = (
-        "import sys; from needlehoop import bench_train, cli;"
-        "bench_train._SB3_ENVS, bench_train._SB3_STEPS = 1, 4;"
+        "import sys; from needlehoop import cli; from needlehoop.bench import training;"
+        "training._SB3_ENVS, training._SB3_STEPS = 1, 4;"
         "sys.exit(cli.main(sys.argv[1:]))"
     )
     words = ["bench", "train", "--json", "rounds=1", "num_envs=4", "algo.horizon=8"]

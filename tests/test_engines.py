@@ -175,7 +175,7 @@ def test_a_needle_that_nobody_touches_stays_still():
 
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
-    from needlehoop.stability import shake
+    from needlehoop.bench.stability import shake
 
     settings = config.settings(["num_envs=40", f"episode.grasp={grasp}"])
     found = shake(settings, episodes=40)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import settings as tried
 
 from needlehoop import config, rewards
-from needlehoop.bench_program import PROGRAM
+from needlehoop.bench.program import PROGRAM
 from needlehoop.rewards.functions import FUNCTIONS, describe_functions
 from needlehoop.rewards.grammar import ProgramError
 from needlehoop.rewards.language import Program, compile_program

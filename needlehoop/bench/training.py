@@ -124,7 +124,7 @@ def _shares(watch: Stopwatch, total: float) -> dict[str, float]:
 def _other(job: Job) -> tuple[Callable[[], float] | None, str | None]:
     """One round of Stable-Baselines3, in steps per second; why not, where it can't be."""
     try:
-        from needlehoop.bench_sb3 import build_sb3
+        from needlehoop.bench.stable_baselines import build_sb3
     except ImportError as error:
         return None, f"{error}: pip install 'needlehoop[bench]'"
     steps = _SB3_ENVS * _SB3_STEPS

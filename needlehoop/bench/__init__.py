@@ -1,0 +1,1 @@
+"""Measurements of this machine: the environment, training, a reward program, the physics."""
