@@ -15,12 +15,12 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from needlehoop.agent import Agent
 from needlehoop.env import NeedleHoopEnv
 from needlehoop.files import EVALUATION
 from needlehoop.images import Imager
 from needlehoop.job import Job
 from needlehoop.learner import build_agent
-from needlehoop.networks import Agent
 from needlehoop.observer import Observer
 from needlehoop.pictures import record
 from needlehoop.rollout import Outcome, run_batches

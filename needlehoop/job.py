@@ -8,9 +8,10 @@ from typing import Any
 
 import torch
 
+from needlehoop.encoder import EncoderConfig
 from needlehoop.files import seen
-from needlehoop.networks import EncoderConfig, convolution_dtype
 from needlehoop.ppo import PpoConfig
+from needlehoop.precision import convolution_dtype
 from needlehoop.settings import Settings
 
 LOGGERS = ("csv", "wandb")

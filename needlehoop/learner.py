@@ -10,11 +10,12 @@ import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
 
+from needlehoop.agent import Agent
 from needlehoop.engines.cpu import available_cpus
 from needlehoop.env import NeedleHoopEnv
 from needlehoop.job import Job
-from needlehoop.networks import Agent, convolution_dtype
 from needlehoop.ppo import Ppo
+from needlehoop.precision import convolution_dtype
 
 
 class Learner:

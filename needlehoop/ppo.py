@@ -13,7 +13,9 @@ from torch import Tensor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from needlehoop.networks import Agent, HeadConfig, Normalizer
+from needlehoop.agent import Agent
+from needlehoop.networks import HeadConfig
+from needlehoop.normalizer import Normalizer
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""

@@ -10,16 +10,11 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop import config
-from needlehoop.networks import (
-    Agent,
-    Encoder,
-    EncoderConfig,
-    Fold,
-    HeadConfig,
-    Normalizer,
-    Trunk,
-    convolution_dtype,
-)
+from needlehoop.agent import Agent
+from needlehoop.encoder import Encoder, EncoderConfig, Fold
+from needlehoop.networks import HeadConfig, Trunk
+from needlehoop.normalizer import Normalizer
+from needlehoop.precision import convolution_dtype
 
 ENCODERS = sorted(file.stem for file in (config.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)

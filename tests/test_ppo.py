@@ -9,7 +9,10 @@ from tensordict import TensorDict
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from needlehoop.networks import Agent, EncoderConfig, HeadConfig, Normalizer
+from needlehoop.agent import Agent
+from needlehoop.encoder import EncoderConfig
+from needlehoop.networks import HeadConfig
+from needlehoop.normalizer import Normalizer
 from needlehoop.ppo import Ppo, PpoConfig
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)

@@ -13,7 +13,8 @@ import torch
 
 from needlehoop import cli, config
 from needlehoop.cameras import View
-from needlehoop.networks import EncoderConfig, HeadConfig
+from needlehoop.encoder import EncoderConfig
+from needlehoop.networks import HeadConfig
 from needlehoop.probe import frames, probing
 from needlehoop.probe.charts import ranking as ranking_figure
 from needlehoop.probe.charts import view_map

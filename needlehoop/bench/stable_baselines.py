@@ -14,9 +14,10 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyrig
 from stable_baselines3.common.vec_env import DummyVecEnv  # pyright: ignore
 from torch import Tensor, nn
 
+from needlehoop.encoder import Encoder, Fold
 from needlehoop.job import Job
-from needlehoop.networks import Encoder, Fold, convolution_dtype
 from needlehoop.opengl import OpenGLEnvironment
+from needlehoop.precision import convolution_dtype
 from needlehoop.settings import Settings
 
 

@@ -71,7 +71,8 @@ def _probe(options: argparse.Namespace) -> int:
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
     from needlehoop import config
-    from needlehoop.networks import EncoderConfig, HeadConfig
+    from needlehoop.encoder import EncoderConfig
+    from needlehoop.networks import HeadConfig
     from needlehoop.probe.plan import Episodes, Plan, Scope, combinations
     from needlehoop.probe.regression import Fit
 

@@ -8,9 +8,11 @@ from typing import Any
 import torch
 
 from needlehoop.cameras import parse_cameras
+from needlehoop.encoder import EncoderConfig
 from needlehoop.files import SIGNALS, seen
 from needlehoop.job import check_name, pick_device
-from needlehoop.networks import EncoderConfig, HeadConfig, convolution_dtype
+from needlehoop.networks import HeadConfig
+from needlehoop.precision import convolution_dtype
 from needlehoop.probe.regression import Fit
 from needlehoop.settings import Settings
 

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from needlehoop.engines.cpu import available_cpus
 from needlehoop.files import seen
-from needlehoop.networks import convolution_dtype
+from needlehoop.precision import convolution_dtype
 from needlehoop.probe.folder import Folder
 from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
