@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from needlehoop import geometry as geo
+from needlehoop.episode import Episode
 from needlehoop.layout import Layout
 from needlehoop.signals import Signals
-from needlehoop.task import Episode
 
 _GAIN = 0.4
 """Share of the remaining error that an action asks for; the servos lag behind."""

@@ -13,11 +13,11 @@ from needlehoop.arm import VARIANTS
 from needlehoop.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.engines.cpu import CpuEngine
+from needlehoop.episode import Episode
 from needlehoop.images import Imager, channels_of
 from needlehoop.layout import Layout
 from needlehoop.scene import build_spec
 from needlehoop.simulation import Simulation
-from needlehoop.task import Episode
 
 PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""

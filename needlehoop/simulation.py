@@ -11,10 +11,10 @@ from torch import Tensor
 
 from needlehoop import task
 from needlehoop.engines.contract import Engine
+from needlehoop.episode import Episode
 from needlehoop.layout import Layout
 from needlehoop.rewards import Reward, potential
 from needlehoop.signals import Readings, Signals
-from needlehoop.task import Episode
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ and nothing else. Facts are geometry. What an agent is paid is decided in ``rewa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,12 +17,9 @@ from torch import Tensor
 from needlehoop import geometry as geo
 from needlehoop import psm
 from needlehoop.crossing import centre_line, passes_through
+from needlehoop.episode import Episode
 from needlehoop.layout import Layout
 from needlehoop.signals import Signals
-
-CONTROLS = {"tip": 5, "pose": 7}
-"""Length of the action by control mode."""
-GRASPS = ("weld", "friction")
 
 DRAWS = 9
 """Uniform numbers that one reset consumes."""
@@ -31,64 +27,6 @@ DRAWS = 9
 _SUNK = 1.25e-6
 """How deep a needle at rest sinks into the table, m (measured). Laid exactly on the
 surface, rounding decides which of its contacts exist, and the rest kick it."""
-
-
-@dataclass(frozen=True)
-class Episode:
-    """Control and termination; values in ``conf/episode``. Lengths in m, angles in rad."""
-
-    control: str
-    """``tip``: tip x, y, z, rotation about the instrument, jaw. ``pose``: tip x, y, z,
-    rotation vector in the world frame, jaw."""
-    grasp: str
-    """``weld``: jaws that touch the needle and close hold it rigidly. ``friction``: contacts
-    alone hold it, so a grasp needs the needle between the blades as well."""
-    substeps: int
-    """Physics steps per action."""
-    max_steps: int
-    """Actions after which an episode is truncated."""
-    end_on_success: bool
-    """Whether ``threaded`` terminates the episode."""
-    translation: float
-    """Largest move of the tip's target per action and axis."""
-    rotation: float
-    """Largest turn of the target per action."""
-    jaw: float
-    """Largest change of the jaw command per action."""
-    close_below: float
-    """A grasp needs a jaw command below this."""
-    release_above: float
-    """A jaw command above this lets go."""
-    lift_radius: float
-    """``lifted``: the pickup point came this near the lift position."""
-    goal_radius: float
-    """``touched``: the tip is this near the goal."""
-    thread_depth: float
-    """``threaded``: the tip is at least this far beyond the hoop's plane."""
-
-    def __post_init__(self) -> None:
-        for key, value, valid in (
-            ("control", self.control, tuple(CONTROLS)),
-            ("grasp", self.grasp, GRASPS),
-        ):
-            if value not in valid:
-                raise ValueError(
-                    f"episode.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
-                )
-        positive = "substeps max_steps translation rotation jaw lift_radius goal_radius"
-        for name in positive.split():
-            if not getattr(self, name) > 0:
-                raise ValueError(f"episode.{name}: {getattr(self, name)} must be positive")
-        if not self.close_below < self.release_above:
-            raise ValueError(
-                f"episode.close_below: {self.close_below} must be below"
-                f" release_above={self.release_above}"
-            )
-
-    @property
-    def action_size(self) -> int:
-        """Numbers in an action."""
-        return CONTROLS[self.control]
 
 
 class Start(TensorClass):

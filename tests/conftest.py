@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from needlehoop import arm, config
+from needlehoop.episode import Episode
 from needlehoop.layout import Layout
 from needlehoop.scene import build_spec
 from needlehoop.settings import Settings
-from needlehoop.task import Episode
 
 # The same examples at every run, however slow and busy the machine.
 hypothesis.settings.register_profile(

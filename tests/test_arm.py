@@ -7,10 +7,11 @@ import torch
 
 from needlehoop import arm, linkage, psm, task
 from needlehoop.engines.placement import Placement
+from needlehoop.episode import Episode
 from needlehoop.layout import Layout
 from needlehoop.scene import build_spec
 from needlehoop.settings import Settings
-from needlehoop.task import Episode, Start
+from needlehoop.task import Start
 
 MASSES = {
     "yaw": 1.47,

@@ -12,8 +12,9 @@ from torch import Tensor
 
 from needlehoop import config, crossing, psm, task
 from needlehoop import geometry as geo
+from needlehoop.episode import CONTROLS, GRASPS, Episode
 from needlehoop.layout import Layout
-from needlehoop.task import Episode, Start, State
+from needlehoop.task import Start, State
 
 TASKS = ("near", "standard", "wide")
 
@@ -354,7 +355,7 @@ def test_a_needle_off_the_middle_of_the_gap_is_grasped(layout, episode):
     assert grasp(layout, episode, state_of(layout, episode), gap=0.5, at=(0.001, 0.001, -0.004))
 
 
-@pytest.mark.parametrize("kind", task.GRASPS)
+@pytest.mark.parametrize("kind", GRASPS)
 def test_a_grasp_lasts_until_the_command_opens_beyond_release(layout, episode, kind):
     """Between the two thresholds what is held stays held, and what is not does not become it."""
     episode = replace(episode, grasp=kind)
@@ -466,7 +467,7 @@ def test_an_action_moves_the_tool_by_its_scale(layout, episode):
     assert after.steps.tolist() == [1]
 
 
-@pytest.mark.parametrize("control", task.CONTROLS)
+@pytest.mark.parametrize("control", CONTROLS)
 def test_no_push_drives_the_target_out_of_the_workspace(layout, episode, control):
     episode = replace(episode, control=control)
     pushes = corners(3)
@@ -494,7 +495,7 @@ def test_roll_and_jaw_stop_at_their_limits(layout, episode, sense):
     assert float(command[0, 6]) == (layout.jaw_open if sense > 0 else layout.jaw_closed)
 
 
-@pytest.mark.parametrize("control", task.CONTROLS)
+@pytest.mark.parametrize("control", CONTROLS)
 def test_commands_stay_within_the_joint_limits(layout, episode, control):
     episode = replace(episode, control=control)
     pushes = corners(episode.action_size)
@@ -508,7 +509,7 @@ def test_commands_stay_within_the_joint_limits(layout, episode, control):
         assert bool((command[:, 6] <= psm.JAW_UPPER).all())
 
 
-@pytest.mark.parametrize("control", task.CONTROLS)
+@pytest.mark.parametrize("control", CONTROLS)
 def test_values_beyond_one_act_as_one(layout, episode, control):
     episode = replace(episode, control=control)
     state = task.begin(layout, episode, nominal_start(layout))
@@ -532,7 +533,7 @@ def test_an_action_of_the_wrong_shape_is_refused_by_name(layout, episode, shape)
         task.act(layout, episode, state, torch.zeros(shape))
 
 
-@pytest.mark.parametrize("control", task.CONTROLS)
+@pytest.mark.parametrize("control", CONTROLS)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_an_action_that_is_not_finite_is_refused_by_name_and_environment(
     layout, episode, control, value
@@ -728,7 +729,7 @@ def mixed_readings(layout: Layout, count: int) -> list[dict[str, Tensor]]:
     return readings
 
 
-@pytest.mark.parametrize("kind", task.GRASPS)
+@pytest.mark.parametrize("kind", GRASPS)
 @pytest.mark.parametrize("count", [2, 7, 16])
 def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
     episode = replace(episode, grasp=kind)
