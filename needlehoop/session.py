@@ -69,6 +69,8 @@ def open_session(values: dict[str, Any], overrides: list[str]) -> Session:
     ask_where_missing(values, config.job({**values, "reward": rewards.NONE}).env)
     values = {**values, "reward": rewards.pin(values["reward"])}
     job = config.job(values)
+    # One camera may be given as a word; what is kept is always a list.
+    values["cams"] = list(job.env.cams)
     folder = Path(job.results) / job.place
     overwrite = values["overwrite"]
     if values["existing"] == "resume" and (folder / CONFIG).exists() and not overwrite:

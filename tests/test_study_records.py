@@ -87,13 +87,22 @@ def test_the_state_counts_as_something_seen(tmp_path):
     assert read_study(tmp_path / "main").runs[0].place.cameras == "signals"
 
 
+def test_one_camera_may_stand_alone(tmp_path):
+    values = {"cams": "rgb_default", "obs": {"signals": False}, "algo": {"horizon": 128}}
+    values |= {"seed": 0, "steps": 20_480, "num_envs": 80}
+    folder = tmp_path / "main" / "rgb_default" / "human" / "seed0"
+    Run.create(folder, values, "", overwrite=False)
+    (record,) = read_study(tmp_path / "main").runs
+    assert record.place.cameras == "rgb_default"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
         ("config.yaml", b"", "no run: its config.yaml is empty"),
         ("config.yaml", b"cams: [", "no run: its config.yaml is no YAML"),
         ("config.yaml", b"- 1\n", "no run: its config.yaml holds no keys"),
-        ("config.yaml", b"cams: rgb\n", "no run: its config.yaml has no usable cams"),
+        ("config.yaml", b"cams: 3\n", "no run: its config.yaml has no usable cams"),
         ("config.yaml", b"\xff\xfe\x00", "no run: its config.yaml is no text"),
         ("metrics.csv", b"", "is empty"),
         ("metrics.csv", b"a,b\n1,2\n", "is no table of a run: it has no column update, step"),

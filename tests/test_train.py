@@ -15,8 +15,10 @@ from pathlib import Path
 import imageio.v2 as imageio
 import pytest
 import torch
+import yaml
 
 from needlehoop import cli, config
+from needlehoop.study.records import read_study
 
 ROOT = Path(__file__).parent.parent
 
@@ -193,6 +195,12 @@ def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
     run_train(monkeypatch, "-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
     made = {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("evaluation.json")}
     assert made == {f"results/main/{place}" for place in places}
+    found = read_study(tmp_path / "results" / "main")
+    assert {str(run.place) for run in found.runs} == places
+    assert found.left_out == ()
+    # A camera that stands alone, as a word, is one of a list in what is kept.
+    kept = [yaml.safe_load(path.read_text())["cams"] for path in tmp_path.rglob("config.yaml")]
+    assert all(isinstance(cams, list) for cams in kept)
 
 
 def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):

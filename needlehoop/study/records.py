@@ -198,6 +198,9 @@ def _config(path: Path) -> dict[str, Any]:
         raise UnreadableError("is no YAML") from error
     if not isinstance(config, dict):
         raise UnreadableError("holds no keys")
+    # Runs of one camera once kept it as a word.
+    if isinstance(config.get("cams"), str):
+        config["cams"] = config["cams"].split(",")
     kinds = {"cams": list, "obs": dict, "algo": dict, "seed": int, "steps": int, "num_envs": int}
     for key, kind in kinds.items():
         if not isinstance(config.get(key), kind):
