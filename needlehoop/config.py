@@ -16,6 +16,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from needlehoop.files import listed
 from needlehoop.job import Job, split
 from needlehoop.settings import Settings
 
@@ -196,8 +197,7 @@ def _truth(value: Any, _: type) -> bool:
 
 def _names(value: Any, _: type) -> tuple[str, ...]:
     """A list of names, or one string with commas between them."""
-    parts = value.split(",") if isinstance(value, str) else value
-    return tuple(str(part) for part in parts)
+    return tuple(listed(value))
 
 
 _converter = cattrs.Converter(forbid_extra_keys=True)

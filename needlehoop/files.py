@@ -23,6 +23,11 @@ SIGNALS = "signals"
 """Stands among the cameras where the agent is told the state."""
 
 
+def listed(names: str | Iterable[Any]) -> list[str]:
+    """Names that are given as a list, or as one text with commas between them."""
+    return [str(name) for name in (names.split(",") if isinstance(names, str) else names)]
+
+
 def seen(cams: Iterable[str], signals: bool = False) -> str:
     """What a run's folder calls that which its agent sees: ``dep_front+seg_side``."""
     return "+".join((*cams, *([SIGNALS] if signals else [])))

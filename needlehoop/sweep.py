@@ -13,7 +13,7 @@ from typing import Any
 from hydra.experimental.callback import Callback
 
 from needlehoop.engines.cpu import available_cpus
-from needlehoop.files import OUTCOME, seen
+from needlehoop.files import OUTCOME, listed, seen
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
@@ -28,12 +28,10 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
         values: the composed config.
         overrides: what makes this run differ from the others.
     """
-    cams = values["cams"]
-    listed = cams.split(",") if isinstance(cams, str) else cams
     return {
         "run": " ".join(overrides),
         "study": values["study"],
-        "cameras": seen(listed, values["obs"]["signals"]),
+        "cameras": seen(listed(values["cams"]), values["obs"]["signals"]),
         "reward": values["reward"]["kind"],
         "seed": values["seed"],
     }

@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from needlehoop.files import listed
 from needlehoop.rewards.grammar import ProgramError
 from needlehoop.rewards.language import Program, compile_program
 from needlehoop.rewards.terms import potential
@@ -129,7 +130,7 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
         return True
     study, results = str(config["study"]), str(config["results"])
     folders = _folders(flavour, study, results, config["recording"])
-    return _search(folders, tuple(_names(config["cams"])), flavour) is not None
+    return _search(folders, tuple(listed(config["cams"])), flavour) is not None
 
 
 def check_flavour(flavour: str) -> None:
@@ -152,10 +153,6 @@ def _search(folders: Iterable[Path], cams: tuple[str, ...], flavour: str) -> Sou
             if file is not None and file.is_file():
                 return Source(file.read_text(encoding="utf-8"), str(file))
     return None
-
-
-def _names(cams: Any) -> list[str]:
-    return cams.split(",") if isinstance(cams, str) else list(cams)
 
 
 def command(cams: Iterable[str], flavour: str, study: str, results: str) -> str:
@@ -237,7 +234,7 @@ def _source(config: Mapping[str, Any]) -> Source:
     if kind == "file":
         return read(Path(config["path"]))
     study, results = str(config["study"]), str(config["results"])
-    return find(_names(config["cams"]), FLAVOURS[kind], study, results, config["recording"])
+    return find(listed(config["cams"]), FLAVOURS[kind], study, results, config["recording"])
 
 
 def read(path: Path) -> Source:

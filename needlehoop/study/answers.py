@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from needlehoop.study.records import LeftOut
-from needlehoop.study.rows import UnreadableError, read_text
+from needlehoop.study.rows import UnreadableError, read_keys
 
 QUESTIONS, RANKINGS = Path("vlm/questions.json"), Path("vlm/rankings.json")
 """Where a study keeps them."""
@@ -58,7 +57,7 @@ def read_answers(folder: Path) -> tuple[Answers | None, list[LeftOut]]:
         if not (folder / name).exists():
             continue
         try:
-            found = _load(folder / name)
+            found = read_keys(folder / name)
             if name == QUESTIONS:
                 questions = as_rows(_part(found, "answers", dict))
             else:
@@ -69,16 +68,6 @@ def read_answers(folder: Path) -> tuple[Answers | None, list[LeftOut]]:
     if not questions and not rankings:
         return None, left_out
     return Answers(", ".join(map(str, models)), questions, rankings), left_out
-
-
-def _load(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise UnreadableError("is no JSON, or cut off") from error
-    if not isinstance(found, dict):
-        raise UnreadableError("holds no keys")
-    return found
 
 
 def as_rows(answers: Mapping[str, Any]) -> tuple[Answer, ...]:

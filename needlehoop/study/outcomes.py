@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from needlehoop.files import OUTCOME, SWEEPS
 from needlehoop.study.records import LeftOut, Place
-from needlehoop.study.rows import UnreadableError, read_text
+from needlehoop.study.rows import UnreadableError, read_keys
 
 _KINDS = {"study": str, "cameras": str, "reward": str, "seed": int, "outcome": str}
 
@@ -53,12 +52,7 @@ def read_outcomes(study: Path) -> tuple[dict[Place, Outcome], list[LeftOut]]:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        note = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise UnreadableError("is no JSON, or cut off") from error
-    if not isinstance(note, dict):
-        raise UnreadableError("holds no keys")
+    note = read_keys(path)
     kinds = {**_KINDS, **({"error": str} if "error" in note else {})}
     odd = [key for key, kind in kinds.items() if not isinstance(note.get(key), kind)]
     if odd:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -15,7 +14,7 @@ import yaml
 
 from needlehoop import files
 from needlehoop.study.media import check_film
-from needlehoop.study.rows import Rows, UnreadableError, read_rows, read_text
+from needlehoop.study.rows import Rows, UnreadableError, read_keys, read_rows, read_text
 
 _KEYED = ("update", "step", "wall_time")
 _OUTCOME = ("episodes", "success", "cheat", "touched", "return")
@@ -200,7 +199,7 @@ def _config(path: Path) -> dict[str, Any]:
         raise UnreadableError("holds no keys")
     # Runs of one camera once kept it as a word.
     if isinstance(config.get("cams"), str):
-        config["cams"] = config["cams"].split(",")
+        config["cams"] = files.listed(config["cams"])
     kinds = {"cams": list, "obs": dict, "algo": dict, "seed": int, "steps": int, "num_envs": int}
     for key, kind in kinds.items():
         if not isinstance(config.get(key), kind):
@@ -221,15 +220,9 @@ def _json(path: Path, numbers: tuple[str, ...], reading: _Reading) -> dict[str, 
             reading.leave(path, "is missing")
         return None
     try:
-        found = json.loads(read_text(path))
+        found = read_keys(path)
     except UnreadableError as error:
         reading.leave(path, str(error))
-        return None
-    except json.JSONDecodeError:
-        reading.leave(path, "is no JSON, or cut off")
-        return None
-    if not isinstance(found, dict):
-        reading.leave(path, "holds no keys")
         return None
     odd = [key for key in numbers if not _finite(found.get(key))]
     if odd:

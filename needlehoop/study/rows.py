@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +53,21 @@ def read_text(path: Path) -> str:
     if not text.strip():
         raise UnreadableError("is empty")
     return text
+
+
+def read_keys(path: Path) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises:
+        UnreadableError: as in ``read_text``, or it holds something else.
+    """
+    try:
+        found = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise UnreadableError("is no JSON, or cut off") from error
+    if not isinstance(found, dict):
+        raise UnreadableError("holds no keys")
+    return found
 
 
 def read_rows(path: Path, needed: Sequence[str]) -> tuple[Rows, list[str]]:
