@@ -11,6 +11,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from needlehoop.files import listed
+
 if TYPE_CHECKING:
     import dm_env
 
@@ -67,6 +69,4 @@ def __getattr__(name: str) -> ModuleType:
 
 
 def _list(key: str, names: Iterable[str]) -> str:
-    if isinstance(names, str):
-        names = names.split(",")
-    return f"{key}=[{','.join(names)}]"
+    return f"{key}=[{','.join(listed(names))}]"
