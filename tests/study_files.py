@@ -51,33 +51,11 @@ def write_run(
     steps: int = 1_000_000,
 ) -> Path:
     """One run, of ``updates`` buffers; it is finished if these are all of ``steps``."""
-    random = np.random.default_rng(noise)
     folder = study / cameras / reward / f"seed{seed}"
     folder.mkdir(parents=True)
-    goal += random.normal(0, 0.3)
     planned = steps // BUFFER
-    middle, width = random.uniform(0.3, 0.6) * planned, 0.08 * planned
-    rows, evaluations = [], []
-    for update in range(1, updates + 1):
-        risen = 1 / (1 + np.exp((middle - update) / width))
-        value = goal * risen + (1 - risen) * -0.5 + random.normal(0, 0.15)
-        good = float(np.clip((value - 5.5) / 3.0, 0, 1))
-        cheat = (0.6 * risen, 0.2) if reward == "vlm_text" else (0.02 * risen, good)
-        at = {"update": update, "step": update * BUFFER, "wall_time": 16.0 * update}
-        facts = {"success": cheat[1], "cheat": cheat[0], "touched": sum(cheat)}
-        # No episode ends in the first buffer.
-        ended = update > 1
-        seen = {"return": value, **facts, "grasped": risen, "lifted": good, "length": 150.0}
-        rows.append(
-            {**at, "steps_per_second": BUFFER / 16.0, "episodes": 60 if ended else 0}
-            | {name: value if ended else "" for name, value in seen.items()}
-        )
-        if update % 10 == 0:
-            outcome = {"grasped": risen, "lifted": good, "return": value}
-            evaluations.append(
-                {**at, "episodes": 20, **facts, **outcome, "return_min": value - 1}
-                | {"return_max": value + 1, "steps": 150.0}
-            )
+    cheats = reward == "vlm_text"
+    rows, evaluations = _learning(goal, updates, planned, cheats, np.random.default_rng(noise))
     _csv(folder / files.METRICS, rows)
     if evaluations:
         _csv(folder / files.EVALUATIONS, evaluations)
@@ -109,6 +87,36 @@ def write_run(
         last |= {name: rows[-1][name] for name in ("success", "cheat", "touched", "return")}
         (folder / files.EVALUATION).write_text(json.dumps(last))
     return folder
+
+
+def _learning(
+    goal: float, updates: int, planned: int, cheats: bool, random: np.random.Generator
+) -> tuple[list[dict], list[dict]]:
+    """Rows of metrics and of evaluations whose return rises to about ``goal``."""
+    goal += random.normal(0, 0.3)
+    middle, width = random.uniform(0.3, 0.6) * planned, 0.08 * planned
+    rows, evaluations = [], []
+    for update in range(1, updates + 1):
+        risen = 1 / (1 + np.exp((middle - update) / width))
+        value = goal * risen + (1 - risen) * -0.5 + random.normal(0, 0.15)
+        good = float(np.clip((value - 5.5) / 3.0, 0, 1))
+        cheat, success = (0.6 * risen, 0.2) if cheats else (0.02 * risen, good)
+        at = {"update": update, "step": update * BUFFER, "wall_time": 16.0 * update}
+        facts = {"success": success, "cheat": cheat, "touched": cheat + success}
+        # No episode ends in the first buffer.
+        ended = update > 1
+        seen = {"return": value, **facts, "grasped": risen, "lifted": good, "length": 150.0}
+        rows.append(
+            {**at, "steps_per_second": BUFFER / 16.0, "episodes": 60 if ended else 0}
+            | {name: value if ended else "" for name, value in seen.items()}
+        )
+        if update % 10 == 0:
+            outcome = {"grasped": risen, "lifted": good, "return": value}
+            evaluations.append(
+                {**at, "episodes": 20, **facts, **outcome, "return_min": value - 1}
+                | {"return_max": value + 1, "steps": 150.0}
+            )
+    return rows, evaluations
 
 
 def write_answers(folder: Path) -> None:
