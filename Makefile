@@ -22,7 +22,7 @@ train: $(STAMP)
 	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
 
 test: $(STAMP) browser
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # Debian's Chromium, which opens the report in a test; elsewhere that test is skipped.
 browser:
