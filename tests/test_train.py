@@ -96,6 +96,21 @@ def test_the_metrics_have_every_promised_column(finished):
     assert [row["step"] for row in table(finished / "evaluations.csv")] == ["128"]
 
 
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
+def test_nothing_in_the_repository_is_in_the_main_jobs_way():
+    default = yaml.safe_load((ROOT / "needlehoop/conf/job.yaml").read_text())
+    kept = subprocess.run(
+        ["git", "ls-files", default["results"]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert kept
+    study = f"{default['results']}/{default['study']}/"
+    assert not [name for name in kept if name.startswith(study)]
+
+
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch, sent):
     values = (finished / "config.yaml").read_text()
