@@ -20,14 +20,14 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from needlehoop import config, rewards, sweep
-from needlehoop.evaluate import assess, evaluate, film, load_agent, report
-from needlehoop.files import EVALUATIONS, METRICS, VIDEO
-from needlehoop.interruption import Interruption
-from needlehoop.job import Job
-from needlehoop.learner import Learner
-from needlehoop.loggers import Logger, build_logger
-from needlehoop.metrics import episode_columns, peak_memory
-from needlehoop.run import Run
+from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, report
+from needlehoop.learning.job import Job
+from needlehoop.learning.learner import Learner
+from needlehoop.learning.loggers import Logger, build_logger
+from needlehoop.learning.metrics import episode_columns, peak_memory
+from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
+from needlehoop.runs.interruption import Interruption
+from needlehoop.runs.run import Run
 from needlehoop.session import open_session
 
 

@@ -11,12 +11,12 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from needlehoop.files import listed
+from needlehoop.runs.files import listed
 
 if TYPE_CHECKING:
     import dm_env
 
-    from needlehoop.env import NeedleHoopEnv
+    from needlehoop.envs.torchrl_env import NeedleHoopEnv
 
 __version__ = "0.1.0"
 
@@ -41,7 +41,7 @@ def make_env(
         ValueError: a bad setting; the message names its key and the valid values.
     """
     from needlehoop.config import settings
-    from needlehoop.env import NeedleHoopEnv
+    from needlehoop.envs.torchrl_env import NeedleHoopEnv
 
     given = [f"reward={reward}", f"num_envs={num_envs}", f"seed={seed}", _list("cams", cams)]
     return NeedleHoopEnv(settings([*given, *overrides]))
@@ -54,17 +54,17 @@ def load(
     overrides: Iterable[str] = (),
 ) -> dm_env.Environment:
     """A dm_control Environment; arguments as in ``make_env``."""
-    from needlehoop import dm_env as interface
     from needlehoop.config import settings
+    from needlehoop.envs import dm_control_env as interface
 
     given = [f"reward={reward}", f"seed={seed}", _list("cams", cams)]
     return interface.load(settings([*given, *overrides]))
 
 
 def __getattr__(name: str) -> ModuleType:
-    # `needlehoop.psm` without an import of its own, and without paying for it up front.
+    # `needlehoop.robot.psm` without an import of its own, and without paying for it up front.
     if name == "psm":
-        return import_module("needlehoop.psm")
+        return import_module("needlehoop.robot.psm")
     raise AttributeError(f"module 'needlehoop' has no attribute {name!r}")
 
 

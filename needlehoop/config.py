@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 import cattrs
@@ -16,13 +15,12 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop.files import listed
-from needlehoop.job import Job, split
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.job import Job, split
+from needlehoop.runs.files import listed
+from needlehoop.runs.shipped import CONF
 
 T = TypeVar("T")
-
-CONF = Path(__file__).parent / "conf"
 
 
 def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop import config, rewards
-from needlehoop.files import CHECKPOINT, CONFIG, EVALUATIONS, METRICS
-from needlehoop.job import Job
-from needlehoop.run import Run
-from needlehoop.vlm.asking import ask_where_missing
+from needlehoop.asking import ask_where_missing
+from needlehoop.learning.job import Job
+from needlehoop.runs.files import CHECKPOINT, CONFIG, EVALUATIONS, METRICS
+from needlehoop.runs.run import Run
 
 _EXISTING = ("auto", "stop", "resume")
 

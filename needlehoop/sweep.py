@@ -12,8 +12,8 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 
-from needlehoop.engines.cpu import available_cpus
-from needlehoop.files import OUTCOME, listed, seen
+from needlehoop.runs.files import OUTCOME, listed, seen
+from needlehoop.runs.machine import available_cpus
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""

@@ -7,11 +7,12 @@ import mujoco
 import pytest
 import torch
 
-from needlehoop import arm, config
-from needlehoop.episode import Episode
-from needlehoop.layout import Layout
-from needlehoop.scene import build_spec
-from needlehoop.settings import Settings
+from needlehoop import config
+from needlehoop.envs.settings import Settings
+from needlehoop.robot import arm
+from needlehoop.scene.layout import Layout
+from needlehoop.scene.spec import build_spec
+from needlehoop.task.episode import Episode
 
 # The same examples at every run, however slow and busy the machine.
 hypothesis.settings.register_profile(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from needlehoop import files
+from needlehoop.runs import files
 from needlehoop.study import paper
 
 BUFFER = 10_240

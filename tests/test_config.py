@@ -7,7 +7,7 @@ import pytest
 
 import needlehoop
 from needlehoop import config
-from needlehoop.cameras import parse_cameras
+from needlehoop.scene.cameras import parse_cameras
 
 GROUPS = ("task", "episode", "reward", "engine", "obs")
 TRAINING = ("algo", "encoder", "logger")
@@ -215,8 +215,8 @@ def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("make", "built"),
     [
-        (needlehoop.make_env, "needlehoop.env.NeedleHoopEnv"),
-        (needlehoop.load, "needlehoop.dm_env.load"),
+        (needlehoop.make_env, "needlehoop.envs.torchrl_env.NeedleHoopEnv"),
+        (needlehoop.load, "needlehoop.envs.dm_control_env.load"),
     ],
 )
 def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, built):

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from needlehoop import config, sweep
-from needlehoop.cli import main
+from needlehoop.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 

@@ -17,7 +17,8 @@ import pytest
 import torch
 import yaml
 
-from needlehoop import cli, config
+from needlehoop import config
+from needlehoop.cli import main as cli
 from needlehoop.study.records import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -98,7 +99,7 @@ def test_the_metrics_have_every_promised_column(finished):
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
 def test_nothing_in_the_repository_is_in_the_main_jobs_way():
-    default = yaml.safe_load((ROOT / "needlehoop/conf/job.yaml").read_text())
+    default = yaml.safe_load((ROOT / "conf/job.yaml").read_text())
     kept = subprocess.run(
         ["git", "ls-files", default["results"]],
         cwd=ROOT,
@@ -247,8 +248,8 @@ def test_a_run_can_be_evaluated_again(finished, capsys):
 def test_evaluation_does_not_depend_on_how_many_fly(finished):
     from dataclasses import replace
 
-    from needlehoop.evaluate import evaluate, load_agent
-    from needlehoop.run import Run
+    from needlehoop.learning.evaluate import evaluate, load_agent
+    from needlehoop.runs.run import Run
 
     run = Run.open(finished)
     job = config.job(run.config())

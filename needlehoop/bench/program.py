@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from needlehoop.engines.cpu import machine
-from needlehoop.rewards.language import compile_program
+from needlehoop.rewards.language.program import compile_program
+from needlehoop.runs.machine import machine
 from needlehoop.vlm.gates import random_signals
 
 PROGRAM = """\

@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 import torch
 
-from needlehoop.engines.cpu import machine
-from needlehoop.env import NeedleHoopEnv
-from needlehoop.rollout import random_controller
-from needlehoop.settings import Settings, build
+from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.runs.machine import machine
 
 _DM_STEPS = 40
 """Steps of the single dm_control environment per round."""
@@ -107,7 +107,7 @@ def _add_default_renderer(
 ) -> str | None:
     """Add dm_control with MuJoCo's default OpenGL renderer; why not, where it can't be."""
     try:
-        from needlehoop import opengl
+        from needlehoop.pictures import opengl
 
         environment = opengl.OpenGLEnvironment(settings)
         environment.reset()

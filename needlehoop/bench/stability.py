@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from needlehoop.engines.cpu import CpuEngine
-from needlehoop.settings import Settings, build
+from needlehoop.envs.settings import Settings, build
 
 _TABLE = 0.15
 """Half-width of the square about the origin that counts as the table area, m."""

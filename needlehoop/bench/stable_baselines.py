@@ -14,11 +14,11 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyrig
 from stable_baselines3.common.vec_env import DummyVecEnv  # pyright: ignore
 from torch import Tensor, nn
 
-from needlehoop.encoder import Encoder, Fold
-from needlehoop.job import Job
-from needlehoop.opengl import OpenGLEnvironment
-from needlehoop.precision import convolution_dtype
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.encoder import Encoder, Fold
+from needlehoop.learning.job import Job
+from needlehoop.learning.precision import convolution_dtype
+from needlehoop.pictures.opengl import OpenGLEnvironment
 
 
 class GymEnvironment(gymnasium.Env):

@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 
-from needlehoop.engines.cpu import available_cpus, machine
-from needlehoop.job import Job
-from needlehoop.learner import Learner
-from needlehoop.metrics import peak_memory
+from needlehoop.learning.job import Job
+from needlehoop.learning.learner import Learner
+from needlehoop.learning.metrics import peak_memory
+from needlehoop.runs.machine import available_cpus, machine
 
 _SB3_ENVS, _SB3_STEPS = 8, 32
 """The paper's number of environments; steps of each per round, 256 in all: one minibatch."""

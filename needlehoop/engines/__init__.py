@@ -1,0 +1,1 @@
+"""Engines: physics and cameras of n scenes. No task logic."""

@@ -11,7 +11,8 @@ from typing import NamedTuple, Protocol
 import mujoco
 from torch import Tensor
 
-from needlehoop.task import Start, Weld
+from needlehoop.task.facts import Weld
+from needlehoop.task.start import Start
 
 
 @dataclass(frozen=True)

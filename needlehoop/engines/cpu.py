@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import platform
 from collections.abc import Mapping
 
 import mujoco
@@ -12,10 +10,12 @@ import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
+from needlehoop.engines.addresses import Addresses, weld_data, weld_index
 from needlehoop.engines.contract import Channels, EngineConfig, Frame
-from needlehoop.engines.placement import Placement, weld_data, weld_index
 from needlehoop.engines.tracer import FIELDS, Tracer
-from needlehoop.task import Start, Weld
+from needlehoop.runs.machine import available_cpus
+from needlehoop.task.facts import Weld
+from needlehoop.task.start import Start
 
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
@@ -65,7 +65,7 @@ class CpuEngine:
         self._substeps = substeps
         threads = config.threads or available_cpus()
         self._batch = Batch(model, num_envs, threads)
-        self._placement = Placement(model)
+        self._addresses = Addresses(model)
         self._sensordata = self._batch.bind("sensordata")
         self._tracer = Tracer(model, num_envs, views, size, threads, quality) if views else None
         self._scratch_data: mujoco.MjData | None = None
@@ -79,9 +79,9 @@ class CpuEngine:
     def reset(self, ids: Tensor, start: Start) -> None:
         rows, batch = ids.numpy(), self._batch
         batch.reset(rows, stage=_NOTHING)
-        batch.bind("qpos")[rows] = self._placement.qpos(start)
-        batch.bind("mocap_pos")[rows] = self._placement.mocap(start)
-        batch.bind("ctrl")[rows] = self._placement.control(start)
+        batch.bind("qpos")[rows] = self._addresses.qpos(start)
+        batch.bind("mocap_pos")[rows] = self._addresses.mocap(start)
+        batch.bind("ctrl")[rows] = self._addresses.control(start)
         batch.forward(rows, stage=_VELOCITY)
 
     def step(self, control: Tensor) -> None:
@@ -149,15 +149,3 @@ class CpuEngine:
             kinds = self._batch.warning[warned[0]].nonzero()[0]
             names = ", ".join(mujoco.mjtWarning(int(kind)).name for kind in kinds)
             raise RuntimeError(f"physics diverged in environments {warned.tolist()}: {names}")
-
-
-def machine() -> str:
-    """The machine in words, for reports."""
-    return f"{platform.processor() or platform.machine()}, {available_cpus()} CPUs"
-
-
-def available_cpus() -> int:
-    """CPUs that this process may run on: a Slurm job's share, not the machine's."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

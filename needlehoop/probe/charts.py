@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.cameras import View
 from needlehoop.probe.findings import Findings
 from needlehoop.probe.frames import PHASES
 from needlehoop.probe.plan import TRUTH
 from needlehoop.probe.scores import NEEDED
+from needlehoop.scene.cameras import View
 from needlehoop.study.combinations import label
 from needlehoop.study.style import COLOURS, DASHES, FAINT, INK, new_figure
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from needlehoop.files import CONFIG, MANIFEST, csv_text, write_whole
-from needlehoop.metrics import peak_memory
+from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
-from needlehoop.provenance import provenance
+from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, write_whole
+from needlehoop.runs.provenance import provenance
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 """Settings that may change from one call to the next: more of the same is added."""

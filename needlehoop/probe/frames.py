@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.controllers import controller
-from needlehoop.images import Imager
-from needlehoop.observer import state
-from needlehoop.settings import Settings, build
-from needlehoop.signals import Signals
-from needlehoop.simulation import Moment, Simulation
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.images import Imager
+from needlehoop.envs.observer import state
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.scene.signals import Signals
 
 PHASES = ("reach", "lift", "insert")
 """Until the needle is held, until it is lifted, until it is through."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from needlehoop.cameras import View
+from needlehoop.scene.cameras import View
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from typing import Any
 
 import torch
 
-from needlehoop.cameras import parse_cameras
-from needlehoop.encoder import EncoderConfig
-from needlehoop.files import SIGNALS, seen
-from needlehoop.job import check_name, pick_device
-from needlehoop.networks import HeadConfig
-from needlehoop.precision import convolution_dtype
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.job import pick_device
+from needlehoop.learning.networks import HeadConfig
+from needlehoop.learning.precision import convolution_dtype
 from needlehoop.probe.regression import Fit
-from needlehoop.settings import Settings
+from needlehoop.runs.files import SIGNALS, check_name, seen
+from needlehoop.scene.cameras import parse_cameras
 
 TRUTH, CONSTANT = SIGNALS, "constant"
 """Baselines beside the combinations: the true state read by the same trunk, and not looking."""

@@ -11,14 +11,14 @@ from dataclasses import replace
 import torch
 from tqdm import tqdm
 
-from needlehoop.engines.cpu import available_cpus
-from needlehoop.files import seen
-from needlehoop.precision import convolution_dtype
+from needlehoop.learning.precision import convolution_dtype
 from needlehoop.probe.folder import Folder
 from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.regression import Reader, fold
 from needlehoop.probe.scores import constant, errors
+from needlehoop.runs.files import seen
+from needlehoop.runs.machine import available_cpus
 
 
 def probe(plan: Plan, folder: Folder) -> None:

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from needlehoop.encoder import EncoderConfig, Fold
-from needlehoop.networks import HeadConfig, Trunk
+from needlehoop.learning.encoder import EncoderConfig, Fold
+from needlehoop.learning.networks import HeadConfig, Trunk
 from needlehoop.probe.frames import POINTS, Frames
 
 _STATE = "signals"

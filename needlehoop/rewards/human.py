@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from needlehoop.geometry import distance
-from needlehoop.signals import Signals
+from needlehoop.robot.geometry import distance
+from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from needlehoop.signals import Signals
+from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from torch import Tensor
 
-from needlehoop.signals import Signals
+from needlehoop.scene.signals import Signals
 
 
 class Reward(Protocol):

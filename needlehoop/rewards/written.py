@@ -10,11 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.files import listed
-from needlehoop.rewards.grammar import ProgramError
-from needlehoop.rewards.language import Program, compile_program
+from needlehoop.rewards.language.grammar import ProgramError
+from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import potential
-from needlehoop.signals import Signals
+from needlehoop.runs.files import listed
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.scene.signals import Signals
 
 FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 """What a VLM was shown when it wrote a reward, by the reward's kind."""
@@ -24,9 +25,6 @@ KINDS = ("file", *FLAVOURS)
 
 ANY = "any"
 """The folder of programs that suit every set of cameras."""
-
-RECORDINGS = Path(__file__).parents[1] / "recordings"
-"""Recordings that are shipped."""
 
 _KEYS = {
     "file": {"path", "clip", "program"},

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from needlehoop.files import OUTCOME, SWEEPS
+from needlehoop.runs.files import OUTCOME, SWEEPS
 from needlehoop.study.records import LeftOut, Place
 from needlehoop.study.rows import UnreadableError, read_keys
 

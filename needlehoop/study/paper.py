@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
-from pathlib import Path
 
+from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.answers import Answer, Answers, Ranking
 
-FOLDER = Path(__file__).parent.parent / "recordings" / "paper"
+FOLDER = RECORDINGS / "paper"
 SOURCE = "the paper (Gemini 1.5 Flash)"
 
 

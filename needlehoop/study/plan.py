@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from itertools import product
-from pathlib import Path
 
 import yaml
 
-from needlehoop.files import seen
+from needlehoop.runs.files import seen
+from needlehoop.runs.shipped import CONF
 from needlehoop.study.records import Place
 
-_CONF = Path(__file__).parents[1] / "conf"
 _KEYS = ("experiment", "cams", "reward", "seed")
 _MODEL = "+model"
 
@@ -57,7 +56,7 @@ def _experiment(name: str) -> dict[str, str]:
     valid = _options("experiment")
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    text = (_CONF / "experiment" / f"{name}.yaml").read_text(encoding="utf-8")
+    text = (CONF / "experiment" / f"{name}.yaml").read_text(encoding="utf-8")
     return yaml.safe_load(text)["hydra"]["sweeper"]["params"]
 
 
@@ -89,4 +88,4 @@ def _check(pairs: Iterable[tuple[Sequence[str], str]]) -> None:
 
 
 def _options(group: str) -> list[str]:
-    return sorted(file.stem for file in (_CONF / group).glob("*.yaml"))
+    return sorted(file.stem for file in (CONF / group).glob("*.yaml"))

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from needlehoop import files
+from needlehoop.runs import files
 from needlehoop.study.media import check_film
 from needlehoop.study.rows import Rows, UnreadableError, read_keys, read_rows, read_text
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from needlehoop import files
+from needlehoop.runs import files
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers
 from needlehoop.study.combinations import LISTS, label, reward_label

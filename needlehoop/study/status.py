@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from needlehoop import files
+from needlehoop.runs import files
 from needlehoop.study.outcomes import Outcome
 from needlehoop.study.records import Place, Record, Study
 

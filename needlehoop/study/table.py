@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from needlehoop.files import csv_text
+from needlehoop.runs.files import csv_text
 
 _LATEX: Mapping[int, str] = str.maketrans(
     {

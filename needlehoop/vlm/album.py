@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from needlehoop.pictures import start_and_goal, to_rgb
-from needlehoop.run import Run
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.pictures.sheet import start_and_goal, to_rgb
+from needlehoop.runs.run import Run
 from needlehoop.vlm.messages import Part, Picture
 from needlehoop.vlm.transcript import Transcript
 

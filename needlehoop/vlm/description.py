@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from needlehoop.cameras import Rendering, View
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.scene.cameras import Rendering, View
 from needlehoop.vlm.prompts import fill
 
 _CONTROLS = {

@@ -14,13 +14,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.controllers import CONTROLLERS, controller
+from needlehoop.envs.controllers import CONTROLLERS, controller
+from needlehoop.envs.rollout import Controller
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import NONE, potential
-from needlehoop.rewards.language import Program
-from needlehoop.rollout import Controller
-from needlehoop.settings import Settings, build
-from needlehoop.signals import TABLE, Signals
-from needlehoop.simulation import Simulation
+from needlehoop.rewards.language.program import Program
+from needlehoop.scene.signals import TABLE, Signals
 
 CHEATING = "touching the goal without threading"
 """How a card says what the audit found; no model is told (see ``workshop``)."""

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from needlehoop.job import check_name
+from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import check_flavour
-from needlehoop.run import Run
-from needlehoop.settings import Settings
+from needlehoop.runs.files import check_name
+from needlehoop.runs.run import Run
 from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.conversation import Attempt, Conversation, models, totals_of
-from needlehoop.vlm.provider import LiveConfig, ReplayConfig, build_provider
+from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig
+from needlehoop.vlm.providers.factory import build_provider
 from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
 from needlehoop.vlm.recorder import Recorder

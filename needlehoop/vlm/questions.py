@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description
 from needlehoop.vlm.album import STATES, Album
 from needlehoop.vlm.conversation import Conversation

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from needlehoop.cameras import parse_cameras
-from needlehoop.settings import Settings
-from needlehoop.vlm.agreement import agreement
+from needlehoop.envs.settings import Settings
+from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import ranking
 from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.repeats import agreement
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from needlehoop.vlm.messages import Request
-from needlehoop.vlm.provider import LiveConfig, Provider, ProviderError, Reply
-from needlehoop.vlm.retries import persist
+from needlehoop.vlm.providers.contract import LiveConfig, Provider, ProviderError, Reply
+from needlehoop.vlm.providers.retries import persist
 from needlehoop.vlm.transcript import Exchange, Transcript
 
 

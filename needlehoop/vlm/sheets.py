@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from needlehoop.files import csv_text
+from needlehoop.runs.files import csv_text
 from needlehoop.study.answers import as_rows
 
 

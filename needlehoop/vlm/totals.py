@@ -6,7 +6,7 @@ import csv
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from needlehoop.rewards.written import RECORDINGS
+from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.transcript import Exchange
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from needlehoop.run import Run
+from needlehoop.runs.run import Run
 from needlehoop.vlm.messages import Picture, Request
 
 TRANSCRIPT, IMAGES = "transcript.jsonl", "images"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from needlehoop.rewards.functions import FUNCTIONS
-from needlehoop.rewards.grammar import ProgramError
-from needlehoop.rewards.language import compile_program
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.rewards.language.functions import FUNCTIONS
+from needlehoop.rewards.language.grammar import ProgramError
+from needlehoop.rewards.language.program import compile_program
 from needlehoop.vlm.gates import CHEATING, Gates, card, collect
 from needlehoop.vlm.writing import Verdict, Workshop
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from needlehoop import signals
-from needlehoop.settings import Settings
+from needlehoop.envs.settings import Settings
+from needlehoop.scene import signals
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.conversation import Conversation

@@ -1,0 +1,49 @@
+"""A reward for a training that nobody has written yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from needlehoop import config
+from needlehoop.envs.settings import Settings
+from needlehoop.rewards import written
+from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
+from needlehoop.vlm.providers.contract import LiveConfig
+from needlehoop.vlm.workshop import open_workshop
+from needlehoop.vlm.writing import Workshop
+
+
+def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
+    """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
+
+    It is kept in the study's folder, where the reward looks for it. A provider that only
+    replays is not asked: its recording would have left the program there.
+
+    Args:
+        values: the composed config of a training.
+        settings: its scene and cameras, with any reward.
+
+    Raises:
+        ValueError: no key, or a value that is not valid.
+        RewardError: no package for the provider, no reply, or no program that was accepted.
+    """
+    reward: Mapping[str, Any] = values["reward"]
+    if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
+        return
+    where = {name: values[name] for name in ("results", "study")}
+    asked = InquiryConfig(**where, **values["asking"], overwrite=False)
+    provider = config.as_type(values["vlm"], LiveConfig, "vlm")
+    try:
+        with Inquiry(settings, asked, provider) as inquiry:
+            path, _ = inquiry.reward(written.FLAVOURS[reward["kind"]], workshop(values))
+    except RuntimeError as error:
+        raise written.RewardError(f"reward: no program was written: {error}") from error
+    print(f"reward written to {path}")
+
+
+def workshop(values: Mapping[str, Any]) -> Workshop:
+    """The language of rewards and its judge, for a composed config."""
+    gates = config.as_type(values["gates"], Gates, "gates")
+    return open_workshop(config.structure(dict(values)), gates)

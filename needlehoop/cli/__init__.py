@@ -1,0 +1,4 @@
+"""The ``needlehoop`` command, a file for each group of commands.
+
+A command imports what it needs when it runs.
+"""

@@ -1,0 +1,72 @@
+"""``needlehoop bench``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from needlehoop.cli.command import add_command
+
+
+def add_commands(commands: Any) -> None:
+    """Add the command to the subparsers of ``needlehoop``."""
+    bench = add_command(
+        commands,
+        "bench",
+        _bench,
+        "Measure the environment's speed (the default), training's or a reward program's, or the"
+        " physics' stability.",
+        "speed|train|stability|program (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
+    )
+    bench.add_argument("--json", action="store_true", help="print one line of JSON")
+
+
+def _bench(options: argparse.Namespace) -> None:
+    given = [f"what={word}" if "=" not in word else word for word in options.overrides]
+    # Training has a config of its own, in which there is nothing else to choose.
+    train = [word for word in given if word != "what=train"]
+    found = _measure(given) if train == given else _measure_training(train)
+    if options.json:
+        print(json.dumps(found))
+    else:
+        _print_nested(found)
+
+
+def _measure(overrides: list[str]) -> dict[str, Any]:
+    from needlehoop import config
+
+    values = config.compose(overrides, "bench")
+    settings, what = config.structure(values), values["what"]
+    if what == "speed":
+        from needlehoop.bench.speed import measure
+
+        rounds, steps = (config.value(values, key, int) for key in ("rounds", "steps"))
+        return measure(settings, rounds, steps)
+    if what == "stability":
+        from needlehoop.bench.stability import shake
+
+        return shake(settings, config.value(values, "episodes", int)).as_dict()
+    if what == "program":
+        from needlehoop.bench.program import measure_program
+
+        return measure_program(settings.num_envs, config.value(values, "rounds", int))
+    raise ValueError(f"what: {what!r} is unknown; choose from speed, train, stability, program")
+
+
+def _measure_training(overrides: list[str]) -> dict[str, Any]:
+    from needlehoop import config
+    from needlehoop.bench.training import measure_training
+
+    values = config.compose(overrides, "bench_train")
+    return measure_training(config.job(values), config.value(values, "rounds", int))
+
+
+def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            print(f"{indent}{name}:")
+            _print_nested(value, indent + "  ")
+        else:
+            print(f"{indent}{name}: {value}")

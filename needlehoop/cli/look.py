@@ -1,0 +1,188 @@
+"""Commands that show the scene, a controller or a run: ``needlehoop snapshot``, ``expert``, …"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from needlehoop.cli.command import add_command
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands to the subparsers of ``needlehoop``."""
+    add = partial(add_command, commands)
+    add(
+        "snapshot",
+        _snapshot,
+        "Write a contact sheet of all views and renderings, start and goal.",
+        "size=256 out=snapshot.png raw=false overwrite=false",
+    )
+    add(
+        "picture",
+        _picture,
+        "Write one large picture of the start, from any place.",
+        "size=720 out=picture.png overwrite=false picture.distance=1.6 picture.azimuth=60 …",
+    )
+    run = add(
+        "expert",
+        _expert,
+        "Run a scripted controller and print what came of it.",
+        "episodes=200 controller=expert|cheat|random grasps=[weld,friction] video_episodes=3"
+        " overwrite=false",
+    )
+    run.add_argument("--json", action="store_true", help="print one line of JSON")
+    run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
+    add(
+        "view",
+        _view,
+        "Watch in MuJoCo's interactive viewer.",
+        "controller=expert|cheat|random",
+    )
+    signals = commands.add_parser("signals", help="Print the table of signals.")
+    signals.set_defaults(run=_signals, overrides=[])
+    _add_evaluate(commands)
+
+
+def _add_evaluate(commands: Any) -> None:
+    evaluated = commands.add_parser(
+        "evaluate",
+        help="Evaluate a trained run: success, return, cheat rate, a video.",
+        description="Evaluate a trained run and write evaluation.json into its folder. What an"
+        " earlier evaluation wrote is kept under a number.",
+        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto.",
+    )
+    evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
+    evaluated.add_argument("overrides", nargs="*", metavar="key=value")
+    evaluated.add_argument("--json", action="store_true", help="print one line of JSON")
+    evaluated.set_defaults(run=_evaluate)
+
+
+def _snapshot(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.pictures.sheet import contact_sheet
+
+    values = config.compose(options.overrides, "snapshot")
+    out = _png(values)
+    size, raw = config.value(values, "size", int), config.value(values, "raw", bool)
+    sheet = contact_sheet(config.structure(values), size, raw)
+    _save(sheet, out)
+
+
+def _picture(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.pictures.portrait import portrait
+
+    values = config.compose(options.overrides, "picture")
+    out = _png(values)
+    _save(portrait(config.structure(values), config.value(values, "size", int)), out)
+
+
+def _png(values: dict[str, Any]) -> Path:
+    out = Path(values["out"])
+    if out.suffix.lower() != ".png":
+        raise ValueError(f"out: {str(out)!r} must end in .png")
+    _spare(out, values, "out")
+    return out
+
+
+def _spare(out: Path, values: dict[str, Any], key: str) -> None:
+    """Refuse to write over a file unless told to."""
+    from needlehoop import config
+
+    overwrite = config.value(values, "overwrite", bool)
+    if out.exists() and not overwrite:
+        raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
+
+
+def _save(image: Any, out: Path) -> None:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    image.save(out)
+    print(f"{out}: {image.width} x {image.height} px")
+
+
+def _expert(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.envs.trials import run_trials
+
+    values = config.compose(options.overrides, "expert")
+    settings, who = config.structure(values), values["controller"]
+    episodes = config.value(values, "episodes", int)
+    if options.video is not None:
+        if options.video.suffix.lower() != ".mp4":
+            raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
+        _spare(options.video, values, "--video")
+    summaries = {}
+    for grasp in values["grasps"]:
+        tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
+        summaries[grasp] = run_trials(tried, who, episodes).summary()
+    if options.json:
+        print(json.dumps({"controller": who, "seed": settings.seed, **summaries}))
+    else:
+        _print_table(f"{who}, {episodes} episodes per grasp, seed {settings.seed}", summaries)
+    if options.video is not None:
+        _film(settings, who, config.value(values, "video_episodes", int), options)
+
+
+def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
+    from needlehoop.envs.controllers import controller
+    from needlehoop.envs.settings import build
+    from needlehoop.pictures.film import record
+
+    if episodes < 1:
+        raise ValueError(f"video_episodes: {episodes} must be at least 1")
+    if not settings.cams:
+        settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
+    settings = replace(settings, num_envs=1)
+    simulation, imager = build(settings)
+    record(settings, simulation, imager, controller(who, settings), episodes, options.video)
+    if not options.json:
+        print(f"video: {options.video}")
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.learning.evaluate import assess, film, load_agent, report
+    from needlehoop.learning.job import pick_device
+    from needlehoop.runs.files import VIDEO
+    from needlehoop.runs.run import Run
+
+    run = Run.open(options.run_folder)
+    values, job = config.compose(options.overrides, "evaluate"), config.job(run.config())
+    episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
+    seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
+    video = config.value(values, "video", bool)
+    agent = load_agent(run, job, pick_device(values["device"]))
+    found = assess(run, agent, job, episodes, seed)
+    print(json.dumps(found) if options.json else report(found))
+    if video:
+        out = run.vacate(VIDEO)
+        film(job.env, agent, filmed, seed, out)
+        if not options.json:
+            print(f"video        {out}")
+
+
+def _view(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.pictures.viewer import view
+
+    values = config.compose(options.overrides, "view")
+    view(config.structure(values), values["controller"])
+
+
+def _signals(options: argparse.Namespace) -> None:
+    from needlehoop.scene.signals import TABLE, describe
+
+    print(describe(TABLE))
+
+
+def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None:
+    print(title)
+    names = list(next(iter(columns.values())))
+    print(" " * 12 + "".join(f"{column:>12}" for column in columns))
+    for name in names:
+        cells = "".join(f"{column[name]:12.3f}" for column in columns.values())
+        print(f"{name:12}{cells}")

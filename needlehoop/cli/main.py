@@ -1,0 +1,51 @@
+"""The ``needlehoop`` command.
+
+Every command takes Hydra overrides (``key=value``) and a few flags. Errors in what was
+asked for are one line on standard error and exit status 2; a command that judges something
+says no with exit status 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from needlehoop.cli.bench import add_commands as add_bench_commands
+from needlehoop.cli.look import add_commands
+from needlehoop.cli.probe import add_commands as add_probe_commands
+from needlehoop.cli.study import add_commands as add_study_commands
+from needlehoop.cli.vlm import add_commands as add_vlm_commands
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    parser = _parser()
+    options, rest = parser.parse_known_args(arguments)
+    flags = [word for word in rest if word.startswith("-")]
+    if flags:
+        parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
+    options.overrides += rest
+    try:
+        status = options.run(options)
+    except (ValueError, RuntimeError, OSError) as error:
+        print(f"needlehoop {options.command}: {error}", file=sys.stderr)
+        return 2
+    return status or 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="needlehoop", description="Needle through a hoop: simulate it, look at it, measure it."
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    add_commands(commands)
+    add_bench_commands(commands)
+    add_vlm_commands(commands)
+    add_study_commands(commands)
+    add_probe_commands(commands)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,121 @@
+"""``needlehoop probe``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from needlehoop.cli.command import add_command
+
+if TYPE_CHECKING:
+    from needlehoop.envs.settings import Settings
+    from needlehoop.probe.findings import Findings
+    from needlehoop.probe.grid import Grid
+    from needlehoop.probe.plan import Plan
+    from needlehoop.scene.cameras import View
+
+
+def add_commands(commands: Any) -> None:
+    """Add the command to the subparsers of ``needlehoop``."""
+    command = add_command(
+        commands,
+        "probe",
+        _probe,
+        "Rank cameras by what can be read off their images, without training a policy. Stopped, the"
+        " same command goes on.",
+        "cams=rgb_front,dep_front+seg_side seeds=2 episodes.train=300 fit.updates=400 study=probe"
+        " overwrite=false grid.rendering=rgb grid.azimuths=[-60,0,60]",
+    )
+    command.add_argument(
+        "--grid", choices=("views",), help="score a grid of azimuths and elevations, and map it"
+    )
+
+
+def _probe(options: argparse.Namespace) -> int:
+    from needlehoop import config
+    from needlehoop.probe.findings import read_findings
+    from needlehoop.probe.folder import Folder
+    from needlehoop.probe.grid import Grid
+    from needlehoop.probe.probing import probe
+    from needlehoop.probe.tables import PHASES_TABLE, all_tables
+
+    values = config.compose(config.in_brackets(options.overrides), "probe")
+    standing = config.structure({**values, "cams": []})
+    grid = config.as_type(values["grid"], Grid, "grid") if options.grid else None
+    plan = _plan(values, standing, grid)
+    place = Path(plan.scope.results) / plan.scope.study
+    if grid:
+        place /= f"views_{grid.rendering}"
+    flags = ["--grid", options.grid] if options.grid else []
+    command = ["needlehoop", "probe", *flags, *options.overrides]
+    folder = Folder(place, _noted(values, grid), plan.scope.overwrite, command)
+    try:
+        probe(plan, folder)
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on", file=sys.stderr)
+        return 130
+    findings = read_findings(folder, plan.scope.seeds)
+    for table in all_tables(findings):
+        table.write(folder.path)
+        # Hundreds of rows are for files.
+        if table.name != PHASES_TABLE:
+            print(table.text())
+    _draw(findings, folder.path, grid, standing.views)
+    print(f"files        {folder.path}")
+    return 0
+
+
+def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
+    from needlehoop import config
+    from needlehoop.learning.encoder import EncoderConfig
+    from needlehoop.learning.networks import HeadConfig
+    from needlehoop.probe.plan import Episodes, Plan, Scope, combinations
+    from needlehoop.probe.regression import Fit
+
+    settings, given = standing, values["cams"]
+    if grid:
+        settings = replace(standing, views=grid.views(standing.views))
+        given = [f"{grid.rendering}_{name}" for name in grid.names().values()]
+    asked = combinations(given, settings)
+    return Plan(
+        env=settings,
+        combinations=asked,
+        encoder=config.as_type(values["encoder"], EncoderConfig, "encoder"),
+        heads=config.as_type(values["algo"]["network"], HeadConfig, "algo.network"),
+        episodes=config.as_type(values["episodes"], Episodes, "episodes"),
+        fit=config.as_type(values["fit"], Fit, "fit"),
+        scope=config.as_type(values, Scope),
+    )
+
+
+def _noted(values: dict[str, Any], grid: Grid | None) -> dict[str, Any]:
+    """Settings that the probe may depend on."""
+    without = {"algo", "num_envs", "obs", "overwrite", "picture", "reward", "seed"}
+    own = {key: value for key, value in values.items() if key not in without}
+    if not grid:
+        del own["grid"]
+    return {**own, "network": values["algo"]["network"]}
+
+
+def _draw(
+    findings: Findings, folder: Path, grid: Grid | None, standing: Mapping[str, View]
+) -> None:
+    """The figure: the ranking, or the map of a grid."""
+    from needlehoop.probe import charts
+    from needlehoop.study.style import save, styled
+
+    with styled():
+        if not grid:
+            save(charts.ranking(findings), folder / "ranking")
+            return
+        scores = {
+            at: findings.scores[f"{grid.rendering}_{name}"].value
+            for at, name in grid.names().items()
+        }
+        what = f"score of one {grid.rendering} camera"
+        figure = charts.view_map(scores, grid.azimuths, grid.elevations, standing, what)
+        save(figure, folder / "map")

@@ -1,0 +1,102 @@
+"""``needlehoop vlm question``, ``rank`` and ``reward``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from needlehoop.cli.command import add_command
+
+if TYPE_CHECKING:
+    from needlehoop.vlm.inquiry import Inquiry
+
+_SHARED = "vlm=replay|gemini|openai study=main overwrite=false attempts=3 size=384 vlm.recording=…"
+
+
+def add_ask_commands(commands: Any) -> None:
+    """Add the commands that ask to the subparsers of ``needlehoop vlm``."""
+    add = partial(add_command, commands)
+    summary = "Ask which views and renderings suit the task's parts."
+    add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
+    summary = "Ask for rankings of sets of cameras."
+    own = "lists=[[rgb_default,dep_front+seg_side]] samples=1"
+    add("rank", _rank, summary, f"{own} {_SHARED}")
+    summary = "Ask for a reward program for a set of cameras."
+    own = "cams=[dep_front,seg_side] flavour=image|text gates.margin=2"
+    add("reward", _reward, summary, f"{own} {_SHARED}")
+
+
+def _question(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.vlm.questions import Questions
+
+    values = config.compose(options.overrides, "vlm_question")
+    questions = config.as_type(values, Questions)
+    with _open(values) as inquiry:
+        found = inquiry.question(questions)
+    answers = found["answers"]
+    for part in ("first", "second"):
+        suits, subtask = answers["suits"][part], answers["subtasks"][part]
+        print(f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view")
+    for what in ("goal", "lifted"):
+        print(f"{what}: best shown by {answers[what]['rendering']}, {answers[what]['view']} view")
+    print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
+    _report(inquiry, found["totals"], "questions.csv")
+
+
+def _rank(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.vlm.questions import Questions
+    from needlehoop.vlm.ranking import Lists
+
+    values = config.compose(options.overrides, "vlm_rank")
+    questions, lists = config.as_type(values, Questions), config.as_type(values, Lists)
+    with _open(values) as inquiry:
+        found = inquiry.rank(questions, lists)
+    for number, entry in enumerate(found["lists"], 1):
+        for places in entry["rankings"]:
+            print(f"list {number}: {' > '.join(place['name'] for place in places)}")
+        if entry["agreement"]:
+            agreed = entry["agreement"]
+            print(f"  tau_b {agreed['tau_b']:.3f}, same top {agreed['same_top']:.2f}")
+    _report(inquiry, found["totals"], "rankings.csv", "agreement.csv")
+
+
+def _reward(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.asking import workshop
+
+    values = config.compose(options.overrides, "vlm_reward")
+    with _open(values) as inquiry:
+        path, totals = inquiry.reward(values["flavour"], workshop(values))
+    _report(inquiry, totals, path.relative_to(inquiry.folder))
+
+
+def _open(values: dict[str, Any]) -> Inquiry:
+    from needlehoop import config
+    from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
+    from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig
+
+    kind = ReplayConfig if values["vlm"]["kind"] == "replay" else LiveConfig
+    inquiry = Inquiry(
+        config.structure(values),
+        config.as_type(values, InquiryConfig),
+        config.as_type(values["vlm"], kind, "vlm"),
+    )
+    if inquiry.transcript.torn is not None:
+        print(f"needlehoop vlm: {inquiry.transcript.torn}", file=sys.stderr)
+    return inquiry
+
+
+def _report(inquiry: Inquiry, found: dict[str, int], *written: str | Path) -> None:
+    """Where the answers are, and what they, and all of the transcript, cost."""
+    from needlehoop.vlm.totals import in_words, papers
+
+    for name in written:
+        print(inquiry.folder / name)
+    print(f"this:       {in_words(found)}")
+    print(f"transcript: {in_words(inquiry.totals()['all'])}")
+    print(f"the paper:  {papers()}")

@@ -1,0 +1,63 @@
+"""``needlehoop vlm check``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+
+def add_check_command(commands: Any) -> None:
+    """Add the command that judges a reward program.
+
+    Args:
+        commands: the subparsers of ``needlehoop vlm``.
+    """
+    summary = "Compile a reward program, put it through the gates, print its card."
+    check = commands.add_parser(
+        "check",
+        help=summary,
+        description=f"{summary} Exit status 1 where it is refused.",
+        epilog="Keys: gates.range=refuse|clip gates.margin=2 gates.audit=flag|refuse and the rest"
+        " of conf/gates; without FILE, cams=[dep_front,seg_side] flavour=image|text study=main"
+        " recording=paper; and all of conf/env.yaml.",
+    )
+    check.add_argument("overrides", nargs="*", metavar="FILE | key=value")
+    check.add_argument("--json", action="store_true", help="print one line of JSON")
+    check.set_defaults(run=_check, command="vlm check")
+
+
+def _check(options: argparse.Namespace) -> int:
+    from needlehoop import config
+    from needlehoop.rewards.language.grammar import ProgramError
+    from needlehoop.rewards.language.program import compile_program
+    from needlehoop.rewards.written import find, read
+    from needlehoop.vlm.gates import Gates, card
+
+    files = [word for word in options.overrides if "=" not in word]
+    if len(files) > 1:
+        raise ValueError(f"one file at a time; got {' '.join(files)}")
+    values = config.compose([word for word in options.overrides if "=" in word], "check")
+    settings = config.structure(values)
+    gates = config.as_type(values["gates"], Gates, "gates")
+    if files:
+        source = read(Path(files[0]))
+    elif settings.cams or values["flavour"] == "text":
+        own = (values[key] for key in ("flavour", "study", "results", "recording"))
+        source = find(settings.cams, *own)
+    else:
+        raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
+    try:
+        program = compile_program(source.text)
+    except ProgramError as error:
+        where = {"line": error.line, "column": error.column, "reason": error.reason}
+        refused = {"passed": False, "origin": source.origin, "refused": where}
+        print(json.dumps(refused) if options.json else f"{source.origin}: {error}")
+        return 1
+    found = card(program, settings, gates)
+    if options.json:
+        print(json.dumps({"origin": source.origin, **found.as_dict()}))
+    else:
+        print(f"program      {source.origin}\n{found}")
+    return 0 if found.passed else 1

@@ -1,0 +1,121 @@
+"""Images as agents see them: traced frames turned into uint8 channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import torch
+from torch import Tensor
+
+from needlehoop.engines.contract import Channels, Frame
+from needlehoop.scene.cameras import Camera, Rendering, View
+
+CLASSES = {"needle": ("needle",), "hoop": ("hoop",), "robot": ("psm_base",)}
+"""Classes of a flat rendering, and the bodies whose subtrees they colour."""
+
+_DARKEST = 0.15
+"""Brightness at the far end of a depth-shaded image; 1 at the near end."""
+
+
+class Imager:
+    """Composes the images of chosen cameras.
+
+    Args:
+        model: the scene, for the classes of its geoms.
+        cameras: what to show.
+        views: by name.
+        renderings: by name.
+
+    Raises:
+        ValueError: a flat rendering names a class that is not in ``CLASSES``.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cameras: tuple[Camera, ...],
+        views: Mapping[str, View],
+        renderings: Mapping[str, Rendering],
+    ):
+        self._jobs = [
+            (camera, views[camera.view], renderings[camera.rendering]) for camera in cameras
+        ]
+        self._palettes = {
+            camera.rendering: _palette(model, rendering)
+            for camera, _, rendering in self._jobs
+            if rendering.colour == "flat"
+        }
+
+    def __call__(self, frames: Mapping[str, Frame]) -> dict[str, Tensor]:
+        """Images ``(n, channels, h, w)`` uint8 by camera name."""
+        return {
+            camera.name: self._image(camera, view, rendering, frames[camera.view])
+            for camera, view, rendering in self._jobs
+        }
+
+    def _image(self, camera: Camera, view: View, rendering: Rendering, frame: Frame) -> Tensor:
+        parts = []
+        if rendering.colour == "rgb":
+            assert frame.bgra is not None
+            parts.append(frame.bgra[..., [2, 1, 0]].permute(0, 3, 1, 2))
+        elif rendering.colour == "flat":
+            assert frame.geom is not None
+            # Nothing hit is -1: the palette's last, black entry.
+            parts.append(self._palettes[camera.rendering][:, frame.geom.long()].transpose(0, 1))
+        if rendering.depth != "none":
+            nearness = _nearness(frame, view).unsqueeze(1)
+            if rendering.depth == "channel":
+                parts.append((255 * nearness).round().to(torch.uint8))
+            else:
+                shade = _DARKEST + (1 - _DARKEST) * nearness
+                parts = [(parts[0] * shade).round().to(torch.uint8)]
+        return torch.cat(parts, 1).contiguous()
+
+
+def channels_of(
+    cameras: tuple[Camera, ...], renderings: Mapping[str, Rendering]
+) -> dict[str, Channels]:
+    """What each view must be asked for to show the cameras: a view is traced once."""
+    asked: dict[str, Channels] = {}
+    for camera in cameras:
+        rendering = renderings[camera.rendering]
+        needs = Channels(
+            colour=rendering.colour == "rgb",
+            depth=rendering.depth != "none",
+            geom=rendering.colour == "flat",
+        )
+        asked[camera.view] = asked.get(camera.view, Channels(False, False, False)) | needs
+    return asked
+
+
+def _nearness(frame: Frame, view: View) -> Tensor:
+    """1 at the view's near depth, 0 at its far depth and where nothing was hit."""
+    assert frame.depth is not None
+    nearness = ((view.far - frame.depth) / (view.far - view.near)).clamp(0.0, 1.0)
+    return torch.where(frame.depth > 0, nearness, torch.zeros_like(nearness))
+
+
+def _palette(model: mujoco.MjModel, rendering: Rendering) -> Tensor:
+    """Colour planes ``(3, ngeom + 1)`` by geom id; the last entry is black."""
+    unknown = set(rendering.colours) - set(CLASSES)
+    if unknown:
+        raise ValueError(
+            f"rendering.colours: {', '.join(sorted(unknown))} unknown;"
+            f" choose from {', '.join(CLASSES)}"
+        )
+    palette = torch.zeros(3, model.ngeom + 1, dtype=torch.uint8)
+    for name, colour in rendering.colours.items():
+        roots = {model.body(body).id for body in CLASSES[name]}
+        for geom in range(model.ngeom):
+            if roots & _ancestors(model, int(model.geom_bodyid[geom])):
+                palette[:, geom] = torch.tensor(colour, dtype=torch.uint8)
+    return palette
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    found = {body}
+    while body:
+        body = int(model.body_parentid[body])
+        found.add(body)
+    return found

@@ -1,0 +1,112 @@
+"""What an agent observes: stacked images, proprioception, the state."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from needlehoop.envs.images import Imager
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.scene.signals import Signals, proprio
+
+STATE_SIGNALS = (
+    "tool_midpoint",
+    "pickup_point",
+    "needle_tip",
+    "goal",
+    "lift_position",
+    "needle_quat",
+    "joints",
+    "jaw",
+    "jaw_command",
+    "grasped",
+    "lifted",
+)
+"""What ``signals`` concatenates: enough to do the task without eyes."""
+
+STATE_SIZE = 29
+"""Their numbers."""
+
+
+class Observer:
+    """Looks at a simulation the way an agent does.
+
+    Args:
+        settings: cameras, ``obs``.
+        simulation: what is looked at.
+        imager: composes the cameras' images.
+    """
+
+    def __init__(self, settings: Settings, simulation: Simulation, imager: Imager):
+        self._obs, self._has_eyes = settings.obs, bool(settings.cams)
+        self._simulation, self._imager = simulation, imager
+        self._pixels: dict[str, Tensor] = {}
+
+    def __call__(self, signals: Signals, ids: Tensor | None = None) -> dict[str, object]:
+        """The observation of all ``n`` environments, as nested tensors by name.
+
+        ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
+        an episode's first frame repeated; ``proprio`` ``(n, 8)`` and ``signals`` float32.
+
+        Args:
+            signals: current.
+            ids: environments whose images are new; all by default.
+        """
+        seen: dict[str, object] = {}
+        if self._has_eyes:
+            self._look(ids)
+            seen["pixels"] = dict(self._pixels)
+        if self._obs.proprio:
+            seen["proprio"] = proprio(signals)
+        if self._obs.signals:
+            seen["signals"] = state(signals)
+        return seen
+
+    def snapshot(self) -> dict[str, Tensor]:
+        """The frames in memory, by camera."""
+        return dict(self._pixels)
+
+    def forget(self) -> None:
+        """Drop the frames in memory: every episode is about to begin."""
+        self._pixels = {}
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        """Go on from a ``snapshot``."""
+        self._pixels = dict(snapshot)
+
+    def _look(self, ids: Tensor | None) -> None:
+        if ids is not None and not len(ids):
+            return
+        images = self._imager(self._simulation.engine.render(ids))
+        if self._obs.frame_stack > 1:
+            images = {name: self._stack(name, image, ids) for name, image in images.items()}
+        if ids is None:
+            self._pixels = images
+            return
+        # The previous images are in somebody's hands: new tensors, not new contents.
+        self._pixels = {name: image.clone() for name, image in self._pixels.items()}
+        for name, image in images.items():
+            self._pixels[name][ids] = image
+
+    def _stack(self, name: str, image: Tensor, ids: Tensor | None) -> Tensor:
+        """The last ``frame_stack`` frames, the newest last."""
+        assert self._simulation.state is not None
+        begins = self._simulation.state.steps == 0
+        begins = begins if ids is None else begins[ids]
+        filled = image.repeat(1, self._obs.frame_stack, 1, 1)
+        # Staggered episodes begin with steps used up, but without a frame in memory.
+        if bool(begins.all()) or name not in self._pixels:
+            return filled
+        before = self._pixels[name] if ids is None else self._pixels[name][ids]
+        moved = torch.cat((before[:, image.shape[1] :], image), 1)
+        return torch.where(begins.view(-1, 1, 1, 1), filled, moved)
+
+
+def state(signals: Signals) -> Tensor:
+    """``STATE_SIGNALS`` side by side, float32 ``(n, STATE_SIZE)``."""
+    columns = []
+    for name in STATE_SIGNALS:
+        value = getattr(signals, name).float()
+        columns.append(value if value.ndim == 2 else value.unsqueeze(-1))
+    return torch.cat(columns, -1)

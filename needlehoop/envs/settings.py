@@ -1,0 +1,115 @@
+"""Everything that defines an environment, as frozen dataclasses, and how it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+
+from needlehoop import rewards
+from needlehoop.engines.contract import EngineConfig
+from needlehoop.engines.cpu import CpuEngine
+from needlehoop.envs.images import Imager, channels_of
+from needlehoop.envs.simulation import Simulation
+from needlehoop.robot.arm import VARIANTS
+from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
+from needlehoop.scene.layout import Layout
+from needlehoop.scene.spec import build_spec
+from needlehoop.task.episode import Episode
+
+PICTURE = "picture"
+"""Name of the camera that pictures for people are taken with."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What is reported beside the images."""
+
+    proprio: bool
+    """Joint positions, jaw and jaw command."""
+    signals: bool
+    """The whole state, for agents that need no eyes."""
+    frame_stack: int
+    """Frames per image, the newest last."""
+
+    def __post_init__(self) -> None:
+        if self.frame_stack < 1:
+            raise ValueError(f"obs.frame_stack: {self.frame_stack} must be at least 1")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """An environment's settings; values in ``conf/env.yaml`` and the groups it names."""
+
+    task: Layout
+    episode: Episode
+    reward: Mapping[str, Any]
+    engine: EngineConfig
+    psm: str
+    cams: tuple[str, ...]
+    image_size: int
+    quality: int
+    """1: what agents see. k > 1: k x k rays a pixel, shadows and highlights."""
+    obs: Observations
+    num_envs: int
+    seed: int
+    views: Mapping[str, View]
+    renderings: Mapping[str, Rendering]
+    picture: View
+    """Where pictures for people are taken from; not a camera that agents can choose."""
+
+    def __post_init__(self) -> None:
+        for key, value, least in (
+            ("image_size", self.image_size, 1),
+            ("quality", self.quality, 1),
+            ("num_envs", self.num_envs, 1),
+            ("seed", self.seed, 0),
+        ):
+            if value < least:
+                raise ValueError(f"{key}: {value} must be at least {least}")
+        if self.psm not in VARIANTS:
+            raise ValueError(f"psm: {self.psm!r} is unknown; choose from {', '.join(VARIANTS)}")
+        # Names are checked before anything is built.
+        parse_cameras(self.cams, self.views, self.renderings)
+        rewards.load(self.reward)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The chosen cameras."""
+        return parse_cameras(self.cams, self.views, self.renderings)
+
+    @property
+    def image_channels(self) -> dict[str, int]:
+        """Channels of an observed image, stacked frames included, by camera."""
+        stacked = self.obs.frame_stack
+        return {c.name: self.renderings[c.rendering].channels * stacked for c in self.cameras}
+
+
+def compile_scene(settings: Settings) -> mujoco.MjModel:
+    """The scene with every view's camera, and ``picture``."""
+    s = settings
+    views = {**s.views, PICTURE: s.picture}
+    return build_spec(s.task, s.psm, s.episode.grasp, views).compile()
+
+
+def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
+    """A simulation on the CPU engine, and the imager of its cameras.
+
+    Args:
+        settings: what to build.
+        first_env: index of the first environment among all that share the seed.
+
+    Raises:
+        ValueError: settings that do not go together, by key.
+    """
+    s, cameras = settings, settings.cameras
+    model = compile_scene(s)
+    imager = Imager(model, cameras, s.views, s.renderings)
+    views = channels_of(cameras, s.renderings)
+    engine = CpuEngine(
+        model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine
+    )
+    reward = rewards.load(s.reward)
+    return Simulation(engine, s.task, s.episode, reward, s.seed, first_env), imager

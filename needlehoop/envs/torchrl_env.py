@@ -1,0 +1,145 @@
+"""The task as a batched TorchRL environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from needlehoop.envs.observer import STATE_SIZE, Observer
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.scene.signals import PROPRIO_SIZE
+
+
+class NeedleHoopEnv(EnvBase):
+    """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
+
+    Keys: ``("pixels", <camera>)`` uint8 ``(n, frame_stack * channels, h, w)``; optionally
+    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command) and ``signals`` float32; for
+    logging ``("facts", <name>)`` bool, ``("terms", <name>)`` and ``potential`` float32 and
+    ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1], ``(n, 7)`` with
+    ``control=pose``. Success terminates; the time limit truncates.
+
+    ``snapshot`` and ``restore`` carry a run on, bit for bit, in another process.
+
+    Args:
+        settings: what to build.
+        first_env: index of the first environment among all that share the seed.
+        stagger: whether the first episodes are cut off at evenly spread times, so that
+            environments in lockstep are not all at the same stage of theirs.
+
+    Raises:
+        ValueError: settings that do not go together, by key.
+    """
+
+    def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
+        self.settings, self._stagger = settings, stagger
+        self._simulation, imager = build(settings, first_env)
+        self._observer = Observer(settings, self._simulation, imager)
+        self._is_restored = False
+        n = settings.num_envs
+        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
+        self._set_specs(settings)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation inside: signals, state, engine."""
+        return self._simulation
+
+    def _set_specs(self, settings: Settings) -> None:
+        n, size, episode = settings.num_envs, settings.image_size, settings.episode
+        column = torch.Size((n, 1))
+        self.action_spec = Bounded(
+            -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
+        )
+        self.reward_spec = Unbounded(shape=column)
+        moment = self._simulation.reset()
+        # Reading the names consumed each environment's first episode: give it back.
+        self._simulation.reseed(settings.seed)
+        observed = Composite(shape=(n,))
+        if settings.cameras:
+            pixels = Composite(shape=(n,))
+            for name, channels in settings.image_channels.items():
+                shape = torch.Size((n, channels, size, size))
+                pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
+            observed["pixels"] = pixels
+        if settings.obs.proprio:
+            observed["proprio"] = Unbounded(shape=torch.Size((n, PROPRIO_SIZE)))
+        if settings.obs.signals:
+            observed["signals"] = Unbounded(shape=torch.Size((n, STATE_SIZE)))
+        observed["facts"] = Composite(
+            {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts()}, shape=(n,)
+        )
+        observed["terms"] = Composite(
+            {name: Unbounded(shape=column) for name in moment.terms}, shape=(n,)
+        )
+        observed["potential"] = Unbounded(shape=column)
+        observed["steps"] = Unbounded(shape=column, dtype=torch.int64)
+        self.observation_spec = observed
+        self.done_spec = Composite(
+            {
+                name: Binary(1, shape=column, dtype=torch.bool)
+                for name in ("done", "terminated", "truncated")
+            },
+            shape=(n,),
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that decides what comes next, as tensors and numbers."""
+        return {"simulation": self._simulation.snapshot(), "observer": self._observer.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a ``snapshot`` of an environment with the same settings.
+
+        The next full reset begins no episode: it returns those under way as they stood.
+        """
+        self._simulation.restore(snapshot["simulation"])
+        self._observer.restore(snapshot["observer"])
+        self._is_restored = True
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDictBase:
+        asked = None if tensordict is None else tensordict.get("_reset", None)
+        no = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
+        ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
+        if self._is_restored and (asked is None or bool(asked.all())):
+            self._is_restored = False
+            return self._tensordict(self._simulation.look(), ends, no.nonzero().flatten())
+        mask = None if asked is None else asked.reshape(self.batch_size[0])
+        first = self._simulation.state is None
+        if first:
+            self._observer.forget()
+        moment = self._simulation.reset(mask, stagger=self._stagger)
+        fresh = None if mask is None or first else mask.nonzero().flatten()
+        return self._tensordict(moment, ends, fresh)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        moment = self._simulation.step(tensordict["action"])
+        terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
+        ends = {
+            "done": terminated | truncated,
+            "terminated": terminated,
+            "truncated": truncated,
+            "reward": moment.reward.unsqueeze(-1).float(),
+        }
+        return self._tensordict(moment, ends, None)
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            self._simulation.reseed(seed)
+
+    def _tensordict(self, moment: Moment, rest: dict[str, Any], ids: Tensor | None) -> TensorDict:
+        """All keys; images are renewed in environments ``ids`` (in all by default)."""
+        out = {
+            "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts().items()},
+            "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},
+            "potential": moment.potential.unsqueeze(-1).float(),
+            "steps": moment.steps.unsqueeze(-1),
+            **self._observer(moment.signals, ids),
+            **rest,
+        }
+        return TensorDict(out, batch_size=self.batch_size)

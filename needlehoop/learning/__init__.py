@@ -1,0 +1,1 @@
+"""The agent, how it learns, how a run is evaluated. Knows no command line."""

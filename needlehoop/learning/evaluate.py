@@ -1,0 +1,157 @@
+"""Deterministic evaluation of a policy on episodes of its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from scipy.stats import binomtest
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from needlehoop.envs.images import Imager
+from needlehoop.envs.observer import Observer
+from needlehoop.envs.rollout import Outcome, run_batches
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.simulation import Simulation
+from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.job import Job
+from needlehoop.learning.learner import build_agent
+from needlehoop.pictures.film import record
+from needlehoop.runs.files import EVALUATION
+from needlehoop.runs.run import Run
+from needlehoop.scene.signals import Signals
+
+_BATCH = 50
+
+
+class Pilot:
+    """A policy as a controller: looks at the simulation and acts on the mean.
+
+    Args:
+        policy: observations to ``action``.
+        observer: of the simulation that it flies.
+        device: of the policy.
+    """
+
+    def __init__(self, policy: TensorDictModuleBase, observer: Observer, device: torch.device):
+        self._policy, self._observer, self._device = policy, observer, device
+
+    def __call__(self, signals: Signals) -> Tensor:
+        """The action ``(n, action_size)`` at this moment."""
+        seen: Any = self._observer(signals)
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            flown = self._policy(TensorDict(seen, [len(signals.jaw)]).to(self._device))
+        return flown["action"].cpu()
+
+
+def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
+    """Fly the first episode of ``episodes`` environments of the settings' seed.
+
+    Args:
+        settings: the environment that the agent was made for, with the evaluation's seed.
+        agent: on the device where it is to run.
+        episodes: how many; episode ``i`` is the same however many there are.
+
+    Raises:
+        ValueError: fewer than one episode.
+    """
+
+    def pilot(chunk: Settings, simulation: Simulation, imager: Imager) -> Pilot:
+        return Pilot(agent.actor, Observer(chunk, simulation, imager), _device(agent))
+
+    return run_batches(settings, episodes, _BATCH, pilot)
+
+
+def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
+    """A video of the agent at work, with its own cameras' images beside the scene.
+
+    Args:
+        job_env: the environment that the agent was made for.
+        agent: on the device where it is to run.
+        episodes: how many.
+        seed: of the episodes.
+        out: an ``.mp4`` file; written whole or not at all.
+    """
+    alone = replace(job_env, num_envs=1, seed=seed)
+    simulation, imager = build(alone)
+    pilot = Pilot(agent.actor, Observer(alone, simulation, imager), _device(agent))
+    record(alone, simulation, imager, pilot, episodes, out)
+
+
+def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
+    """Evaluate a run's agent and write ``evaluation.json`` into its folder; returns it.
+
+    Args:
+        run: whose folder.
+        agent: on the device where it is to run.
+        job: of the run.
+        episodes: how many.
+        seed: of the episodes; not the training's.
+
+    Raises:
+        ValueError: no episodes, or the seed of the training.
+    """
+    if seed == job.env.seed:
+        raise ValueError(f"seed: the run was trained on {seed}; choose another")
+    if seed < 0:
+        raise ValueError(f"seed: {seed} is negative")
+    outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
+    found = {"steps_trained": run.manifest().get("steps"), "seed": seed, **with_intervals(outcome)}
+    run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
+    return found
+
+
+def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
+    """The agent of a run's last checkpoint.
+
+    Raises:
+        ValueError: no checkpoint.
+    """
+    state = run.load()
+    agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), device)
+    agent.load_state_dict(state["learner"]["ppo"]["agent"])
+    return agent
+
+
+def with_intervals(outcome: Outcome) -> dict[str, Any]:
+    """An outcome's summary, with 95 % Wilson intervals of the rates that count."""
+    summary = outcome.summary()
+    n = int(summary["episodes"])
+    intervals = {}
+    for name in ("success", "cheat"):
+        found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
+        intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
+    spread = float(outcome.potential.std()) if n > 1 else None
+    return {**summary, **intervals, "return_sd": spread}
+
+
+def report(found: Mapping[str, Any]) -> str:
+    """An evaluation as a few lines of text."""
+    f = found
+    spread = "" if f["return_sd"] is None else f" ± {f['return_sd']:.2f}"
+    success = "{:.1%} to {:.1%}".format(*f["success_95"])
+    cheat = "{:.1%} to {:.1%}".format(*f["cheat_95"])
+    return "\n".join(
+        (
+            f"episodes     {f['episodes']} (seed {f['seed']})",
+            f"success      {f['success']:.1%} (95 %: {success})",
+            f"return       {f['return']:.2f}{spread}"
+            f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
+            f"cheat        {f['cheat']:.1%} (95 %: {cheat})",
+            f"touched      {f['touched']:.1%}",
+            f"grasped      {f['grasped']:.1%}, lifted {f['lifted']:.1%}",
+            f"length       {f['steps']:.0f} steps",
+        )
+    )
+
+
+def _device(agent: Agent) -> torch.device:
+    return next(agent.parameters()).device

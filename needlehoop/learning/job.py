@@ -1,0 +1,152 @@
+"""A training job: everything ``python train.py`` needs to know, as frozen dataclasses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.ppo import PpoConfig
+from needlehoop.learning.precision import convolution_dtype
+from needlehoop.runs.files import check_name, seen
+
+LOGGERS = ("csv", "wandb")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Deterministic evaluation; its episodes are none that training sees."""
+
+    every: int
+    """Buffers between evaluations; 0: none on the way."""
+    episodes: int
+    """Episodes of each."""
+    final_episodes: int
+    """Episodes of the one at the end."""
+    video_episodes: int
+    """Episodes in the video at the end; 0: no video."""
+    seed: int
+
+    def __post_init__(self) -> None:
+        for key, least in (("every", 0), ("episodes", 1), ("final_episodes", 1)):
+            if getattr(self, key) < least:
+                raise ValueError(f"evaluation.{key}: {getattr(self, key)} must be at least {least}")
+        if self.video_episodes < 0:
+            raise ValueError(f"evaluation.video_episodes: {self.video_episodes} is negative")
+
+
+@dataclass(frozen=True)
+class LoggerConfig:
+    """Values in ``conf/logger``; the CSV files are always written."""
+
+    kind: str
+    project: str
+    entity: str | None
+    mode: str
+    """``auto``: online where there is a login, offline elsewhere."""
+
+    def __post_init__(self) -> None:
+        for key, value, valid in (
+            ("kind", self.kind, LOGGERS),
+            ("mode", self.mode, ("auto", "online", "offline", "disabled")),
+        ):
+            if value not in valid:
+                raise ValueError(
+                    f"logger.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
+                )
+
+
+@dataclass(frozen=True)
+class Job:
+    """Values in ``conf/config.yaml`` and the groups it names."""
+
+    env: Settings
+    algo: PpoConfig
+    encoder: EncoderConfig
+    logger: LoggerConfig
+    evaluation: Evaluation
+    results: str
+    """Folder of all studies."""
+    study: str
+    steps: int
+    """Environment steps, over all environments; the whole buffers among them are learnt from."""
+    device: str
+    """Of the learner: ``auto`` is ``cuda`` where there is one."""
+    precision: str
+    checkpoint_every: int
+    """Buffers between checkpoints."""
+
+    def __post_init__(self) -> None:
+        if not self.env.cams and not self.env.obs.signals:
+            raise ValueError(
+                "cams: an agent needs at least one camera, such as cams=dep_front,seg_side"
+                " (or obs=signals, which needs none); choose from"
+                f" {', '.join(self.env.renderings)} with {', '.join(self.env.views)}"
+            )
+        if self.env.cams:
+            self.encoder.check_fit(self.env.image_size)
+        if self.updates < 1:
+            raise ValueError(f"steps: {self.steps} is less than one buffer of {self.buffer} steps")
+        if self.checkpoint_every < 1:
+            raise ValueError(f"checkpoint_every: {self.checkpoint_every} must be at least 1")
+        if self.evaluation.seed == self.env.seed:
+            raise ValueError(f"evaluation.seed: {self.env.seed} is the training's; choose another")
+        for key in ("study", "reward_name"):
+            check_name(key, getattr(self, key))
+        convolution_dtype(self.precision, self.torch_device)
+
+    @property
+    def buffer(self) -> int:
+        """Steps per buffer."""
+        return self.env.num_envs * self.algo.horizon
+
+    @property
+    def updates(self) -> int:
+        """Buffers to learn from."""
+        return self.steps // self.buffer
+
+    @property
+    def reward_name(self) -> str:
+        """What the run's folder calls the reward."""
+        return str(self.env.reward["kind"])
+
+    @property
+    def place(self) -> str:
+        """The run's folder below ``results``: study, cameras, reward, seed."""
+        cameras = seen(self.env.cams, self.env.obs.signals)
+        return f"{self.study}/{cameras}/{self.reward_name}/seed{self.env.seed}"
+
+    @property
+    def torch_device(self) -> torch.device:
+        """Where the learner runs.
+
+        Raises:
+            ValueError: a device that torch does not know or that is not there.
+        """
+        return pick_device(self.device)
+
+
+def pick_device(name: str) -> torch.device:
+    """``auto``, ``cpu``, ``cuda`` or ``cuda:<k>`` as a device; errors as in ``torch_device``."""
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError as error:
+        raise ValueError(f"device: {name!r} is unknown; choose from auto, cpu, cuda") from error
+    if device.type not in ("cpu", "cuda"):
+        raise ValueError(f"device: {name!r} is not supported; choose from auto, cpu, cuda")
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise ValueError(f"device: {name!r} is not on this machine; choose auto or cpu")
+    return device
+
+
+def split(values: Mapping[str, Any]) -> dict[str, Any]:
+    """A composed config's flat keys as ``Job``'s nested ones."""
+    environment = {name: values[name] for name in Settings.__dataclass_fields__ if name in values}
+    own = {name: values[name] for name in Job.__dataclass_fields__ if name in values}
+    return {**own, "env": environment}

@@ -1,0 +1,99 @@
+"""The agent's networks beyond the encoders: a trunk, a policy head and a value head."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
+from needlehoop.learning.normalizer import Normalizer
+
+
+@dataclass(frozen=True)
+class HeadConfig:
+    """Trunk and heads; part of ``conf/algo``."""
+
+    hidden: int
+    """Width of the trunk's layers and of each encoder's output."""
+    layers: int
+    """Layers of the trunk."""
+    sigma: float
+    """Standard deviation of the first policy, in units of the action (1: its whole range)."""
+    shared: bool
+    """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
+    told: tuple[str, ...]
+    """Facts that the value function is told and the policy is not."""
+
+    def __post_init__(self) -> None:
+        for key, value in (("hidden", self.hidden), ("layers", self.layers)):
+            if value < 1:
+                raise ValueError(f"algo.network.{key}: {value} must be at least 1")
+        if not self.sigma > 0:
+            raise ValueError(f"algo.network.sigma: {self.sigma} must be positive")
+
+
+class Trunk(nn.Module):
+    """All observations to one feature vector: encoders side by side, then dense layers.
+
+    Args:
+        images: ``(c, h, w)`` by camera.
+        vectors: lengths of the other observations.
+        encoder: of every camera.
+        heads: width and layers.
+        dtype: of the convolutions.
+    """
+
+    def __init__(
+        self,
+        images: Mapping[str, torch.Size],
+        vectors: Mapping[str, int],
+        encoder: EncoderConfig,
+        heads: HeadConfig,
+        dtype: torch.dtype,
+    ):
+        super().__init__()
+        self.encoders = nn.ModuleDict(
+            {name: Encoder(shape, encoder, heads.hidden, dtype) for name, shape in images.items()}
+        )
+        self.normalizers = nn.ModuleDict({name: Normalizer(n) for name, n in vectors.items()})
+        size = heads.hidden * len(images) + sum(vectors.values())
+        layers: list[nn.Module] = []
+        for _ in range(heads.layers):
+            layers += [linear(size, heads.hidden), nn.SiLU()]
+            size = heads.hidden
+        self.layers = nn.Sequential(*layers)
+
+    def forward(self, *observed: Tensor) -> Tensor:
+        modules = [*self.encoders.values(), *self.normalizers.values()]
+        parts = [module(value) for module, value in zip(modules, observed, strict=True)]
+        return self.layers(torch.cat(parts, -1))
+
+
+class Gaussian(nn.Module):
+    """Policy head: a linear mean and a free deviation that no observation moves."""
+
+    def __init__(self, inner: int, actions: int, sigma: float):
+        super().__init__()
+        self.mean = linear(inner, actions, gain=0.2)
+        self.log_sigma = nn.Parameter(torch.full((actions,), sigma).log())
+
+    def forward(self, hidden: Tensor) -> tuple[Tensor, Tensor]:
+        loc = self.mean(hidden)
+        return loc, self.log_sigma.exp().expand_as(loc)
+
+
+class Value(nn.Module):
+    """Value head: linear; with facts told, a hidden layer that can weigh them by what is seen."""
+
+    def __init__(self, inner: int, told: int):
+        super().__init__()
+        layers: list[nn.Module] = []
+        if told:
+            layers = [linear(inner + told, inner), nn.SiLU()]
+        self.layers = nn.Sequential(*layers, linear(inner, 1))
+
+    def forward(self, hidden: Tensor, *facts: Tensor) -> Tensor:
+        return self.layers(torch.cat((hidden, *(fact.float() for fact in facts)), -1))

@@ -1,0 +1,1 @@
+"""Pictures and films for people, and windows. What agents see is made in ``envs``."""

@@ -1,0 +1,78 @@
+"""Films of whole episodes: the scene, and beside it what the cameras see."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+from PIL import Image
+
+from needlehoop.engines.cpu import CpuEngine
+from needlehoop.envs.images import Imager
+from needlehoop.envs.rollout import Controller
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.pictures.portrait import Photographer
+from needlehoop.pictures.sheet import to_rgb
+
+
+def record(
+    settings: Settings,
+    simulation: Simulation,
+    imager: Imager,
+    controller: Controller,
+    episodes: int,
+    out: Path,
+    size: int = 480,
+) -> None:
+    """A video of whole episodes: the scene, and beside it what the cameras see.
+
+    Args:
+        settings: environment with the cameras to show.
+        simulation: of one environment, on the CPU engine.
+        imager: of its cameras.
+        controller: who acts.
+        episodes: how many, one after the other.
+        out: an ``.mp4`` file; written whole or not at all.
+        size: height in px; a multiple of 16.
+    """
+    engine = simulation.engine
+    assert isinstance(engine, CpuEngine)
+    photographer = Photographer(engine.model, size)
+    partial = out.with_name(out.stem + ".partial.mp4")
+    rate = 1.0 / (settings.task.timestep * settings.episode.substeps)
+    out.parent.mkdir(parents=True, exist_ok=True)
+
+    def look() -> np.ndarray:
+        return _frame(settings, photographer(engine.data(0)), imager(engine.render()))
+
+    try:
+        with imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video:
+            for _ in range(episodes):
+                moment, over = simulation.reset(), False
+                while not over:
+                    video.append_data(look())
+                    moment = simulation.step(controller(moment.signals))
+                    over = bool(moment.terminated[0] | moment.truncated[0])
+                last = look()
+                for _ in range(round(rate / 4)):
+                    video.append_data(last)
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
+    """The scene with a column of the cameras' images, pixel by pixel, at its right."""
+    if not images:
+        return scene
+    height = len(scene)
+    tile = height // max(3, len(images)) // 16 * 16
+    column = Image.new("RGB", (tile, height))
+    for row, camera in enumerate(settings.cameras):
+        depth = settings.renderings[camera.rendering].depth
+        seen = np.ascontiguousarray(to_rgb(images[camera.name][0].numpy(), depth))
+        picture = Image.fromarray(seen).resize((tile, tile), Image.Resampling.NEAREST)
+        column.paste(picture, (0, row * tile))
+    return np.concatenate((scene, np.asarray(column)), 1)

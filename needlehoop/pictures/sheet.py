@@ -1,0 +1,120 @@
+"""The contact sheet: every view and rendering, at the start and at the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from needlehoop.envs.settings import Settings, build
+from needlehoop.task.expert import expert
+
+_OVERSAMPLING = 3
+_AFTER_SUCCESS = 8
+"""Steps that the goal picture waits, so that the needle is seen well inside the hoop."""
+
+_INK, _PAPER = (34, 38, 46), (255, 255, 255)
+
+
+def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
+    """An agent's image ``(channels, h, w)`` as ``(h, w, 3)``; a depth channel as grey."""
+    if rendering_depth == "channel":
+        return np.repeat(image[-1:], 3, axis=0).transpose(1, 2, 0)
+    return image.transpose(1, 2, 0)
+
+
+def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
+    """Every view x rendering, at the start and with the needle through the hoop.
+
+    Args:
+        settings: environment; its cameras are ignored.
+        size: pixels of a tile.
+        raw: show the agent's own ``image_size`` pixels instead of a smooth picture.
+
+    Raises:
+        ValueError: ``size`` below 16.
+        RuntimeError: the expert did not reach the goal state.
+    """
+    if size < 16:
+        raise ValueError(f"size: {size} must be at least 16")
+    views, renderings = list(settings.views), _ordered(settings)
+    traced = settings.image_size if raw else size * _OVERSAMPLING
+    s = replace(
+        settings,
+        cams=tuple(f"{rendering}_{view}" for rendering in renderings for view in views),
+        image_size=traced,
+        quality=1 if raw else 2,
+        num_envs=1,
+    )
+    states = list(start_and_goal(s))
+    return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
+
+
+def _ordered(settings: Settings) -> list[str]:
+    """Renderings from plain to derived: lit colours, then flat; depth after none."""
+    kinds = settings.renderings
+    return sorted(
+        kinds, key=lambda name: (kinds[name].colour == "flat", kinds[name].depth != "none")
+    )
+
+
+def start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
+    """The images of all cameras at the start, then once the expert has threaded."""
+    simulation, imager = build(settings)
+    act = expert(settings.task, settings.episode)
+
+    def look() -> dict[str, np.ndarray]:
+        images = imager(simulation.engine.render())
+        return {name: image[0].numpy() for name, image in images.items()}
+
+    moment = simulation.reset()
+    yield look()
+    for _ in range(settings.episode.max_steps):
+        moment = simulation.step(act(moment.signals))
+        if bool(moment.signals.threaded[0]):
+            break
+    else:
+        raise RuntimeError(f"the expert did not thread the needle with seed={settings.seed}")
+    for _ in range(_AFTER_SUCCESS):
+        moment = simulation.step(act(moment.signals))
+    yield look()
+
+
+def _lay_out(
+    settings: Settings,
+    states: Sequence[dict[str, np.ndarray]],
+    size: int,
+    resampling: Image.Resampling,
+) -> Image.Image:
+    views, renderings = list(settings.views), _ordered(settings)
+    gap, margin = max(2, size // 64), size // 6
+    font = ImageFont.load_default(max(9, size // 12))
+    block = len(views) * (size + gap) + margin // 2
+    sheet = Image.new(
+        "RGB",
+        (margin + len(states) * block, 2 * margin + len(renderings) * (size + gap)),
+        _PAPER,
+    )
+    draw = ImageDraw.Draw(sheet)
+    for row, rendering in enumerate(renderings):
+        y = 2 * margin + row * (size + gap)
+        label = Image.new("RGB", (size, margin), _PAPER)
+        centre = (size // 2, margin // 2)
+        ImageDraw.Draw(label).text(centre, rendering, _INK, font=font, anchor="mm")
+        sheet.paste(label.rotate(90, expand=True), (0, y))
+        for column, images in enumerate(states):
+            for place, view in enumerate(views):
+                x = margin + column * block + place * (size + gap)
+                tile = to_rgb(images[f"{rendering}_{view}"], settings.renderings[rendering].depth)
+                picture = Image.fromarray(np.ascontiguousarray(tile))
+                sheet.paste(picture.resize((size, size), resampling), (x, y))
+    for column, title in enumerate(("start", "goal")):
+        x = margin + column * block
+        middle = x + (block - margin // 2) // 2
+        draw.text((middle, margin // 2), title, _INK, font=font, anchor="mm")
+        for place, view in enumerate(views):
+            at = (x + place * (size + gap) + size // 2, 3 * margin // 2)
+            draw.text(at, view, _INK, font=font, anchor="mm")
+    return sheet

@@ -1,0 +1,56 @@
+"""Reward programs: a small part of Python over the signals, compiled to torch.
+
+A program assigns ``reward``. It is text that a person or a model wrote, so it is compiled
+from its tree, never run as Python.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from torch import Tensor
+
+from needlehoop.rewards.language.code import Code
+from needlehoop.rewards.language.compiler import compile_tree
+from needlehoop.rewards.language.grammar import parse
+from needlehoop.scene.signals import Signals
+
+
+@dataclass(frozen=True)
+class Program:
+    """A compiled program; a reward. Made by ``compile_program``.
+
+    Two programs are equal if their sources are.
+    """
+
+    source: str
+    code: Code = field(compare=False, repr=False)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The terms' names: those that the last ``reward = a + b`` sums, else ``reward``."""
+        return tuple(name for name, _, _ in self.code.terms)
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` float64 by name, finite or not: ``log(0)`` is what IEEE says."""
+        registers = list(self.code.registers)
+        for name, register in self.code.loads:
+            registers[register] = getattr(signals, name)
+        for run, takes, out in self.code.steps:
+            registers[out] = run(*[registers[i] for i in takes])
+        n = signals.batch_size[0]
+        terms = {}
+        for name, register, shared in self.code.terms:
+            value = registers[register]
+            assert value is not None
+            terms[name] = value.expand(n).clone() if shared else value
+        return terms
+
+
+def compile_program(source: str) -> Program:
+    """A program from its source.
+
+    Raises:
+        ProgramError: the program is refused; ``line``, ``column`` and ``reason`` say why.
+    """
+    return Program(source, compile_tree(parse(source)))

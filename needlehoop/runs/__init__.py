@@ -1,0 +1,1 @@
+"""Runs as files: folders, names, provenance, signals. No simulator and no agent."""

@@ -1,0 +1,62 @@
+"""The names of a run's folder and files, for those who write and those who only read them.
+
+And how a file is written: whole, and tables as CSV.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
+METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
+CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
+
+SWEEPS, OUTCOME = ".sweeps", "outcome.json"
+"""Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
+
+SIGNALS = "signals"
+"""Stands among the cameras where the agent is told the state."""
+
+
+def listed(names: str | Iterable[Any]) -> list[str]:
+    """Names that are given as a list, or as one text with commas between them."""
+    return [str(name) for name in (names.split(",") if isinstance(names, str) else names)]
+
+
+def seen(cams: Iterable[str], signals: bool = False) -> str:
+    """What a run's folder calls that which its agent sees: ``dep_front+seg_side``."""
+    return "+".join((*cams, *([SIGNALS] if signals else [])))
+
+
+def check_name(key: str, name: str) -> None:
+    """Raises ``ValueError`` for a name that is none for a folder."""
+    if not name or name != name.strip() or name.startswith(".") or "/" in name:
+        raise ValueError(f"{key}: {name!r} is no name for a folder")
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Replace a file in one step, once all of it is on the disk."""
+    partial = path.with_name(path.name + ".partial")
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """A table as CSV, a line feed after each line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,16 @@
+"""Folders that come with the package: settings and recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parents[1]
+
+CONF = next(
+    (place for place in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if place.is_dir()),
+    _PACKAGE / "conf",
+)
+"""Hydra's configs: inside an installed package, beside it in a checkout."""
+
+RECORDINGS = _PACKAGE / "recordings"
+"""What models answered, each in a folder of its own."""

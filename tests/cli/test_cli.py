@@ -1,0 +1,188 @@
+"""The commands, as typed."""
+
+import json
+import subprocess
+import sys
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+from PIL import Image
+
+from needlehoop.cli.main import main
+
+
+def test_snapshot_writes_the_contact_sheet(tmp_path, capsys):
+    out = tmp_path / "deep" / "sheet.png"
+    assert main(["snapshot", "size=32", "raw=true", f"out={out}"]) == 0
+    with Image.open(out) as sheet:
+        pixels = np.asarray(sheet).astype(int)
+    assert f"{pixels.shape[1]} x {pixels.shape[0]} px" in capsys.readouterr().out
+    # Two blocks of three tiles in each of four rows: start and goal differ in all rows.
+    tile, gap, margin = 32, 2, 5
+    block = 3 * (tile + gap) + margin // 2
+    for row in range(4):
+        y = 2 * margin + row * (tile + gap)
+        strip = pixels[y : y + tile, margin:]
+        start, goal = strip[:, : 3 * (tile + gap)], strip[:, block : block + 3 * (tile + gap)]
+        assert start.std() > 10
+        assert np.abs(start - goal).max() > 50
+
+
+def test_snapshot_reaches_the_goal_where_success_ends_nothing(tmp_path):
+    arguments = ["snapshot", "size=16", "raw=true", "image_size=16", f"out={tmp_path / 'a.png'}"]
+    assert main([*arguments, "episode.end_on_success=false"]) == 0
+
+
+def test_picture_writes_a_still(tmp_path):
+    out = tmp_path / "still.png"
+    assert main(["picture", "size=40", f"out={out}", "picture.distance=1.2"]) == 0
+    with Image.open(out) as still:
+        assert still.size == (40, 40)
+
+
+def test_expert_prints_one_line_of_json(capsys):
+    assert main(["expert", "--json", "episodes=4", "seed=2"]) == 0
+    lines = capsys.readouterr().out.strip().splitlines()
+    assert len(lines) == 1
+    found = json.loads(lines[0])
+    for grasp in ("weld", "friction"):
+        assert {"success", "cheat", "return"} <= set(found[grasp])
+        assert found[grasp]["episodes"] == 4
+
+
+# imageio-ffmpeg leaves its pipes for the garbage collector to close.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_expert_writes_a_video(tmp_path, capsys):
+    out = tmp_path / "expert.mp4"
+    arguments = ["expert", "episodes=1", "grasps=[weld]", "video_episodes=1", "cams=[seg_side]"]
+    assert main([*arguments, "--video", str(out)]) == 0
+    assert "success" in capsys.readouterr().out
+    with imageio.get_reader(out) as video:
+        # Not list(video): a reader of unknown length claims to be endless.
+        frames = [frame for frame in video]  # noqa: C416
+    assert len(frames) > 20
+    assert frames[0].shape == (480, 640, 3)
+    assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
+    assert [file.name for file in tmp_path.iterdir()] == ["expert.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("mine.png", ["snapshot", "out={}"]),
+        ("mine.png", ["picture", "out={}"]),
+        ("mine.mp4", ["expert", "episodes=1", "--video", "{}"]),
+    ],
+)
+def test_a_file_that_exists_is_not_replaced_unasked(name, arguments, tmp_path, capsys):
+    mine = tmp_path / name
+    mine.write_text("precious")
+    assert main([word.format(mine) for word in arguments]) == 2
+    assert "overwrite=true" in capsys.readouterr().err
+    assert mine.read_text() == "precious"
+
+
+def test_a_file_is_replaced_when_asked(tmp_path):
+    mine = tmp_path / "mine.png"
+    mine.write_text("old")
+    assert main(["picture", "size=16", f"out={mine}", "overwrite=true"]) == 0
+    with Image.open(mine) as still:
+        assert still.size == (16, 16)
+
+
+def test_signals_prints_the_table(capsys):
+    assert main(["signals"]) == 0
+    assert "needle_tip" in capsys.readouterr().out
+
+
+def test_bench_measures_and_says_where_the_time_goes():
+    # In a process of its own: the OpenGL library is chosen once in a process.
+    arguments = ["bench", "--json", "num_envs=3", "rounds=1", "steps=2", "image_size=16"]
+    command = [sys.executable, "-m", "needlehoop.cli.main", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert all(rate > 0 for rate in found["steps_per_second"].values())
+    assert set(found["share_of_a_step"]) >= {"physics", "task", "tracing", "composing"}
+    # Either the ratio was measured, or the report says why it could not be.
+    assert (found["ratio_to_default_renderer"] is None) == bool(found["default_renderer_missing"])
+
+
+def test_bench_train_says_where_the_time_goes():
+    # The other side's share is kept small: it renders ten images a second.
+    script = (
+        "import sys; from needlehoop.cli import main as cli; from needlehoop.bench import training;"
+        "training._SB3_ENVS, training._SB3_STEPS = 1, 4;"
+        "sys.exit(cli.main(sys.argv[1:]))"
+    )
+    words = ["bench", "train", "--json", "rounds=1", "num_envs=4", "algo.horizon=8"]
+    words += ["algo.minibatch=16", "image_size=32", "steps=64"]
+    command = [sys.executable, "-c", script, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert found["steps_per_second"] > 0
+    assert sum(found["share_of_time"].values()) == pytest.approx(1.0, abs=0.01)
+    assert set(found["share_of_time"]) == {"physics", "rendering", "inference", "update", "rest"}
+    # Either the ratio was measured, or the report says why it could not be.
+    assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
+
+
+def test_bench_program_times_a_call(capsys):
+    assert main(["bench", "program", "--json", "rounds=1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["num_envs"], found["lines"]) == (80, 10)
+    assert 0 < found["call_ms"] < found["compile_ms"] < 1000
+
+
+def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
+    arguments = ["bench", "stability", "--json", "episodes=5", "num_envs=5"]
+    assert main([*arguments, "episode.max_steps=20"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["episodes"] == 5
+    assert found["steps"] == 100
+    assert found["not_finite"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["expert", "controller=expart"], "controller: 'expart'"),
+        (["expert", "episodes=0"], "episodes: 0"),
+        (["expert", "episodes=many"], "episodes: 'many'"),
+        (["expert", "grasps=[glue]"], "episode.grasp: 'glue' is unknown; choose from weld"),
+        (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
+        (["expert", "task=hard"], "near standard wide"),
+        (["snapshot", "size=3"], "size: 3"),
+        (["snapshot", "out=sheet.bmp"], "out: 'sheet.bmp' must end in .png"),
+        (["snapshot", "raw=perhaps"], "raw: 'perhaps'"),
+        (["bench", "what=everything"], "what: 'everything' is unknown; choose from speed"),
+        (["bench", "cams=[]"], "cams"),
+        (["bench", "cams=[dep_top]"], "default, front, side"),
+        (["bench", "rounds=0"], "rounds: 0"),
+        (["bench", "program", "rounds=0"], "rounds: 0"),
+        (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
+        (["bench", "train", "rounds=0"], "rounds: 0"),
+        (["bench", "train", "cams=[]"], "cams"),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith(f"needlehoop {arguments[0]}: ")
+    assert said in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_view_without_a_display_says_so(capsys, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert main(["view"]) == 2
+    assert "no display" in capsys.readouterr().err
+
+
+def test_an_unknown_option_is_refused(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["expert", "--jsn"])
+    assert stopped.value.code == 2
+    assert "--jsn" in capsys.readouterr().err

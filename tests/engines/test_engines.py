@@ -1,0 +1,208 @@
+"""The CPU engine, and dm_control as its oracle."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.engines.contract import EngineConfig
+from needlehoop.envs import dm_control_env as dm_env
+from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import build
+from needlehoop.scene.signals import TABLE
+from needlehoop.task.expert import expert
+
+CAMS = ["cams=[dep_front,seg_side,segdep_default]"]
+
+
+def same_moment(batch, single, env):
+    """Assert that row ``env`` of a batch's moment is the single environment's, bit for bit."""
+    for name in TABLE:
+        row, one = getattr(batch.signals, name)[env], getattr(single.signals, name)[0]
+        assert torch.equal(row, one), name
+    for field in fields(batch):
+        if field.name == "signals":
+            continue
+        row, one = getattr(batch, field.name), getattr(single, field.name)
+        if field.name == "terms":
+            assert all(torch.equal(row[name][env], one[name][0]) for name in row)
+        else:
+            assert torch.equal(row[env], one[0]), field.name
+
+
+@pytest.mark.parametrize("psm", ["parallelogram", "serial"])
+@pytest.mark.parametrize("grasp", ["weld", "friction"])
+def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
+    settings = config.settings(
+        ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
+    )
+    batch, _ = build(settings)
+    singles = [dm_env.load(settings, env=i) for i in range(3)]
+    script, chance = expert(settings.task, settings.episode), random_controller(5, seed=1)
+    moment = batch.reset()
+    for single in singles:
+        single.reset()
+    seen = {"grasped": False, "released": False, "threaded": False, "reset": False}
+    for step in range(100):
+        action = script(moment.signals)
+        action[2] = chance(moment.signals)[2]
+        if 22 <= step < 26:
+            # One needle is dropped on the way.
+            action[0, -1] = 1.0
+        held = moment.signals.grasped.clone()
+        moment = batch.step(action)
+        seen["grasped"] |= bool(moment.signals.grasped.any())
+        seen["released"] |= bool((held & ~moment.signals.grasped).any())
+        seen["threaded"] |= bool(moment.signals.threaded.any())
+        over = moment.terminated | moment.truncated
+        for env, single in enumerate(singles):
+            ended = single.step(action[env].numpy()).last()
+            assert ended == bool(over[env])
+            same_moment(moment, single.task.moment, env)
+            data = single.physics.data
+            assert np.array_equal(batch.engine.qpos[env], data.qpos)
+            assert np.array_equal(batch.engine.qvel[env], data.qvel)
+        if bool(over.any()):
+            seen["reset"] = True
+            moment = batch.reset(over)
+            for env, single in enumerate(singles):
+                if over[env]:
+                    single.reset()
+                    same_moment(moment, single.task.moment, env)
+    assert all(seen.values()), seen
+
+
+@pytest.mark.parametrize("control", ["tip", "pose"])
+def test_one_environment_agrees_with_dm_control_in_both_control_modes(control):
+    settings = config.settings(["num_envs=1", f"episode.control={control}"])
+    batch, _ = build(settings)
+    single = dm_env.load(settings)
+    act = random_controller(settings.episode.action_size, seed=3)
+    moment = batch.reset()
+    single.reset()
+    for _ in range(60):
+        action = act(moment.signals)
+        moment = batch.step(action)
+        single.step(action[0].numpy())
+        same_moment(moment, single.task.moment, 0)
+
+
+def pictures(threads, steps=6, envs=5):
+    settings = config.settings([*CAMS, f"num_envs={envs}", "seed=2"])
+    simulation, imager = build(replace(settings, engine=EngineConfig(threads=threads)))
+    act = random_controller(5, seed=0)
+    moment, seen = simulation.reset(), []
+    for _ in range(steps):
+        seen.append(imager(simulation.engine.render()))
+        moment = simulation.step(act(moment.signals))
+    return seen
+
+
+def test_images_do_not_depend_on_the_number_of_threads():
+    one, two = pictures(threads=1), pictures(threads=2)
+    for a, b in zip(one, two, strict=True):
+        assert all(torch.equal(a[name], b[name]) for name in a)
+
+
+def test_every_world_shows_every_object_in_every_frame():
+    # A render context that was spoilt at its first launch drops objects for good.
+    colours = config.settings().renderings["seg"].colours
+    for images in pictures(threads=2, steps=8):
+        flat = images["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)
+        for name, colour in colours.items():
+            counts = (flat == torch.tensor(colour, dtype=torch.uint8)).all(-1).sum(-1)
+            assert (counts >= 10).all(), (name, counts)
+
+
+@pytest.mark.parametrize("ids", [[3], [0, 2], [7, 1, 4]])
+def test_rendering_a_few_environments_gives_their_rows_of_the_whole(ids):
+    settings = config.settings([*CAMS, "num_envs=12"])
+    simulation, imager = build(settings)
+    moment = simulation.reset()
+    simulation.step(random_controller(5, seed=0)(moment.signals))
+    whole = {name: image.clone() for name, image in imager(simulation.engine.render()).items()}
+    few = imager(simulation.engine.render(torch.tensor(ids)))
+    for name, image in few.items():
+        assert torch.equal(image, whole[name][ids]), name
+
+
+def test_the_tracer_agrees_with_itself_for_depth_and_colour_of_a_shared_view():
+    # Two cameras on one view are traced once; each must see what it would see alone.
+    def look(cams):
+        settings = config.settings([f"cams=[{cams}]", "num_envs=2"])
+        simulation, imager = build(settings)
+        simulation.reset()
+        return imager(simulation.engine.render())
+
+    both = look("dep_front,seg_front")
+    assert torch.equal(both["dep_front"], look("dep_front")["dep_front"])
+    assert torch.equal(both["seg_front"], look("seg_front")["seg_front"])
+
+
+def test_the_same_seed_gives_the_same_episodes_and_another_seed_does_not():
+    def start(seed):
+        simulation, _ = build(config.settings([f"seed={seed}", "num_envs=4"]))
+        return simulation.reset().signals
+
+    assert torch.equal(start(1).pickup_point, start(1).pickup_point)
+    assert not torch.equal(start(1).pickup_point, start(2).pickup_point)
+
+
+def test_an_episode_does_not_depend_on_its_neighbours():
+    wide, _ = build(config.settings(["num_envs=6"]))
+    narrow, _ = build(config.settings(["num_envs=2"]), first_env=3)
+    act = random_controller(5, seed=0)
+    a, b = wide.reset(), narrow.reset()
+    for _ in range(40):
+        action = act(a.signals)
+        a, b = wide.step(action), narrow.step(action[3:5])
+        assert torch.equal(a.signals.needle_tip[3:5], b.signals.needle_tip)
+
+
+def test_a_needle_that_nobody_touches_stays_still():
+    settings = config.settings(["num_envs=8"])
+    simulation, _ = build(settings)
+    before = simulation.reset().signals
+    # 1,000 control steps are 10,000 physics steps; the tool stays where it is.
+    for _ in range(1000):
+        simulation.engine.step(simulation.act(torch.zeros(8, 5)))
+    after = simulation.observe().signals
+    for name in ("pickup_point", "needle_tip"):
+        moved = (getattr(after, name) - getattr(before, name)).norm(dim=-1)
+        assert moved.max() < 1e-7, (name, moved)
+
+
+@pytest.mark.parametrize("grasp", ["weld", "friction"])
+def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
+    from needlehoop.bench.stability import shake
+
+    settings = config.settings(["num_envs=40", f"episode.grasp={grasp}"])
+    found = shake(settings, episodes=40)
+    assert found.not_finite == 0
+    assert found.outside_table == 0
+    assert found.deep_contacts < 0.005 * found.steps
+
+
+def test_a_held_needle_follows_the_tool():
+    settings = config.settings(["num_envs=4"])
+    simulation, _ = build(settings)
+    script = expert(settings.task, settings.episode)
+    moment = simulation.reset()
+    while not bool(moment.signals.grasped.all()):
+        moment = simulation.step(script(moment.signals))
+    offset = moment.signals.pickup_point - moment.signals.tool_midpoint
+    for _ in range(15):
+        action = torch.zeros(4, 5, dtype=torch.float64)
+        action[:, 2], action[:, 4] = 1.0, -1.0
+        moment = simulation.step(action)
+    assert (moment.signals.pickup_point[:, 2] > 0.03).all()
+    slip = (moment.signals.pickup_point - moment.signals.tool_midpoint - offset).norm(dim=-1)
+    assert slip.max() < 1.5e-3
+
+
+def test_an_episode_is_not_begun_by_stepping():
+    simulation, _ = build(config.settings())
+    with pytest.raises(RuntimeError, match="reset"):
+        simulation.step(torch.zeros(8, 5))

@@ -1,0 +1,209 @@
+"""The environment's two faces: TorchRL and dm_control."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from dm_env import StepType, specs
+from torchrl.envs.libs.dm_control import DMControlWrapper
+from torchrl.envs.utils import check_env_specs
+
+import needlehoop
+from needlehoop import config
+from needlehoop.envs.observer import STATE_SIGNALS
+from needlehoop.envs.torchrl_env import NeedleHoopEnv
+
+
+@pytest.mark.parametrize(
+    ("cams", "overrides"),
+    [
+        (["dep_front", "seg_side"], ["obs.proprio=true"]),
+        (["rgb_default"], ["episode.control=pose", "reward=sparse"]),
+        ([], ["obs.signals=true", "episode.grasp=friction", "psm=serial"]),
+    ],
+)
+def test_specs_hold(cams, overrides):
+    env = needlehoop.make_env(cams=cams, num_envs=3, overrides=overrides)
+    check_env_specs(env)
+
+
+def test_images_are_uint8_channels_first_of_the_chosen_size():
+    env = needlehoop.make_env(
+        cams=["rgb_default", "dep_front", "seg_side", "segdep_front"],
+        num_envs=2,
+        overrides=["image_size=48"],
+    )
+    pixels = env.reset()["pixels"]
+    shapes = {name: tuple(image.shape) for name, image in pixels.items()}
+    assert shapes == {
+        "rgb_default": (2, 3, 48, 48),
+        "dep_front": (2, 4, 48, 48),
+        "seg_side": (2, 3, 48, 48),
+        "segdep_front": (2, 3, 48, 48),
+    }
+    assert all(image.dtype == torch.uint8 for image in pixels.values())
+
+
+def test_a_masked_reset_renews_only_what_it_names():
+    env = needlehoop.make_env(cams=["seg_side"], num_envs=6, overrides=["obs.signals=true"])
+    env.reset()
+    action = torch.full((6, 5), 0.5)
+    for _ in range(10):
+        stepped = env.step(env.full_action_spec.zero().set("action", action))["next"]
+    mask = torch.tensor([False, True, False, False, False, False]).unsqueeze(-1)
+    renewed = env.reset(stepped.clone().set("_reset", mask))
+    kept = ~mask.squeeze(-1)
+    for key in (("pixels", "seg_side"), "signals", "potential"):
+        assert torch.equal(renewed[key][kept], stepped[key][kept]), key
+        assert not torch.equal(renewed[key][~kept], stepped[key][~kept]), key
+
+
+def test_the_return_is_the_last_potential():
+    env = needlehoop.make_env(num_envs=3, overrides=["episode.max_steps=25"])
+    rollout = env.rollout(25)
+    total = rollout["next", "reward"].sum(1)
+    torch.testing.assert_close(total, rollout["next", "potential"][:, -1], atol=1e-5, rtol=0)
+    terms = sum(rollout["next", "terms"][:, -1].values())
+    torch.testing.assert_close(terms, rollout["next", "potential"][:, -1], atol=1e-5, rtol=0)
+
+
+def test_a_time_out_truncates_and_does_not_terminate():
+    env = needlehoop.make_env(num_envs=2, overrides=["episode.max_steps=7"])
+    rollout = env.rollout(20)
+    assert rollout.shape == (2, 7)
+    assert rollout["next", "truncated"][:, -1].all()
+    assert not rollout["next", "terminated"].any()
+
+
+def test_staggered_first_episodes_end_one_after_the_other():
+    settings = config.settings(["episode.max_steps=8"])
+    env = NeedleHoopEnv(replace(settings, num_envs=4), stagger=True)
+    rollout = env.rollout(16, break_when_any_done=False)
+    ends = [ended.nonzero().flatten().tolist() for ended in rollout["next", "truncated"][..., 0]]
+    assert ends == [[7, 15], [5, 13], [3, 11], [1, 9]]
+
+
+def test_a_staggered_episode_begins_with_its_own_frames():
+    words = ["cams=[seg_side]", "obs.frame_stack=2", "image_size=32"]
+    env = NeedleHoopEnv(replace(config.settings(words), num_envs=3), stagger=True)
+    for seed in (0, 1):
+        env.set_seed(seed)
+        older, newer = env.reset()["pixels", "seg_side"].chunk(2, dim=1)
+        assert torch.equal(older, newer)
+
+
+def test_rollouts_repeat_with_their_seed():
+    def run(seed):
+        torch.manual_seed(0)
+        env = needlehoop.make_env(cams=["dep_front"], num_envs=2, seed=seed)
+        return env.rollout(6)["pixels", "dep_front"]
+
+    assert torch.equal(run(3), run(3))
+    assert not torch.equal(run(3), run(4))
+
+
+def test_set_seed_starts_the_seed_over():
+    env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
+    env.set_seed(11)
+    first = env.reset()["signals"].clone()
+    assert not torch.equal(env.reset()["signals"], first)
+    env.set_seed(11)
+    assert torch.equal(env.reset()["signals"], first)
+
+
+def test_an_action_of_nan_is_refused_by_name():
+    env = needlehoop.make_env(num_envs=2)
+    state = env.reset()
+    state["action"] = torch.full((2, 5), float("nan"))
+    with pytest.raises(ValueError, match="action"):
+        env.step(state)
+
+
+def test_signals_are_the_whole_state_by_name():
+    env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
+    vector = env.reset()["signals"]
+    signals = env.simulation._moment(pays=False).signals
+    columns = [getattr(signals, name).float().reshape(2, -1) for name in STATE_SIGNALS]
+    assert torch.equal(vector, torch.cat(columns, -1))
+
+
+def test_dm_control_has_an_observation_per_camera():
+    env = needlehoop.load(cams=["dep_front", "seg_side"], overrides=["image_size=32"])
+    seen = env.observation_spec()
+    assert {name: spec.shape for name, spec in seen.items()} == {
+        "dep_front": (32, 32, 4),
+        "seg_side": (32, 32, 3),
+    }
+    assert isinstance(env.action_spec(), specs.BoundedArray)
+    first = env.reset()
+    assert first.step_type == StepType.FIRST
+    assert first.observation["seg_side"].dtype == np.uint8
+    second = env.step(np.zeros(5))
+    assert second.reward is not None
+
+
+def test_dm_control_ends_with_discount_one_at_a_time_out():
+    env = needlehoop.load(overrides=["episode.max_steps=3"])
+    env.reset()
+    steps = [env.step(np.zeros(5)) for _ in range(3)]
+    assert [step.last() for step in steps] == [False, False, True]
+    assert steps[-1].discount == 1.0
+
+
+def test_torchrl_wraps_the_dm_control_environment():
+    wrapped = DMControlWrapper(needlehoop.load(cams=["rgb_front"], overrides=["image_size=24"]))
+    rollout = wrapped.rollout(4)
+    assert rollout["rgb_front"].shape == (4, 24, 24, 3)
+
+
+def test_both_faces_show_the_same_image():
+    batch = needlehoop.make_env(cams=["dep_front"], num_envs=2, seed=9)
+    single = needlehoop.load(cams=["dep_front"], seed=9)
+    pixels = batch.reset()["pixels", "dep_front"][0]
+    image = single.reset().observation["dep_front"]
+    assert torch.equal(pixels.permute(1, 2, 0), torch.from_numpy(image))
+
+
+def test_dm_control_spells_out_its_observations_before_the_first_reset():
+    for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.frame_stack=2"], []):
+        env = needlehoop.load(cams=["dep_front"] if overrides else [], overrides=overrides)
+        spec = env.observation_spec()
+        seen = env.reset().observation
+        assert {k: (v.shape, v.dtype) for k, v in spec.items()} == {
+            k: (v.shape, v.dtype) for k, v in seen.items()
+        }
+
+
+def test_stacked_frames_are_the_last_ones_and_a_new_episode_repeats_its_first():
+    words = ["obs.frame_stack=3", "episode.max_steps=4"]
+    one = needlehoop.make_env(cams=["seg_side"], num_envs=2, overrides=words[1:])
+    three = needlehoop.make_env(cams=["seg_side"], num_envs=2, overrides=words)
+    plain, stacked = one.reset(), three.reset()
+    seen = [plain["pixels", "seg_side"]] * 3
+    for step in range(1, 7):
+        assert torch.equal(stacked["pixels", "seg_side"], torch.cat(seen[-3:], 1)), step
+        action = torch.full((2, 5), 0.7)
+        plain["action"], stacked["action"] = action, action.clone()
+        _, plain = one.step_and_maybe_reset(plain)
+        _, stacked = three.step_and_maybe_reset(stacked)
+        image = plain["pixels", "seg_side"]
+        seen = [image] * 3 if step == 4 else [*seen, image]
+
+
+def test_a_restored_environment_goes_on_with_the_same_bits():
+    words = ["episode.max_steps=9", "obs.frame_stack=2", "obs.proprio=true", "obs.signals=true"]
+    first, second = (
+        needlehoop.make_env(cams=["dep_front"], num_envs=3, overrides=words) for _ in range(2)
+    )
+    generator = torch.Generator().manual_seed(0)
+    actions = 2 * torch.rand(30, 3, 5, generator=generator) - 1
+    now = first.reset()
+    for action in actions[:14]:
+        _, now = first.step_and_maybe_reset(now.set("action", action))
+    second.restore(first.snapshot())
+    again = second.reset()
+    for action in actions[14:]:
+        whole, now = first.step_and_maybe_reset(now.set("action", action))
+        resumed, again = second.step_and_maybe_reset(again.set("action", action))
+        assert (whole["next"] == resumed["next"]).all()

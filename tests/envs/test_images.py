@@ -1,0 +1,172 @@
+"""Views, renderings, and what must be seen in them."""
+
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.envs.settings import build
+from needlehoop.robot import geometry as geo
+from needlehoop.scene.cameras import pose_of
+from needlehoop.task import crossing
+
+ALL = [
+    f"{r}_{v}" for r, v in product(("rgb", "dep", "seg", "segdep"), ("default", "front", "side"))
+]
+
+
+@pytest.fixture(scope="module")
+def shown():
+    settings = config.settings([f"cams=[{','.join(ALL)}]", "num_envs=40", "seed=3"])
+    simulation, imager = build(settings)
+    simulation.reset()
+    return settings, imager(simulation.engine.render())
+
+
+def pixels_of(image, colour):
+    """Pixels ``(n,)`` of a flat colour."""
+    wanted = torch.tensor(colour, dtype=torch.uint8)[:, None, None]
+    return (image == wanted).all(1).sum((1, 2))
+
+
+@pytest.mark.parametrize("view", ["default", "front", "side"])
+@pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
+def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
+    settings = config.settings([f"cams=[seg_{view}]", "num_envs=120", f"task={difficulty}"])
+    simulation, imager = build(settings)
+    simulation.reset()
+    image = imager(simulation.engine.render())[f"seg_{view}"]
+    assert pixels_of(image, settings.renderings["seg"].colours["needle"]).min() >= 20
+
+
+@pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
+def test_needle_hoop_and_jaws_stay_in_frame_over_the_workspace(difficulty):
+    settings = config.settings([f"task={difficulty}"])
+    points = np.concatenate((held_needles(settings.task), hoops(settings.task)))
+    for name, view in settings.views.items():
+        position, (w, *xyz) = pose_of(view)
+        turn = geo.to_matrix(torch.tensor([w, *xyz], dtype=torch.float64)).numpy()
+        seen = (points - position) @ turn
+        half = -seen[:, 2] * np.tan(np.deg2rad(view.fovy) / 2)
+        outside = np.abs(seen[:, :2]).max(1) / half
+        assert outside.max() <= 1.0, (name, outside.max())
+
+
+def held_needles(layout):
+    """Points of needle and jaws at every corner of the workspace, over all rolls."""
+    points = []
+    corners = product(*zip(layout.workspace_lower, layout.workspace_upper, strict=True))
+    for corner, roll in product(corners, np.linspace(-1, 1, 9) * layout.roll_range):
+        at = torch.tensor([corner], dtype=torch.float64)
+        turn = geo.about_z(torch.tensor([layout.needle_yaw + roll], dtype=torch.float64))
+        points.append(crossing.centre_line(layout, at, turn)[0].numpy())
+        points.append(np.array(corner) + 0.005 * np.array(list(product((-1, 1), (-1, 1), (0,)))))
+    return np.concatenate(points)
+
+
+def hoops(layout):
+    angle = np.linspace(0, 2 * np.pi, 24)
+    radius = layout.hoop_opening + 2 * layout.hoop_tube
+    ring = radius * np.stack((np.cos(angle), 0 * angle, np.sin(angle)), -1)
+    signs = np.array(list(product((-1, 1), repeat=3)))
+    centres = np.array(layout.hoop_position) + signs * np.array(layout.hoop_position_range)
+    return (centres[:, None] + ring).reshape(-1, 3)
+
+
+def test_a_depth_image_is_the_colour_image_with_one_more_channel(shown):
+    _, images = shown
+    assert torch.equal(images["dep_front"][:, :3], images["rgb_front"])
+    assert images["dep_front"][:, 3].float().std() > 10
+
+
+def test_nearer_is_brighter_in_the_depth_channel(shown):
+    # On the table, lower rows of the image are nearer.
+    _, images = shown
+    depth = images["dep_front"][:, 3].float()
+    assert (depth[:, -1, 2] > depth[:, -16, 2]).all()
+
+
+def test_a_flat_image_holds_the_palette_and_black_only(shown):
+    settings, images = shown
+    palette = {(0, 0, 0), *map(tuple, settings.renderings["seg"].colours.values())}
+    found = images["seg_side"].permute(0, 2, 3, 1).reshape(-1, 3).unique(dim=0)
+    assert {tuple(colour) for colour in found.tolist()} == palette
+
+
+def test_depth_shading_keeps_the_classes_and_darkens_what_is_far(shown):
+    _, images = shown
+    flat, shaded = images["seg_side"], images["segdep_side"]
+    assert torch.equal(flat.amax(1) > 0, shaded.amax(1) > 0)
+    assert (shaded <= flat).all()
+    robot = flat[:, 2] == 255
+    assert len(shaded[:, 2][robot].unique()) > 8
+
+
+def test_depth_alone_is_an_option():
+    overrides = ["cams=[dep_front]", "renderings.dep.colour=none", "num_envs=1"]
+    settings = config.settings(overrides)
+    simulation, imager = build(settings)
+    simulation.reset()
+    assert imager(simulation.engine.render())["dep_front"].shape == (1, 1, 64, 64)
+
+
+@pytest.mark.parametrize("size", [1, 17, 96])
+def test_any_size_goes(size):
+    settings = config.settings(["cams=[segdep_side]", f"image_size={size}", "num_envs=2"])
+    simulation, imager = build(settings)
+    simulation.reset()
+    assert imager(simulation.engine.render())["segdep_side"].shape == (2, 3, size, size)
+
+
+def test_views_stand_where_they_say():
+    settings = config.settings()
+    place = {name: pose_of(view)[0] - view.target for name, view in settings.views.items()}
+    front, side, default = place["front"], place["side"], place["default"]
+    assert front[1] < 0
+    assert abs(front[0]) < 1e-9
+    # Half-way between front (-y) and left (-x).
+    assert side[0] == pytest.approx(side[1])
+    assert side[0] < 0
+    # Half-way between front and top.
+    assert default[2] == pytest.approx(-default[1])
+
+
+def test_an_unknown_class_of_colours_is_refused():
+    overrides = ["cams=[seg_front]", "+renderings.seg.colours.table=[1,2,3]"]
+    with pytest.raises(ValueError, match=r"rendering\.colours: table.*needle, hoop, robot"):
+        build(config.settings(overrides))
+
+
+def test_the_tracer_sees_what_mujoco_casts_rays_at():
+    # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
+    settings = config.settings(["cams=[segdep_default,segdep_front,segdep_side]", "num_envs=1"])
+    simulation, _ = build(settings)
+    simulation.reset()
+    engine = simulation.engine
+    frames, data, size = engine.render(), engine.data(0), settings.image_size
+    at = (np.arange(size) + 0.5) / size * 2 - 1
+    for name, view in settings.views.items():
+        half = np.tan(np.deg2rad(view.fovy) / 2)
+        x, y = np.meshgrid(at * half, -at * half)
+        rays = np.stack((x, y, -np.ones_like(x)), -1).reshape(-1, 3)
+        length = np.linalg.norm(rays, axis=1)
+        position, turn = data.camera(name).xpos, data.camera(name).xmat.reshape(3, 3)
+        hits = [cast(engine.model, data, position, turn @ ray) for ray in rays / length[:, None]]
+        geom, reach = map(np.array, zip(*hits, strict=True))
+        frame = frames[name]
+        same = frame.geom[0].numpy().ravel() == geom
+        assert same.mean() > 0.999, (name, same.mean())
+        depth = frame.depth[0].numpy().ravel()
+        both = same & (geom >= 0)
+        assert np.abs(depth - reach / length)[both].max() < 1e-4, name
+
+
+def cast(model, data, position, direction):
+    """Geom and distance of a ray; mj_multiRay would lose half of the long shaft."""
+    geom = np.zeros(1, np.int32)
+    drawn = np.array([1, 1, 0, 0, 0, 0], np.uint8)
+    distance = mujoco.mj_ray(model, data, position, direction, drawn, True, -1, geom, None)
+    return int(geom[0]), distance

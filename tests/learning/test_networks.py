@@ -1,0 +1,352 @@
+"""The networks: what they read, what they write, where they start."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch.distributions import Normal
+from torch.nn.functional import pixel_unshuffle
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from needlehoop import config
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
+from needlehoop.learning.networks import HeadConfig, Trunk
+from needlehoop.learning.normalizer import Normalizer
+from needlehoop.learning.precision import convolution_dtype
+
+ENCODERS = sorted(file.stem for file in (config.CONF / "encoder").glob("*.yaml"))
+SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
+HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True, told=())
+
+
+def random_images(*shape: int) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(0)
+    return torch.randint(0, 256, shape, dtype=torch.uint8, generator=generator)
+
+
+def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> Composite:
+    """An observation spec like the environment's: channels by camera, lengths by vector."""
+    spec = Composite(shape=(n,))
+    if cameras:
+        pixels = Composite(shape=(n,))
+        for name, channels in cameras.items():
+            pixels[name] = Bounded(0, 255, shape=(n, channels, 16, 16), dtype=torch.uint8)
+        spec["pixels"] = pixels
+    for name, size in vectors.items():
+        spec[name] = Unbounded(shape=(n, size))
+    spec["potential"] = Unbounded(shape=(n, 1))
+    return spec
+
+
+def make_agent(spec: Composite, seed: int = 0) -> Agent:
+    torch.manual_seed(seed)
+    return Agent(spec, 5, SMALL, HEADS, torch.float32)
+
+
+@pytest.mark.parametrize("stem", [2, 4])
+def test_fold_is_pixel_unshuffle_with_its_channels_in_another_order(stem):
+    image = random_images(3, 4, 16, 8)
+    folded = Fold(stem)(image)
+    expected = pixel_unshuffle(image, stem)
+    assert folded.dtype == torch.uint8
+    assert folded.shape == (3, 16 // stem, 8 // stem, 4 * stem**2)
+    ours = sorted(plane.flatten().tolist() for plane in folded.unbind(-1))
+    theirs = sorted(plane.flatten().tolist() for plane in expected.unbind(1))
+    assert ours == theirs
+
+
+def test_fold_by_one_only_moves_the_channels_last():
+    image = random_images(3, 4, 6, 10)
+    assert torch.equal(Fold(1)(image), image.permute(0, 2, 3, 1))
+
+
+def test_fold_leaves_leading_dimensions_as_they_are():
+    images = random_images(2, 5, 3, 8, 8)
+    folded = Fold(2)(images)
+    assert folded.shape == (2, 5, 4, 4, 12)
+    assert torch.equal(folded[1, 3], Fold(2)(images[1, 3]))
+
+
+def make_encoder(dtype: torch.dtype) -> Encoder:
+    torch.manual_seed(0)
+    return Encoder(torch.Size((3, 16, 16)), SMALL, 8, dtype)
+
+
+def test_an_encoder_gives_a_float32_vector_per_image():
+    folded = Fold(2)(random_images(5, 3, 16, 16))
+    encoder = make_encoder(torch.float32)
+    features = encoder(folded)
+    assert features.shape == (5, 8)
+    assert features.dtype == torch.float32
+    assert features.std() > 0
+    torch.testing.assert_close(encoder(folded[2:3]), features[2:3])
+    torch.testing.assert_close(encoder(folded.view(1, 5, 8, 8, 12)), features.unsqueeze(0))
+
+
+def test_an_encoder_in_bfloat16_gives_about_the_same_in_float32():
+    folded = Fold(2)(random_images(5, 3, 16, 16))
+    exact, rough = (make_encoder(dtype)(folded) for dtype in (torch.float32, torch.bfloat16))
+    assert rough.dtype == torch.float32
+    assert not torch.equal(exact, rough)
+    torch.testing.assert_close(rough, exact, rtol=0.0, atol=0.05 * float(exact.detach().max()))
+
+
+@pytest.mark.parametrize("name", ENCODERS)
+def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size(name):
+    job = config.job(config.compose(["cams=[dep_front]", f"encoder={name}"], "config"))
+    size = job.env.image_size
+    encoder = Encoder(torch.Size((4, size, size)), job.encoder, 8, torch.float32)
+    folded = Fold(job.encoder.stem)(random_images(1, 4, size, size))
+    assert encoder(folded).shape == (1, 8)
+
+
+@pytest.mark.parametrize(
+    ("stem", "size", "multiple", "least"), [(4, 66, 4, 16), (2, 6, 2, 8), (1, 3, 1, 4)]
+)
+def test_an_image_that_does_not_fit_is_refused_with_what_would(stem, size, multiple, least):
+    narrow = EncoderConfig(name="narrow", stem=stem, channels=(4, 4), blocks=1)
+    said = rf"image_size: {size} .*encoder=narrow: .*multiple of {multiple}, at least {least}$"
+    with pytest.raises(ValueError, match=said):
+        Encoder(torch.Size((3, size, size)), narrow, 8, torch.float32)
+    Encoder(torch.Size((3, least, least)), narrow, 8, torch.float32)
+
+
+@pytest.mark.parametrize("key", ["stem", "channels", "blocks"])
+def test_an_encoder_of_nothing_is_refused_by_key(key):
+    values = {"name": "small", "stem": 2, "channels": (4,), "blocks": 1}
+    values[key] = (4, 0) if key == "channels" else 0
+    with pytest.raises(ValueError, match=rf"encoder\.{key}: .*at least 1"):
+        EncoderConfig(**values)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("hidden", 0), ("layers", 0), ("sigma", 0.0), ("sigma", float("nan"))]
+)
+def test_bad_heads_are_refused_by_key(key, value):
+    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, "told": (), key: value}
+    with pytest.raises(ValueError, match=rf"algo\.network\.{key}: "):
+        HeadConfig(**values)
+
+
+def shown_vectors() -> torch.Tensor:
+    generator = torch.Generator().manual_seed(1)
+    scale, offset = torch.tensor([0.01, 1.0, 30.0]), torch.tensor([5.0, 0.0, -2.0])
+    return torch.randn(60, 3, generator=generator) * scale + offset
+
+
+def taught_normalizer() -> Normalizer:
+    """One that was shown the vectors in chunks of different sizes and shapes."""
+    normalizer = Normalizer(3)
+    first, second, third = shown_vectors().split([7, 41, 12])
+    for chunk in (first, second, third.view(4, 3, 3)):
+        normalizer.learn(chunk)
+    return normalizer
+
+
+def test_a_normalizer_changes_nothing_before_it_was_shown_anything():
+    x = shown_vectors()
+    assert torch.equal(Normalizer(3)(x), x)
+
+
+def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():
+    normalizer, everything = taught_normalizer(), shown_vectors().double()
+    torch.testing.assert_close(normalizer.mean, everything.mean(0))
+    variance = everything.var(0, correction=0)
+    torch.testing.assert_close(normalizer.square - normalizer.mean**2, variance)
+    probe = everything.mean(0) + torch.tensor([-2.0, 0.5, 3.0]) * variance.sqrt()
+    seen = normalizer(probe.float())
+    assert seen.dtype == torch.float32
+    torch.testing.assert_close(seen, torch.tensor([-2.0, 0.5, 3.0]), atol=1e-3, rtol=0)
+
+
+def test_a_normalizer_clamps_at_five_deviations():
+    normalizer = taught_normalizer()
+    far = torch.tensor([[1e3, -1e3, 1e6], [-1e3, 1e3, -1e6]])
+    assert torch.equal(normalizer(far), 5.0 * far.sign())
+
+
+def test_a_number_that_never_changes_becomes_zero():
+    normalizer = Normalizer(2)
+    constant = torch.tensor([0.1, 1234.5]).expand(50, 2)
+    for _ in range(3):
+        normalizer.learn(constant)
+    torch.testing.assert_close(normalizer(constant), torch.zeros(50, 2), atol=1e-3, rtol=0)
+
+
+def test_looking_does_not_teach_a_normalizer():
+    normalizer = taught_normalizer()
+    before = {name: value.clone() for name, value in normalizer.state_dict().items()}
+    normalizer(shown_vectors() + 100.0)
+    assert all(torch.equal(normalizer.state_dict()[name], before[name]) for name in before)
+
+
+def test_a_normalizer_survives_its_state_dict():
+    taught, restored = taught_normalizer(), Normalizer(3)
+    restored.load_state_dict(taught.state_dict())
+    x = shown_vectors()
+    assert torch.equal(restored(x), taught(x))
+    for normalizer in (taught, restored):
+        normalizer.learn(x[:5] + 1.0)
+    assert torch.equal(restored(x), taught(x))
+
+
+def test_an_agent_reads_the_keys_it_names_and_writes_the_keys_it_names():
+    spec = observed(3, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
+    agent = make_agent(spec)
+    assert set(agent.in_keys) == {("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"}
+    acted = agent(spec.rand().select(*agent.in_keys))
+    assert set(acted.keys(include_nested=True, leaves_only=True)) == {
+        *agent.in_keys,
+        *agent.out_keys,
+    }
+    shapes = {key: tuple(acted[key].shape) for key in agent.out_keys}
+    assert shapes == {
+        ("folded", "rgb_a"): (3, 8, 8, 12),
+        ("folded", "dep_b"): (3, 8, 8, 16),
+        "hidden": (3, 16),
+        "loc": (3, 5),
+        "scale": (3, 5),
+        "action": (3, 5),
+        "action_log_prob": (3,),
+        "state_value": (3, 1),
+    }
+    assert acted["folded", "dep_b"].dtype == torch.uint8
+
+
+def test_an_agent_of_vectors_alone_needs_no_images():
+    spec = observed(4, {}, {"signals": 6})
+    agent = make_agent(spec)
+    assert list(agent.in_keys) == ["signals"]
+    acted = agent(spec.rand())
+    assert acted["action"].shape == (4, 5)
+    assert "folded" not in acted.keys()  # noqa: SIM118 - of a TensorDict
+    assert acted["state_value"].unique().numel() == 4
+
+
+def test_the_first_policy_has_the_sigma_of_the_config_whatever_it_sees():
+    spec = observed(7, {"rgb_a": 3}, {"signals": 6})
+    acted = make_agent(spec)(spec.rand())
+    torch.testing.assert_close(acted["scale"], torch.full((7, 5), 0.6))
+    assert acted["loc"].std(0).min() > 0
+
+
+def test_an_agent_acts_on_the_mean_where_exploration_is_off():
+    spec = observed(3, {}, {"signals": 6})
+    agent = make_agent(spec)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        settled = agent(spec.rand())
+    assert torch.equal(settled["action"], settled["loc"])
+    with set_exploration_type(ExplorationType.RANDOM):
+        explored = agent(settled.select("signals"))
+    assert torch.equal(explored["loc"], settled["loc"])
+    assert (explored["action"] != explored["loc"]).all()
+
+
+def test_the_log_probability_is_that_of_a_free_gaussian():
+    spec = observed(3, {}, {"signals": 6})
+    acted = make_agent(spec)(spec.rand())
+    expected = Normal(acted["loc"], acted["scale"]).log_prob(acted["action"]).sum(-1)
+    torch.testing.assert_close(acted["action_log_prob"], expected)
+
+
+def test_every_camera_has_an_encoder_of_its_own():
+    spec = observed(2, {"rgb_a": 3, "rgb_b": 3}, {})
+    agent = make_agent(spec)
+    first, second = (module for module in agent.modules() if isinstance(module, Encoder))
+    pairs = list(zip(first.parameters(), second.parameters(), strict=True))
+    assert all(ours is not theirs for ours, theirs in pairs)
+    assert not torch.equal(first.dense[0].weight, second.dense[0].weight)
+    agent(spec.rand())["hidden"].square().sum().backward()
+    for encoder in (first, second):
+        assert all(parameter.grad.abs().max() > 0 for parameter in encoder.parameters())
+
+
+def test_a_value_function_of_its_own_leaves_the_policy_alone():
+    spec = observed(2, {"rgb_a": 3}, {})
+    apart = Agent(spec, 5, SMALL, replace(HEADS, shared=False), torch.float32)
+    for key, moved in (("loc", 0), ("state_value", 1)):
+        apart.zero_grad()
+        apart(spec.rand())[key].square().sum().backward()
+        grads = [
+            [parameter.grad for parameter in trunk.parameters()]
+            for trunk in apart.modules()
+            if isinstance(trunk, Trunk)
+        ]
+        assert all(grad is not None for grad in grads[moved])
+        assert all(grad is None for grad in grads[1 - moved])
+
+
+def told(spec: Composite) -> Agent:
+    spec["facts"] = Composite(
+        {name: Binary(1, shape=(2, 1), dtype=torch.bool) for name in ("grasped", "lifted")},
+        shape=(2,),
+    )
+    return Agent(spec, 5, SMALL, replace(HEADS, told=("lifted",)), torch.float32)
+
+
+def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
+    spec = observed(2, {"rgb_a": 3}, {})
+    agent = told(spec)
+    seen = spec.rand()
+    seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
+    before = agent(seen.clone())
+    for fact, moves in (("grasped", False), ("lifted", True)):
+        other = seen.clone()
+        other["facts", fact] = ~other["facts", fact]
+        after = agent(other)
+        assert torch.equal(after["loc"], before["loc"])
+        assert torch.equal(after["state_value"], before["state_value"]) != moves
+
+
+def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
+    spec = observed(2, {"rgb_a": 3}, {})
+    agent = told(spec)
+    seen = spec.rand()
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        flown = agent.actor(seen.select("pixels"))
+        assert torch.equal(flown["action"], agent(seen)["action"])
+    assert "state_value" not in set(flown.keys())
+    assert not [name for name in agent.state_dict() if "actor" in name]
+
+
+def test_an_unknown_fact_is_refused_with_those_that_are_known():
+    spec = observed(2, {"rgb_a": 3}, {})
+    spec["facts"] = Composite({"lifted": Binary(1, shape=(2, 1), dtype=torch.bool)}, shape=(2,))
+    with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from lifted"):
+        Agent(spec, 5, SMALL, replace(HEADS, told=("held",)), torch.float32)
+
+
+def test_images_that_do_not_fit_are_refused_when_the_agent_is_made():
+    spec = observed(2, {"rgb_a": 3}, {})
+    big = EncoderConfig(name="big", stem=4, channels=(4, 4, 4), blocks=1)
+    with pytest.raises(ValueError, match=r"image_size: 16 .*encoder=big"):
+        Agent(spec, 5, big, HEADS, torch.float32)
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+@pytest.mark.parametrize(
+    ("precision", "dtype"), [("fp32", torch.float32), ("bf16", torch.bfloat16)]
+)
+def test_a_precision_by_name_is_the_same_on_every_device(precision, dtype, device):
+    assert convolution_dtype(precision, torch.device(device)) == dtype
+
+
+@pytest.mark.parametrize(("has", "dtype"), [(True, torch.bfloat16), (False, torch.float32)])
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_precision_auto_is_bfloat16_where_the_processor_has_it(monkeypatch, device, has, dtype):
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: has == (device == "cpu"))
+    monkeypatch.setattr(
+        torch.cuda, "is_bf16_supported", lambda including_emulation: has == (device == "cuda")
+    )
+    assert convolution_dtype("auto", torch.device(device)) == dtype
+
+
+def test_precision_auto_is_known_on_this_machine():
+    assert convolution_dtype("auto", torch.device("cpu")) in (torch.float32, torch.bfloat16)
+
+
+def test_an_unknown_precision_is_refused_with_those_that_are_known():
+    with pytest.raises(ValueError, match=r"precision: 'fp64' .*auto, fp32, bf16"):
+        convolution_dtype("fp64", torch.device("cpu"))

@@ -1,0 +1,288 @@
+"""Proximal policy optimisation on buffers made by hand."""
+
+import io
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.networks import HeadConfig
+from needlehoop.learning.normalizer import Normalizer
+from needlehoop.learning.ppo import Ppo, PpoConfig
+
+ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
+HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True, told=())
+ENVS, STEPS = 3, 8
+SPECS = {
+    "signals": Composite(signals=Unbounded(shape=(ENVS, 4)), shape=(ENVS,)),
+    "pixels": Composite(
+        pixels=Composite(
+            seg_a=Bounded(0, 255, shape=(ENVS, 3, 8, 8), dtype=torch.uint8), shape=(ENVS,)
+        ),
+        shape=(ENVS,),
+    ),
+}
+VALUES = {
+    "horizon": STEPS,
+    "minibatch": 6,
+    "shards": 2,
+    "epochs": 2,
+    "learning_rate": 1e-2,
+    "gamma": 0.9,
+    "lam": 0.8,
+    "beta": 1e-3,
+    "epsilon": 0.2,
+    "epsilon_end": 0.1,
+    "value_coefficient": 0.5,
+    "clip_value": True,
+    "network": HEADS,
+}
+
+
+def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
+    torch.manual_seed(seed)
+    return Agent(SPECS[seen], 2, ENCODER, HEADS, torch.float32)
+
+
+def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
+    return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed, threads=2)
+
+
+def flags(*places: tuple[int, int]) -> torch.Tensor:
+    marked = torch.zeros(ENVS, STEPS, 1, dtype=torch.bool)
+    for env, step in places:
+        marked[env, step] = True
+    return marked
+
+
+def make_buffer(
+    agent: Agent,
+    seed: int = 0,
+    terminated: torch.Tensor | None = None,
+    truncated: torch.Tensor | None = None,
+) -> TensorDict:
+    """What a collector would hand over: a new episode begins after every end."""
+    torch.manual_seed(seed)
+    terminated = flags() if terminated is None else terminated
+    truncated = flags() if truncated is None else truncated
+    done = terminated | truncated
+    spec = next(spec for spec in SPECS.values() if set(agent.in_keys) <= set(spec.keys(True, True)))
+    seen = torch.stack([spec.rand() for _ in range(STEPS)], 1)
+    following = torch.cat((seen[:, 1:], spec.rand().unsqueeze(1)), 1).clone()
+    elsewhere = torch.stack([spec.rand() for _ in range(STEPS)], 1)
+    following[done.squeeze(-1)] = elsewhere[done.squeeze(-1)]
+    with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+        buffer = agent(seen)
+    buffer["next"] = following
+    buffer["next"].update(
+        {
+            "reward": torch.randn(ENVS, STEPS, 1),
+            "done": done,
+            "terminated": terminated,
+            "truncated": truncated,
+        }
+    )
+    return buffer
+
+
+def plain_advantages(agent: Agent, buffer: TensorDict, gamma: float, lam: float) -> torch.Tensor:
+    """Generalised advantages, one step after the other; every successor is looked at anew."""
+    with torch.no_grad():
+        successors = agent(buffer["next"].select(*agent.in_keys))["state_value"]
+    ends = buffer["next"]
+    advantages = torch.zeros(ENVS, STEPS)
+    for env in range(ENVS):
+        later = 0.0
+        for step in reversed(range(STEPS)):
+            future = 0.0 if ends["terminated"][env, step] else float(successors[env, step])
+            value = float(buffer["state_value"][env, step])
+            surprise = float(ends["reward"][env, step]) + gamma * future - value
+            goes_on = not bool(ends["done"][env, step])
+            later = surprise + gamma * lam * later * goes_on
+            advantages[env, step] = later
+    return advantages.unsqueeze(-1)
+
+
+ENDINGS = {
+    "none": (flags(), flags()),
+    "time-outs": (flags(), flags((0, 3), (2, 5), (2, 7))),
+    "terminations": (flags((0, 0), (1, 4), (2, 7)), flags()),
+    "both": (flags((0, 2), (1, 5), (1, 7)), flags((0, 4), (2, 3), (2, 4))),
+    "both at once": (flags((0, 3), (1, 7)), flags((0, 3), (1, 7))),
+}
+
+
+@pytest.mark.parametrize("seen", SPECS)
+@pytest.mark.parametrize("endings", ENDINGS)
+def test_time_outs_bootstrap_and_terminations_do_not(seen, endings):
+    agent = make_agent(seen)
+    buffer = make_buffer(agent, 1, *ENDINGS[endings])
+    expected = plain_advantages(agent, buffer, VALUES["gamma"], VALUES["lam"])
+    values = buffer["state_value"].clone()
+    make_ppo(agent).update(buffer)
+    torch.testing.assert_close(buffer["value_target"], expected + values, atol=1e-5, rtol=1e-5)
+    standardised = (expected - expected.mean()) / expected.std()
+    torch.testing.assert_close(buffer["advantage"], standardised, atol=1e-4, rtol=1e-4)
+
+
+def test_both_schedules_fall_linearly_over_the_updates():
+    agent = make_agent()
+    ppo = make_ppo(agent, updates=5)
+    told = [ppo.update(make_buffer(agent, seed)) for seed in range(6)]
+    left = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0]
+    rates = [losses["learning_rate"] for losses in told]
+    assert rates == pytest.approx([1e-2 * share for share in left], abs=1e-9)
+    assert min(rates) > 0
+    epsilons = [losses["epsilon"] for losses in told]
+    assert epsilons == pytest.approx([0.1 + 0.1 * share for share in left])
+    assert ppo.done_updates == 6
+
+
+def largest_move(ppo: Ppo) -> float:
+    before = [parameter.detach().clone() for parameter in ppo.agent.parameters()]
+    ppo.update(make_buffer(ppo.agent))
+    pairs = zip(ppo.agent.parameters(), before, strict=True)
+    return max(float((now.detach() - then).abs().max()) for now, then in pairs)
+
+
+def test_the_learning_rate_that_is_told_is_the_one_that_is_used():
+    ppo = make_ppo(make_agent(), updates=2)
+    moves = [largest_move(ppo) for _ in range(3)]
+    assert moves[0] > moves[1] > 1e-4
+    assert 0 <= moves[2] < 1e-7
+
+
+def test_a_buffer_is_read_epochs_times_in_minibatches():
+    agent = make_agent()
+    ppo = make_ppo(agent, minibatch=7, epochs=3)
+    ppo.update(make_buffer(agent))
+    steps = {int(entry["step"]) for entry in ppo.state_dict()["optimizer"]["state"].values()}
+    assert steps == {3 * math.ceil(ENVS * STEPS / 7)}
+
+
+def through_a_file(state: dict) -> dict:
+    file = io.BytesIO()
+    torch.save(state, file)
+    file.seek(0)
+    return torch.load(file, weights_only=True)
+
+
+def test_an_update_after_a_restart_is_the_same_to_the_bit():
+    first = make_ppo(make_agent(seed=0), seed=3)
+    first.update(make_buffer(first.agent, 1))
+    second = make_ppo(make_agent(seed=1), seed=4)
+    second.load_state_dict(through_a_file(first.state_dict()))
+    assert second.done_updates == 1
+    buffer = make_buffer(first.agent, 2)
+    told = [ppo.update(buffer.clone()) for ppo in (first, second)]
+    assert told[0] == told[1]
+    states = [ppo.agent.state_dict() for ppo in (first, second)]
+    assert states[0].keys() == states[1].keys()
+    assert [key for key in states[0] if not torch.equal(states[0][key], states[1][key])] == []
+
+
+def test_the_seed_decides_the_minibatches():
+    def weights(seed):
+        ppo = make_ppo(make_agent(), seed=seed)
+        ppo.update(make_buffer(ppo.agent))
+        return torch.cat([parameter.detach().flatten() for parameter in ppo.agent.parameters()])
+
+    assert torch.equal(weights(0), weights(0))
+    assert not torch.equal(weights(0), weights(1))
+
+
+def test_vectors_are_standardised_by_the_buffers_that_were_learnt_from():
+    agent = make_agent()
+    ppo = make_ppo(agent)
+    buffers = [make_buffer(agent, seed) for seed in range(2)]
+    for buffer in buffers:
+        ppo.update(buffer)
+    (normalizer,) = (module for module in agent.modules() if isinstance(module, Normalizer))
+    rows = torch.cat([buffer["signals"] for buffer in buffers]).flatten(0, 1)
+    assert int(normalizer.count) == len(rows)
+    torch.testing.assert_close(normalizer.mean.float(), rows.mean(0))
+
+
+def test_values_that_foresee_everything_explain_all_variance():
+    agent = make_agent()
+    buffer = make_buffer(agent)
+    with torch.no_grad():
+        successors = agent(buffer["next"].select("signals"))["state_value"]
+    buffer["next", "reward"] = buffer["state_value"] - VALUES["gamma"] * successors
+    assert make_ppo(agent).update(buffer)["explained_variance"] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_explained_variance_is_that_of_the_collected_values():
+    agent = make_agent()
+    buffer = make_buffer(agent)
+    explained = make_ppo(agent).update(buffer)["explained_variance"]
+    left = (buffer["value_target"] - buffer["state_value"]).var() / buffer["value_target"].var()
+    assert explained == pytest.approx(1 - float(left), rel=1e-5)
+
+
+def test_constant_targets_have_no_variance_to_explain():
+    agent = make_agent()
+    everywhere = torch.ones(ENVS, STEPS, 1, dtype=torch.bool)
+    buffer = make_buffer(agent, terminated=everywhere)
+    buffer["next", "reward"] = torch.zeros(ENVS, STEPS, 1)
+    assert math.isnan(make_ppo(agent).update(buffer)["explained_variance"])
+
+
+@pytest.mark.parametrize("clip_value", [True, False])
+def test_the_policy_learns_which_action_pays(clip_value):
+    """One-step episodes that pay for an action near (0.5, -0.5)."""
+    agent = make_agent()
+    ppo = make_ppo(agent, updates=100, minibatch=ENVS * STEPS, clip_value=clip_value)
+    best = torch.tensor([0.5, -0.5])
+    everywhere = torch.ones(ENVS, STEPS, 1, dtype=torch.bool)
+    distances, told = [], []
+    for seed in range(40):
+        buffer = make_buffer(agent, seed, terminated=everywhere)
+        buffer["next", "reward"] = -(buffer["action"] - best).square().sum(-1, keepdim=True)
+        distances.append(float((buffer["loc"] - best).norm(dim=-1).mean()))
+        told.append(ppo.update(buffer))
+    assert distances[-1] < 0.6 * distances[0]
+    assert told[-1]["loss_value"] < 0.6 * told[0]["loss_value"]
+    assert all(math.isfinite(value) for losses in told for value in losses.values())
+
+
+def test_the_entropy_may_weigh_nothing():
+    agent = make_agent()
+    assert make_ppo(agent, beta=0.0).update(make_buffer(agent))["loss_entropy"] == 0
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("horizon", 0),
+        ("minibatch", 0),
+        ("epochs", -1),
+        ("learning_rate", 0.0),
+        ("learning_rate", NAN),
+        ("epsilon", -0.2),
+        ("epsilon_end", 0.0),
+        ("gamma", 1.01),
+        ("gamma", NAN),
+        ("lam", -0.1),
+        ("beta", -1e-3),
+        ("beta", NAN),
+        ("value_coefficient", -0.5),
+        ("value_coefficient", NAN),
+    ],
+)
+def test_a_bad_hyperparameter_is_refused_by_key(key, value):
+    with pytest.raises(ValueError, match=rf"^algo\.{key}: {value} "):
+        PpoConfig(**{**VALUES, key: value})
+
+
+def test_the_limits_of_the_hyperparameters_are_allowed():
+    config = PpoConfig(**{**VALUES, "horizon": 1, "gamma": 1.0, "lam": 0.0, "beta": 0.0})
+    assert (config.horizon, config.gamma, config.lam, config.beta) == (1, 1.0, 0.0, 0.0)

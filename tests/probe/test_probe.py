@@ -1,0 +1,425 @@
+"""The probe: frames, readers, scores, files and the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.cli import main as cli
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.networks import HeadConfig
+from needlehoop.probe import frames, probing
+from needlehoop.probe.charts import ranking as ranking_figure
+from needlehoop.probe.charts import view_map
+from needlehoop.probe.findings import read_findings
+from needlehoop.probe.folder import Folder
+from needlehoop.probe.frames import KINDS, PHASES, POINTS, Frames, collect
+from needlehoop.probe.grid import Grid
+from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Plan, Scope, combinations
+from needlehoop.probe.regression import Fit, Reading
+from needlehoop.probe.scores import (
+    NEEDED,
+    QUANTITIES,
+    Errors,
+    Estimate,
+    constant,
+    error,
+    errors,
+    places,
+    score,
+)
+from needlehoop.probe.tables import all_tables
+from needlehoop.scene.cameras import View
+
+TINY = ["image_size=16", "encoder.channels=[8]", "episodes.train=8", "episodes.held_out=8"]
+TINY += ["episode.max_steps=40", "fit.updates=3", "fit.minibatch=32"]
+
+
+@pytest.fixture(scope="module")
+def seen(settings: Settings) -> Frames:
+    small = replace(settings, cams=("rgb_default", "seg_front"), image_size=16, seed=5)
+    return collect(small, 8, 3, lambda _: None)
+
+
+def test_frames_show_every_phase_of_every_kind_of_episode(seen):
+    assert set(seen.phase.tolist()) == {0, 1, 2}
+    assert set(seen.episode.tolist()) == set(range(8))
+    counts = np.zeros((8, 3), dtype=int)
+    np.add.at(counts, (seen.episode.numpy(), seen.phase.numpy()), 1)
+    assert counts.max() == 3
+    experts = [i for i in range(8) if KINDS[i % len(KINDS)] == "expert"]
+    assert (counts[experts] == 3).all()
+    # Nobody grasps by chance.
+    assert counts[[i for i in range(8) if KINDS[i % len(KINDS)] == "random"], 1:].sum() == 0
+
+
+def test_frames_say_where_things_are_relative_to_the_goal(seen):
+    assert seen.points.shape == (len(seen), len(POINTS), 3)
+    tip = seen.points[:, POINTS.index("needle_tip")].norm(dim=-1)
+    assert tip.max() < 100, "millimetres on a table of a few centimetres"
+    inserting = seen.phase == PHASES.index("insert")
+    assert tip[inserting].min() < 12
+    assert tip[seen.phase == 0].min() > 15
+    assert torch.equal(seen.grasped, seen.phase > 0)
+
+
+def test_frames_are_the_pictures_of_their_moments(settings, seen):
+    """The second run of a batch must meet the moments that the first one chose."""
+    assert seen.images["rgb_default"].shape == (len(seen), 3, 16, 16)
+    assert seen.images["seg_front"].shape == (len(seen), 3, 16, 16)
+    again = collect(
+        replace(settings, cams=("seg_front",), image_size=16, seed=5), 8, 3, lambda _: None
+    )
+    assert torch.equal(again.images["seg_front"], seen.images["seg_front"])
+    assert torch.equal(again.points, seen.points)
+    # Held needles leave the table, so the pictures of the phases differ.
+    means = [seen.images["seg_front"][seen.phase == p].float().mean(0) for p in range(3)]
+    assert (means[0] - means[2]).abs().max() > 20
+
+
+def test_an_episode_does_not_depend_on_how_many_there_are(settings, monkeypatch):
+    monkeypatch.setattr(frames, "_BATCH", 4)
+    blind = replace(settings, cams=(), seed=5)
+    few, more = (collect(blind, n, 2, lambda _: None) for n in (4, 6))
+    same = more.episode < 4
+    assert len(set(more.episode.tolist())) == 6
+    assert torch.equal(more.points[same], few.points)
+
+
+def _frames(points: torch.Tensor, phase: list[int], episode: list[int]) -> Frames:
+    phases = torch.tensor(phase)
+    return Frames({}, torch.zeros(len(phase), 1), points, phases > 0, phases, torch.tensor(episode))
+
+
+def test_errors_are_distances_in_mm_by_episode_and_phase():
+    truth = torch.zeros(4, 3, 3)
+    shown = _frames(truth, [0, 0, 1, 2], [0, 0, 0, 1])
+    said = torch.zeros(4, 3, 3)
+    said[0, POINTS.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
+    said[0, POINTS.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
+    said[1, POINTS.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
+    found = errors(shown, Reading(said, torch.tensor([False, True, True, True])), 3)
+    at = {name: i for i, name in enumerate(QUANTITIES)}
+    reach = found.mean[0, 0]
+    assert reach[at["needle_tip"]] == 2.5
+    assert reach[at["tool_midpoint"]] == 1.0
+    assert reach[at["pickup_point"]] == 3.0
+    assert reach[at["tool_to_pickup"]] == 4.0
+    assert reach[at["grasped"]] == 0.5
+    assert found.frames.tolist() == [[2, 1, 0], [0, 0, 1], [0, 0, 0]]
+    assert np.isnan(found.mean[2]).all()
+    assert np.isnan(found.mean[1, 0]).all()
+
+
+def test_both_points_off_by_the_same_leaves_the_gap_right():
+    shown = _frames(torch.zeros(1, 3, 3), [0], [0])
+    found = errors(shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
+    assert found.mean[0, 0, QUANTITIES.index("tool_to_pickup")] == 0
+    assert found.mean[0, 0, 0] > 8
+
+
+def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
+    points = torch.arange(4.0).view(4, 1, 1).expand(4, 3, 3)
+    learnt = _frames(points, [0, 0, 1, 2], [0, 0, 0, 0])
+    said = constant(learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
+    assert said.points[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
+    with pytest.raises(ValueError, match=r"episodes\.train: none comes to the phase insert"):
+        constant(_frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
+
+
+def _errors(by_phase: list[float], episodes: int, spread: float, seed: int) -> Errors:
+    generator = np.random.default_rng(seed)
+    mean = np.full((episodes, 3, len(QUANTITIES)), 99.0)
+    for p, phase in enumerate(PHASES):
+        noise = generator.uniform(-spread, spread, episodes)
+        mean[:, p, QUANTITIES.index(NEEDED[phase])] = by_phase[p] + noise
+    return Errors(mean, np.ones((episodes, 3), dtype=int))
+
+
+def test_the_score_is_the_mean_over_phases_of_what_each_needs():
+    blind = _errors([10.0, 20.0, 40.0], 6, 0.0, 0)
+    found = score([_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
+    assert found.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
+    assert (found.low, found.high) == pytest.approx((found.value, found.value))
+    assert score([blind], [blind]).value == 0
+    two = score([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
+    assert two.value == pytest.approx(0.5)
+
+
+def test_intervals_narrow_with_episodes_and_hold_the_truth():
+    few, many = (error([_errors([5.0] * 3, n, 2.0, 1)], "reach", NEEDED["reach"]) for n in (8, 800))
+    assert many.high - many.low < 0.3 < few.high - few.low
+    assert many.low < 5 < many.high
+    held = 0
+    for seed in range(60):
+        found = error([_errors([5.0] * 3, 30, 2.0, seed)], "lift", NEEDED["lift"])
+        held += found.low < 5 < found.high
+    assert 49 <= held <= 60, "95 % intervals, less what a bootstrap of 30 falls short"
+
+
+def test_an_episode_without_a_phase_counts_in_the_others():
+    found, blind = _errors([5.0] * 3, 4, 0.0, 0), _errors([10.0] * 3, 4, 0.0, 0)
+    for one in (found, blind):
+        one.mean[0, 2] = np.nan
+    found.mean[1:, 2] = 2.0
+    assert score([found], [blind]).value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
+
+
+def test_what_cannot_be_separated_shares_a_place():
+    scores = {
+        "a": Estimate(0.9, 0.85, 0.95),
+        "b": Estimate(0.8, 0.75, 0.86),
+        "c": Estimate(0.74, 0.70, 0.78),
+        "d": Estimate(0.1, 0.0, 0.2),
+    }
+    assert places(scores) == {"a": (1, 2), "b": (1, 3), "c": (2, 3), "d": (4, 4)}
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ([], "nothing to probe"),
+        (["rgb_default", "rgb_default"], "rgb_default is named twice"),
+        (["rgb_default+rgb_default"], "named twice"),
+        (["rgb_top"], "view: 'top' is unknown; choose from default, front, side"),
+        (["x_front"], "rendering: 'x' is unknown"),
+        ([[]], "nothing to probe"),
+    ],
+)
+def test_bad_combinations_are_named(settings, given, match):
+    with pytest.raises(ValueError, match=match):
+        combinations(given, settings)
+
+
+def test_combinations_are_names_with_plus_or_lists(settings):
+    wanted = (("dep_front", "seg_side"), ("rgb_front",))
+    assert combinations(["dep_front+seg_side", "rgb_front"], settings) == wanted
+    assert combinations("dep_front+seg_side,rgb_front", settings) == wanted
+    assert combinations([["dep_front", "seg_side"], ["rgb_front"]], settings) == wanted
+
+
+def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **more) -> Plan:
+    return Plan(
+        env=settings,
+        combinations=combinations(given, settings),
+        encoder=EncoderConfig("tiny", 4, (16,), 1),
+        heads=HeadConfig(64, 1, 1.0, True, ()),
+        episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
+        fit=Fit(updates, 64, 2e-3),
+        scope=Scope(1, str(folder), "probe", False, "cpu", "fp32"),
+    )
+
+
+def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path):
+    """The synthetic case: the same camera, and one that looks at the empty air behind it."""
+    away = replace(settings.views["default"], target=(0.0, -3.0, 0.5))
+    scene = replace(settings, views={**settings.views, "away": away}, image_size=32)
+    plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
+    folder = Folder(tmp_path / "probe", {"fit": 1}, False)
+    probing.probe(plan, folder)
+    found = read_findings(folder, 1)
+    assert found.ranked == ("seg_default", "seg_away")
+    assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
+    assert found.scores["seg_default"].low > 0.15
+    # The frames of one phase look alike to it: it can't be better than a constant.
+    assert found.scores["seg_away"].high < 0.1
+    assert found.scores[CONSTANT] == Estimate(0.0, 0.0, 0.0)
+    assert found.scores[TRUTH].value > found.scores["seg_default"].value
+
+
+def _run(tmp_path: Path, *words: str) -> int:
+    return cli.main(["probe", f"results={tmp_path}", *TINY, *words])
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {str(f.relative_to(folder)): f.read_bytes() for f in folder.rglob("*") if f.is_file()}
+
+
+def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
+    assert _run(tmp_path, "cams=rgb_default,dep_front+seg_side") == 0
+    out = capsys.readouterr().out
+    assert "DEP (F) + SEG (S)" in out
+    assert "true state" in out
+    assert "seed 0  seed 1" in out
+    folder = tmp_path / "probe"
+    names = {"constant.csv", "signals.csv", "rgb_default.csv", "dep_front+seg_side.csv"}
+    assert {file.name for file in (folder / "seed1").iterdir()} == names
+    for name in ("ranking.png", "ranking.svg", "ranking.md", "phases.csv", "agreement.tex"):
+        assert (folder / name).stat().st_size > 100
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["memory_gb"] > 0
+    rows = _rows(folder / "seed0" / "rgb_default.csv")
+    assert [row["kind"] for row in rows[:4]] == list(KINDS)
+    assert not list(folder.rglob("*.partial"))
+
+
+def test_a_stopped_probe_goes_on_to_the_same_bits(tmp_path, monkeypatch, capsys):
+    whole, halved = tmp_path / "a", tmp_path / "b"
+    cams = "cams=rgb_default,seg_side"
+    assert _run(whole, cams, "seeds=1", "engine.threads=2") == 0
+    saves = []
+    save = Folder.save
+
+    def stop(self: Folder, seed: int, name: str, found: Errors) -> None:
+        if len(saves) == 2:
+            raise KeyboardInterrupt
+        saves.append(name)
+        save(self, seed, name, found)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Folder, "save", stop)
+        assert _run(halved, cams, "seeds=1", "engine.threads=1") == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    assert len(list((halved / "probe").rglob("seed*/*.csv"))) == 2
+    assert _run(halved, cams, "seeds=1", "engine.threads=1") == 0
+    ours, theirs = _files(halved / "probe"), _files(whole / "probe")
+    assert ours.keys() == theirs.keys()
+    differ = [name for name in ours if ours[name] != theirs[name]]
+    assert set(differ) <= {"manifest.json", "config.yaml"}
+
+
+def test_more_combinations_are_added_and_nothing_is_done_twice(tmp_path, monkeypatch):
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
+    before = (tmp_path / "probe" / "seed0" / "rgb_default.csv").stat().st_mtime_ns
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
+    folder = tmp_path / "probe"
+    assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
+    assert {"RGB (D)", "SEG (S)"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
+    done = (folder / "manifest.json").read_bytes()
+    monkeypatch.setattr(probing, "collect", None)
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0, "all there: nothing to collect"
+    assert (folder / "manifest.json").read_bytes() == done, "it took nothing"
+
+
+def test_the_manifest_counts_the_time_of_all_calls(tmp_path, capsys):
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
+    path = tmp_path / "probe" / "manifest.json"
+    path.write_text(json.dumps({"wall_time": 5000.0, "memory_gb": 900.0}))
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
+    manifest = json.loads(path.read_text())
+    assert 5000 < manifest["wall_time"] < 6000
+    assert manifest["memory_gb"] == 900
+    assert manifest["command"][-2:] == ["cams=seg_side", "seeds=1"]
+    assert _run(tmp_path, "cams=seg_side", "seeds=1", "overwrite=true") == 0
+    assert json.loads(path.read_text())["wall_time"] < 1000
+    path.write_text('{"wall')
+    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 2
+    assert f"{path} is damaged" in capsys.readouterr().err
+
+
+def test_a_folder_of_something_else_or_other_settings_is_left_alone(tmp_path, capsys):
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
+    before = _files(tmp_path)
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1", "task=wide") == 2
+    assert "another task; choose another study=" in capsys.readouterr().err
+    assert _files(tmp_path) == before
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "mine.txt").write_text("mine")
+    assert _run(tmp_path, "study=notes") == 2
+    assert "holds files but no probe" in capsys.readouterr().err
+    assert _run(tmp_path, "study=notes", "overwrite=true") == 2
+    assert (tmp_path / "notes" / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "match"),
+    [
+        (["seeds=0"], "seeds: 0 must be at least 1"),
+        (["seeds=two"], "seeds"),
+        (["fit.updates=0"], "fit.updates"),
+        (["episodes.train=1"], "episodes.train"),
+        (["image_size=3"], "image_size"),
+        (["overwrite=maybe"], "overwrite"),
+        (["cams=rgb_top"], "choose from default, front, side"),
+        (["grid.like=top", "--grid", "views"], "grid.like: 'top' is unknown"),
+        (["grid.azimuths=[0]", "--grid", "views"], "grid.azimuths"),
+        (["grid.elevations=[95,99]", "--grid", "views"], "elevation: 95"),
+        (["episodes.more=1"], "more"),
+    ],
+)
+def test_bad_settings_stop_before_anything_is_written(tmp_path, capsys, words, match):
+    assert cli.main(["probe", f"results={tmp_path}", *words]) == 2
+    assert match in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_torn_file_is_named(tmp_path, capsys):
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
+    torn = tmp_path / "probe" / "seed0" / "rgb_default.csv"
+    torn.write_bytes(torn.read_bytes()[:500])
+    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 2
+    assert str(torn) in capsys.readouterr().err
+
+
+def test_a_grid_of_views_is_probed_and_mapped(tmp_path):
+    grid = ["grid.azimuths=[-30,0,30]", "grid.elevations=[20,50]", "seeds=1"]
+    assert _run(tmp_path, *grid, "--grid", "views") == 0
+    folder = tmp_path / "probe" / "views_rgb"
+    assert (folder / "map.png").exists()
+    names = {file.stem for file in (folder / "seed0").iterdir()} - {CONSTANT, TRUTH}
+    assert names == {f"rgb_az{a}-el{e}" for a in (-30, 0, 30) for e in (20, 50)}
+
+
+def test_a_grid_view_like_a_named_one_is_that_view(settings):
+    own = settings.views["side"]
+    grid = Grid("rgb", "side", own.fovy, (0.0, own.azimuth), (own.elevation, 60.0))
+    assert grid.views(settings.views)[f"az{own.azimuth:g}-el{own.elevation:g}"] == own
+
+
+def test_the_map_puts_each_score_where_its_camera_stands():
+    scores = {(a, e): a + e for a in (-30.0, 0.0, 60.0) for e in (10.0, 40.0)}
+    view = View((0.0, 0.0, 0.0), 0.0, 45.0, 0.4, 20.0, 0.3, 0.5)
+    figure = view_map(scores, (-30.0, 0.0, 60.0), (10.0, 40.0), {"default": view}, "score")
+    said = {t.get_position(): t.get_text() for t in figure.axes[0].texts}
+    assert said[60.0, 10.0] == "70.00"
+    assert said[-30.0, 40.0] == "10.00"
+    edges = figure.axes[0].collections[0].get_coordinates()
+    assert edges[0, :, 0].tolist() == [-45.0, -15.0, 30.0, 90.0]
+
+
+def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
+    """A probe that finds the paper's own returns agrees with them wholly."""
+    from needlehoop.study import paper
+
+    folder = Folder(tmp_path / "probe", {"fit": 1}, False)
+    blind = _errors([10.0] * 3, 12, 0.0, 0)
+    folder.save(0, CONSTANT, blind)
+    folder.save(0, TRUTH, _errors([0.1] * 3, 12, 0.0, 0))
+    for name, value in paper.measured().items():
+        folder.save(0, name, _errors([10.0 - value] * 3, 12, 0.0, 0))
+    found = read_findings(folder, 1)
+    tables = {table.name: table for table in all_tables(found)}
+    rows = [row for row in tables["agreement"].rows if row[1] == "the paper's measured"]
+    assert [row[2] for row in rows] == ["5", "5", "6", "14"]
+    assert {row[3] for row in rows[:3]} == {"1.00"}
+    assert {(row[6], row[7], row[8]) for row in rows} == {("yes", "yes", "0.00")}
+    vlm = [row for row in tables["agreement"].rows if row[1] == "the paper's VLM"]
+    # As the paper's VLM agrees with the paper's own measurements.
+    assert [row[3] for row in vlm] == ["0.60", "0.60", "0.60"]
+    first = tables["ranking"].rows[0]
+    assert first[1] == "DEP (F) + SEG (S)"
+    assert tables["ranking"].rows[-1][1] == "constant"
+    axes = ranking_figure(found).axes
+    assert axes[0].get_yticklabels()[0].get_text() == "DEP (F) + SEG (S)"
+    assert len(tables["phases"].rows) == 16 * len(PHASES) * len(QUANTITIES)
+
+
+def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp_path):
+    plan = _plan(settings, tmp_path, ["rgb_default"], 1)
+    seeds = [seed for k in range(5) for seed in plan.episode_seeds(k)]
+    job = config.compose([], "job")
+    evaluation = job["evaluation"]["seed"]
+    assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3

@@ -1,0 +1,482 @@
+"""Programs that want out, or want the machine: each is refused, soon and cheaply."""
+
+from __future__ import annotations
+
+import ast
+import time
+import tracemalloc
+
+import pytest
+
+from needlehoop.rewards.language.grammar import MAX_SOURCE, ProgramError, parse
+from needlehoop.rewards.language.program import compile_program
+
+OK = "reward = elapsed\n"
+
+
+def inside(expression: str) -> str:
+    return f"reward = {expression}"
+
+
+HOSTILE: dict[str, list[str]] = {
+    "attributes": [
+        inside("goal.shape"),
+        inside("goal.__class__"),
+        inside("().__class__.__bases__"),
+        inside("().__class__.__mro__"),
+        inside("goal.__class__.__subclasses__()"),
+        inside("distance.__globals__"),
+        inside("exp.__self__"),
+        inside("(1).__class__"),
+        inside("1.0.real"),
+        inside("1..real"),
+        inside("elapsed.data"),
+        inside("elapsed.numpy()"),
+        inside("elapsed.add_(1)"),
+        inside("elapsed.storage().data_ptr()"),
+        "goal.data = tool_midpoint\n" + OK,
+        "reward.x = 1",
+        "goal.x += 1\n" + OK,
+    ],
+    "dunders and builtins": [
+        inside("__import__"),
+        inside("__builtins__"),
+        inside("__name__"),
+        inside("__import__(0)"),
+        inside("eval(elapsed)"),
+        inside("exec(elapsed)"),
+        inside("compile(elapsed, elapsed, elapsed)"),
+        inside("open(0)"),
+        inside("input()"),
+        inside("print(elapsed)"),
+        inside("getattr(goal, elapsed)"),
+        inside("globals()"),
+        inside("locals()"),
+        inside("vars()"),
+        inside("dir(goal)"),
+        inside("type(goal)"),
+        inside("help()"),
+        inside("breakpoint()"),
+        inside("exit()"),
+        inside("sum(goal)"),
+        inside("range(9)"),
+        inside("torch"),
+        inside("signals"),
+        inside("self"),
+        "__x = 1\n" + OK,
+        "_ = 1\n" + OK,
+    ],
+    "the verdict": [
+        inside("threaded"),
+        inside("touched"),
+        inside("9 if threaded else 0"),
+        inside("elapsed + touched"),
+        "threaded = True\n" + OK,
+        "if threaded:\n    reward = 1\nelse:\n    reward = 0",
+    ],
+    "shadowed names": [
+        "goal = 1\n" + OK,
+        "grasped = True\n" + OK,
+        "elapsed += 1\n" + OK,
+        "distance = 1\n" + OK,
+        "exp = exp(1)\n" + OK,
+        "clip = 0\n" + OK,
+        "x = 1\n" + OK,
+        "where = elapsed\n" + OK,
+        "touched = grasped\n" + OK,
+        "True = 1\n" + OK,
+        "if lifted:\n    goal = 1\n" + OK,
+        inside("distance"),
+        inside("exp + 1"),
+    ],
+    "strings": [
+        inside("'a'"),
+        inside('"a"'),
+        inside("'''a'''"),
+        inside("'%s' % elapsed"),
+        inside("'{0.__class__}'.format(goal)"),
+        inside("f'{goal}'"),
+        inside("f'{().__class__}'"),
+        inside("rb'a'"),
+        inside("b'a'"),
+        inside("u'a'"),
+        inside("'a' 'b'"),
+        inside("'\\N{DIGIT ONE}'"),
+        '"""a docstring"""\n' + OK,
+        "'unterminated\n" + OK,
+        '"""unterminated\n' + OK,
+    ],
+    "collections": [
+        inside("[1]"),
+        inside("[1][0]"),
+        inside("{}"),
+        inside("{1}"),
+        inside("{1: 2}"),
+        inside("()"),
+        inside("(1,)"),
+        inside("1, 2"),
+        inside("goal[0]"),
+        inside("goal[:, 0]"),
+        inside("goal[...]"),
+        inside("goal[0, :]"),
+        inside("..."),
+        "...\n" + OK,
+        "a[0] = 1\n" + OK,
+        "a, b = 1, 2\n" + OK,
+        "(a, b) = 1\n" + OK,
+        "[a] = 1\n" + OK,
+        "a = b = 1\n" + OK,
+        "*a, = goal\n" + OK,
+        "a, *b = goal\n" + OK,
+    ],
+    "comprehensions and loops": [
+        inside("[i for i in goal]"),
+        inside("{i for i in goal}"),
+        inside("{i: i for i in goal}"),
+        inside("(i for i in goal)"),
+        inside("max(i for i in goal)"),
+        inside("max(1, (i for i in goal))"),
+        "for i in goal:\n    reward = i",
+        "while True:\n    reward = 1",
+        "while 1:\n    pass",
+        "break\n" + OK,
+        "continue\n" + OK,
+    ],
+    "statements": [
+        "import os\n" + OK,
+        "import os as goal\n" + OK,
+        "from os import system\n" + OK,
+        "from os import *\n" + OK,
+        "from . import x\n" + OK,
+        "from __future__ import annotations\n" + OK,
+        "def f():\n    return 1\n" + OK,
+        "def reward(): return 1",
+        "async def f():\n    await 1\n" + OK,
+        "class C:\n    reward = 1\n" + OK,
+        "@exp\ndef f(): return 1\n" + OK,
+        "lambda: 1\n" + OK,
+        "global reward\n" + OK,
+        "nonlocal reward\n" + OK,
+        "del goal\n" + OK,
+        "del reward\n" + OK,
+        "assert True\n" + OK,
+        "raise 1\n" + OK,
+        "return 1",
+        "yield 1",
+        "await goal",
+        "pass\n" + OK,
+        "try:\n    reward = 1\nexcept:\n    reward = 0",
+        "with goal as g:\n    reward = 1",
+        "match goal:\n    case _:\n        reward = 1",
+        "match elapsed:\n    case 1:\n        reward = 1",
+        "type T = int\n" + OK,
+        "type T[X] = int\n" + OK,
+        "def f[T](): return 1\n" + OK,
+        "print elapsed\n" + OK,
+        "exec elapsed\n" + OK,
+        "elapsed\n" + OK,
+        "exp(elapsed)\n" + OK,
+        "reward: float = 1",
+        "reward: exit()",
+        "a: 1\n" + OK,
+        "reward = 1; reward = 2",
+        "if lifted: reward = 1",
+        "if (a := elapsed) > 0:\n    reward = 1\nelse:\n    reward = 0",
+    ],
+    "expressions": [
+        inside("(a := 1)"),
+        inside("max(a := 1, 2)"),
+        inside("lambda: 1"),
+        inside("(lambda: 1)()"),
+        inside("await goal"),
+        inside("(yield)"),
+        inside("(yield from goal)"),
+        inside("None"),
+        inside("elapsed is elapsed"),
+        inside("elapsed is not elapsed"),
+        inside("elapsed in goal"),
+        inside("elapsed not in goal"),
+        inside("goal @ goal"),
+        inside("elapsed // 2"),
+        inside("elapsed % 2"),
+        inside("1 << 9"),
+        inside("1 >> 9"),
+        inside("1 | 2"),
+        inside("1 & 2"),
+        inside("1 ^ 2"),
+        inside("~1"),
+        inside("!grasped"),
+        inside("grasped && lifted"),
+        inside("grasped ? 1 : 0"),
+        inside("`elapsed`"),
+        inside("$elapsed"),
+        inside("1 <> 2"),
+        inside("elapsed -> 1"),
+        inside("exp(*goal)"),
+        inside("max(*goal)"),
+        inside("max(1, *goal)"),
+        inside("max(**goal)"),
+        inside("exp(a=1)"),
+        inside("clip(elapsed, lo=0, hi=1)"),
+        inside("exp(exp)(1)"),
+        inside("(exp)(1)(2)"),
+        inside("(exp if grasped else log)(1)"),
+        inside("elapsed()"),
+        inside("1()"),
+        inside("exp()"),
+        inside("exp(1, 2)"),
+        inside("max(1)"),
+        inside("component(goal, 9)"),
+        inside("component(goal, 0 - 1)"),
+        inside("component(goal, -1)"),
+        inside("component(goal, elapsed)"),
+        inside("component(goal, 0.5)"),
+        inside("component(goal, True)"),
+        "reward **= 9\n" + OK,
+        "reward += 1",
+        "a //= 2\n" + OK,
+        "a @= 2\n" + OK,
+    ],
+    "kinds": [
+        inside("goal"),
+        inside("goal + 1"),
+        inside("goal * goal"),
+        inside("1 / goal"),
+        inside("goal ** 2"),
+        inside("goal < goal"),
+        inside("not elapsed"),
+        inside("elapsed and grasped"),
+        inside("1 if elapsed else 0"),
+        inside("goal if grasped else 0"),
+        inside("distance(goal, needle_quat)"),
+        inside("distance(goal, elapsed)"),
+        inside("x(needle_quat)"),
+        inside("exp(goal)"),
+        inside("where(elapsed, 1, 0)"),
+        "if elapsed:\n    reward = 1\nelse:\n    reward = 0",
+        "if grasped:\n    reward = 1",
+        "if grasped:\n    a = 1\nreward = a",
+        "if grasped:\n    a = 1\nelse:\n    a = goal\nreward = 0",
+        "",
+        "\n\n",
+        "# nothing",
+        "a = 1",
+    ],
+    "numbers": [
+        inside("1j"),
+        inside("1e999"),
+        inside("1e7"),
+        inside("9" * 25),
+        inside("9" * 5000),
+        inside("0x" + "f" * 20),
+        inside("0b1"),
+        inside("0o7"),
+        inside("1_000"),
+        inside("007"),
+        inside("1if grasped else 0"),
+        inside("0x1for x in goal"),
+        inside("elapsed ** 9"),
+        inside("elapsed ** 999999"),
+        inside("9 ** 9 ** 9"),
+        inside("9 ** 999999"),
+        inside("elapsed ** elapsed"),
+        inside("elapsed ** -9"),
+        inside("2 ** (4 * 4)"),
+        inside("elapsed ** True"),
+        inside("10 ** 8 ** 8"),
+    ],
+    "characters": [
+        "reward\0 = 1",
+        OK + "\0",
+        "\0" * 100,
+        "\ufeff" + OK,
+        inside("еlapsed"),
+        "rеward = 1",
+        inside("ｅｌａｐｓｅｄ"),
+        inside("𝓮lapsed"),
+        inside("ﬁnite"),
+        inside("elapsed\u200b"),
+        inside("elapsed\u202e"),
+        "# \u202e hidden\n" + OK,
+        "# \0 hidden\n" + OK,
+        "# \f hidden\n" + OK,
+        inside("１"),
+        inside("٣"),
+        inside("2 × 3"),
+        inside("2 − 3"),
+        inside("elapsed²"),
+        "reward\u00a0= 1",
+        "reward = 1\u2028reward = 2",
+        "reward =\t1",
+        "if grasped:\n\treward = 1\nelse:\n        reward = 0",
+        "reward = 1\f",
+        "\freward = 1",
+        "reward = 1\v",
+        "reward = 1\r\nreward = 2",
+        "reward = 1\rimport os",
+        "reward = 1\x1a",
+        "reward = 1\x1b[2J",
+        "reward = \\\n1",
+        "reward = 1 \\",
+        "\\\nreward = 1",
+        "\udcff" + OK,
+        inside("\ud800"),
+    ],
+    "encoding cookies": [
+        "# -*- coding: utf-7 -*-\nreward = +AGEAYg-",
+        "# coding: rot13\nerjneq = 1",
+    ],
+    "layout": [
+        " reward = 1",
+        "if grasped:\nreward = 1",
+        "if grasped:\n    reward = 1\n  reward = 2",
+        "else:\n    reward = 1",
+        "reward =",
+        "reward = (1",
+        "reward = 1)",
+        "reward = (1]",
+        "if grasped\n    reward = 1",
+        "= 1",
+        "1 = reward",
+        "exp(1) = 2",
+        "reward = 1 +",
+        "reward == 1",
+    ],
+    "size": [
+        "#" * 10_000_000,
+        "a" * 10_000_000,
+        "(" * 10_000_000,
+        "\n" * 10_000_000,
+        "reward = 1\n" * 1_000_000,
+        inside("1" + " + 1" * 2_500_000),
+        "é" * 5_000_000,
+        "#" * (MAX_SOURCE + 1),
+        "a = 1\n" * 101 + OK,
+        inside("a" * 41),
+        inside(" + ".join(["elapsed"] * 200)),
+        "\n".join(f"a{i} = {' + '.join(['elapsed'] * 40)}" for i in range(30)) + "\n" + OK,
+    ],
+    "depth": [
+        inside("(" * 21 + "1" + ")" * 21),
+        inside("(" * 4000 + "1" + ")" * 4000),
+        inside("(" * 9000),
+        inside("exp(" * 1000 + "1" + ")" * 1000),
+        inside("[" * 4000 + "]" * 4000),
+        inside("{" * 4000),
+        inside("-" * 9000 + "1"),
+        inside("-" * 200 + "1"),
+        inside("- " * 4000 + "1"),
+        inside("+" * 9000 + "1"),
+        inside("~" * 9000 + "1"),
+        inside("not " * 2000 + "grasped"),
+        inside("not " * 200 + "grasped"),
+        inside("1" + "+1" * 4000),
+        inside("1" + "-1" * 100),
+        inside("1" + "*1" * 4000),
+        inside("1" + "**1" * 3000),
+        inside("1" + "**1" * 100),
+        inside("grasped" + " and grasped" * 800),
+        inside("1" + " < 1" * 2000),
+        inside("1 if grasped else " * 500 + "1"),
+        inside("1 if grasped else " * 70 + "1"),
+        inside("goal" + ".x" * 4000),
+        inside("exp" + "()" * 4000),
+        inside("exp" + "(1)" * 60),
+        inside("lambda: " * 1000 + "1"),
+        inside("a = " * 2000 + "1"),
+        "a = " * 140 + "1",
+        "".join(" " * i + "if grasped:\n" for i in range(90)) + " " * 90 + OK,
+        "".join(" " * i + "if grasped:\n" for i in range(17)) + " " * 17 + OK + OK,
+        "if grasped:\n    reward = 1\n" + "elif lifted:\n    reward = 1\n" * 300,
+        "if grasped:\n    reward = 1\n"
+        + "elif lifted:\n    reward = 1\n" * 17
+        + "else:\n    "
+        + OK,
+        " " * 9000 + OK,
+        "if grasped:\n" + " " * 65 + OK + OK,
+    ],
+}
+
+CASES = [
+    pytest.param(source, id=f"{category} {number}")
+    for category, sources in HOSTILE.items()
+    for number, source in enumerate(sources)
+]
+
+
+def refused(source: str) -> ProgramError:
+    with pytest.raises(ProgramError) as found:
+        compile_program(source)
+    return found.value
+
+
+def test_there_are_enough_of_them():
+    assert len({case.values[0] for case in CASES}) >= 150
+
+
+def test_what_they_are_built_from_is_accepted():
+    """So that none is refused for its frame."""
+    assert compile_program(OK).terms == ("reward",)
+    assert compile_program(inside("elapsed")).terms == ("reward",)
+    assert compile_program(f"a = 1\n{OK}").terms == ("reward",)
+
+
+@pytest.mark.parametrize("source", CASES)
+def test_it_is_refused_soon(source):
+    began = time.process_time()
+    error = refused(source)
+    assert time.process_time() - began < 1.0
+    assert isinstance(error, ValueError)
+    assert str(error) == f"line {error.line}, column {error.column}: {error.reason}"
+    assert 1 <= error.line <= source.count("\n") + 1
+    assert 1 <= error.column <= max(map(len, source.split("\n"))) + 1
+    # A reason is a line that a person or a model can act on, not an echo of the attack.
+    assert 5 < len(error.reason) < 500
+    assert error.reason.isprintable()
+
+
+@pytest.mark.parametrize("category", ["size", "depth", "numbers"])
+def test_little_memory_is_used(category):
+    for source in HOSTILE[category]:
+        tracemalloc.start()
+        try:
+            refused(source)
+            _, peak = tracemalloc.get_traced_memory()
+        finally:
+            tracemalloc.stop()
+        assert peak < 8e6
+
+
+def test_the_longest_program_is_cheap_too():
+    """What is within every bound compiles in time and memory that do not matter."""
+    lines = [f"a{i} = {' * '.join(['jaw'] * 15)} + {i}" for i in range(60)]
+    source = "\n".join([*lines, "reward = a1"])
+    source += "\n#" + "-" * (MAX_SOURCE - len(source) - 2)
+    assert len(source) == MAX_SOURCE
+    tracemalloc.start()
+    began = time.process_time()
+    try:
+        compile_program(source)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - began < 2.0
+    assert peak < 16e6
+    refused(source + "-")
+
+
+def test_the_parser_never_sees_what_is_not_in_the_language(monkeypatch):
+    seen = []
+    real = ast.parse
+
+    def watch(source: str) -> ast.Module:
+        seen.append(source)
+        return real(source)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ast, "parse", watch)
+        parse(OK)
+        for category in ("strings", "characters"):
+            for source in HOSTILE[category]:
+                refused(source)
+    assert seen == [OK]

@@ -1,0 +1,427 @@
+"""What programs say, and what they are worth."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import settings as tried
+
+from needlehoop import config, rewards
+from needlehoop.bench.program import PROGRAM
+from needlehoop.rewards.language.functions import FUNCTIONS, describe_functions
+from needlehoop.rewards.language.grammar import ProgramError
+from needlehoop.rewards.language.program import Program, compile_program
+from needlehoop.scene.signals import TABLE, Signals, vocabulary
+from needlehoop.vlm.gates import random_signals
+
+N = 7
+
+
+@pytest.fixture(scope="module")
+def signals() -> Signals:
+    return random_signals(N, seed=3)
+
+
+def value_of(expression: str, signals: Signals) -> torch.Tensor:
+    terms = compile_program(f"reward = {expression}")(signals)
+    assert list(terms) == ["reward"]
+    return terms["reward"]
+
+
+def refused(source: str) -> ProgramError:
+    with pytest.raises(ProgramError) as found:
+        compile_program(source)
+    return found.value
+
+
+def test_the_human_reward_can_be_said(signals):
+    human = rewards.load(config.compose([])["reward"])
+    many = random_signals(500, seed=1)
+    # Nearer than random, so that no term is all zeros.
+    many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis
+    many.needle_tip = many.goal - 0.01 * many.hoop_axis
+    said, meant = compile_program(PROGRAM)(many), human(many)
+    assert list(said) == list(meant)
+    for name in meant:
+        assert meant[name].abs().max() > 0.1
+        torch.testing.assert_close(said[name], meant[name], rtol=1e-14, atol=1e-14)
+
+
+# Each expression beside what it means for one environment, as numpy says it.
+MEANT = {
+    "elapsed + 2 * jaw - jaw_command / 4": lambda s: s.elapsed + 2 * s.jaw - s.jaw_command / 4,
+    "-(elapsed - 3)": lambda s: 3 - s.elapsed,
+    "+elapsed": lambda s: s.elapsed,
+    "jaw ** 2": lambda s: s.jaw**2,
+    "elapsed ** 0.5": lambda s: math.sqrt(s.elapsed),
+    "elapsed ** -1": lambda s: 1 / s.elapsed,
+    "distance(goal, needle_tip)": lambda s: np.linalg.norm(s.goal - s.needle_tip),
+    "distance(tool_quat, needle_quat)": lambda s: np.linalg.norm(s.tool_quat - s.needle_quat),
+    "norm(joints)": lambda s: np.linalg.norm(s.joints),
+    "dot(hoop_axis, needle_tip - goal)": lambda s: s.hoop_axis @ (s.needle_tip - s.goal),
+    "x(goal) + 10 * y(goal) + 100 * z(goal)": lambda s: s.goal @ [1, 10, 100],
+    "component(joints, 5)": lambda s: s.joints[5],
+    "z(rotate(tool_quat, vector(0, 0, 1)))": lambda s: (
+        1 - 2 * (s.tool_quat[1] ** 2 + s.tool_quat[2] ** 2)
+    ),
+    "norm(vector(1, elapsed, 2))": lambda s: np.linalg.norm([1, s.elapsed, 2]),
+    "norm(2 * goal - goal / 4)": lambda s: np.linalg.norm(1.75 * s.goal),
+    "norm(-goal * elapsed)": lambda s: np.linalg.norm(s.goal * s.elapsed),
+    "clip(jaw, -1, 1)": lambda s: np.clip(s.jaw, -1, 1),
+    "exp(jaw)": lambda s: np.exp(s.jaw),
+    "log(elapsed)": lambda s: np.log(s.elapsed),
+    "sqrt(elapsed)": lambda s: np.sqrt(s.elapsed),
+    "tanh(jaw)": lambda s: np.tanh(s.jaw),
+    "abs(jaw)": lambda s: abs(s.jaw),
+    "min(jaw, elapsed, 0.2)": lambda s: min(s.jaw, s.elapsed, 0.2),
+    "max(jaw, elapsed)": lambda s: max(s.jaw, s.elapsed),
+    "where(jaw > 0, 1, elapsed)": lambda s: 1 if s.jaw > 0 else s.elapsed,
+    "norm(where(lifted, goal, hoop_axis))": lambda s: np.linalg.norm(
+        s.goal if s.lifted else s.hoop_axis
+    ),
+    "norm(goal if lifted else vector(3, 0, 4))": lambda s: (
+        np.linalg.norm(s.goal) if s.lifted else 5
+    ),
+    "2 if grasped else 1 if lifted else 0": lambda s: 2 if s.grasped else 1 if s.lifted else 0,
+    "grasped": lambda s: s.grasped,
+    "3 * grasped + lifted": lambda s: 3 * s.grasped + s.lifted,
+    "grasped and not lifted or jaw > 1": lambda s: (s.grasped and not s.lifted) or s.jaw > 1,
+    "-1 < jaw <= 1": lambda s: -1 < s.jaw <= 1,
+    "0.5 > elapsed >= 0.1 != jaw": lambda s: 0.5 > s.elapsed >= 0.1,
+    "grasped == lifted": lambda s: s.grasped == s.lifted,
+    "jaw_1_touch != jaw_2_touch": lambda s: s.jaw_1_touch != s.jaw_2_touch,
+    "(1 + 2) * 3 - 8 / 4": lambda s: 7,
+    "True": lambda s: 1,
+    "1 + (2 if True else 0) - 1": lambda s: 2,
+    "0 * elapsed + (2 if False else 3)": lambda s: 3,
+    "norm(vector(3, 4, 0))": lambda s: 5,
+    "(\n  elapsed  # so far\n  + 1\n)": lambda s: s.elapsed + 1,
+}
+
+
+class One:
+    """One environment's signals, in numpy."""
+
+    def __init__(self, signals: Signals, index: int):
+        for name in TABLE:
+            value = getattr(signals, name)[index].numpy()
+            setattr(self, name, value if value.ndim else value.item())
+
+
+@pytest.mark.parametrize("expression", MEANT)
+def test_an_expression_is_worth_what_it_says(expression, signals):
+    found = value_of(expression, signals)
+    assert found.shape == (N,)
+    assert found.dtype == torch.float64
+    meant = [float(MEANT[expression](One(signals, i))) for i in range(N)]
+    assert found.tolist() == pytest.approx(meant, rel=1e-12, abs=1e-15)
+
+
+def test_the_examples_call_every_function():
+    assert {name for name in FUNCTIONS if any(f"{name}(" in e for e in MEANT)} == set(FUNCTIONS)
+
+
+@pytest.mark.parametrize("expression", MEANT)
+def test_a_row_of_a_batch_is_what_it_is_alone(expression, signals):
+    program = compile_program(f"reward = {expression}")
+    together = program(signals)["reward"]
+    for index in range(N):
+        assert program(signals[index : index + 1])["reward"].item() == together[index].item()
+
+
+BRANCHES = """
+a = 0
+b = jaw
+if elapsed < 0.25:
+    a = 1
+elif elapsed < 0.5:
+    a = 2
+    b = 10
+    if lifted:
+        a += 0.5
+        b *= 2
+else:
+    c = 3 * elapsed
+    a = c
+reward = a + b
+"""
+
+
+def test_ifs_choose_in_each_environment():
+    many = random_signals(200, seed=8)
+    terms = compile_program(BRANCHES)(many)
+    cases = set()
+    for i in range(200):
+        elapsed, lifted = float(many.elapsed[i]), bool(many.lifted[i])
+        a, b = 0.0, float(many.jaw[i])
+        if elapsed < 0.25:
+            a = 1.0
+        elif elapsed < 0.5:
+            a, b = (2.5, 20.0) if lifted else (2.0, 10.0)
+        else:
+            a = 3 * elapsed
+        cases.add((elapsed < 0.25, elapsed < 0.5, lifted))
+        assert (terms["a"][i], terms["b"][i]) == (a, b)
+    assert len(cases) == 6
+
+
+def test_a_branch_that_is_not_taken_leaves_nothing_behind():
+    source = "if elapsed > 0:\n    reward = log(elapsed)\nelse:\n    reward = 0 / elapsed + 7"
+    source = source.replace("0 / elapsed + ", "")
+    signals = random_signals(2, seed=0)
+    signals.elapsed = torch.tensor([0.0, 1.0], dtype=torch.float64)
+    assert compile_program(source)(signals)["reward"].tolist() == [7.0, 0.0]
+
+
+def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
+    one = "if lifted:\n    d = 1\n    reward = d\nelse:\n    reward = 0\n"
+    assert compile_program(one).terms == ("reward",)
+    error = refused(one + "reward = reward + d")
+    assert (error.line, error.column) == (6, 19)
+    assert "'d' has no value yet where the if on line 1 goes the other way" in error.reason
+
+
+INNER = "if grasped:\n        d = 1"
+
+
+@pytest.mark.parametrize(
+    ("then", "other", "line"), [(INNER, "d = 2", 2), ("d = 2", INNER, 4), (INNER, INNER, 2)]
+)
+def test_a_variable_of_one_inner_branch_has_no_value_after_either(then, other, line):
+    error = refused(f"if lifted:\n    {then}\nelse:\n    {other}\nreward = d")
+    assert f"'d' has no value yet where the if on line {line} goes" in error.reason
+
+
+@pytest.mark.parametrize(
+    ("end", "terms"),
+    [
+        ("reward = a + b + c", ("a", "b", "c")),
+        ("reward = (a + b) + c", ("a", "b", "c")),
+        ("reward = a + grasped", ("a", "grasped")),
+        ("reward = a + b\nc = 5\na = 6", ("a", "b")),
+        ("reward = 1\nreward = a + b", ("a", "b")),
+        ("reward = a", ("reward",)),
+        ("reward = a - b", ("reward",)),
+        ("reward = a + 2 * b", ("reward",)),
+        ("reward = a + 1", ("reward",)),
+        ("reward = a + a", ("reward",)),
+        ("reward = a + b\nreward += c", ("reward",)),
+        ("reward = a + b\nreward = reward + c", ("reward",)),
+        ("reward = a + b\nif lifted:\n    reward = 0", ("reward",)),
+        ("if lifted:\n    reward = a + b\nelse:\n    reward = 0", ("reward",)),
+    ],
+)
+def test_terms_are_the_names_of_the_last_sum(end, terms, signals):
+    program = compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}")
+    assert program.terms == terms
+    found = program(signals)
+    assert tuple(found) == terms
+    assert all(term.shape == (N,) and term.dtype == torch.float64 for term in found.values())
+    if end.startswith("reward = a + b\nc = 5"):
+        torch.testing.assert_close(found["a"], signals.jaw, rtol=0, atol=0)
+
+
+def test_terms_do_not_share_memory_with_the_signals(signals):
+    before = signals.clone()
+    for term in compile_program("reward = elapsed + jaw")(signals).values():
+        term += 1
+    assert compile_program("reward = 3")(signals)["reward"].add_(1).tolist() == [4.0] * N
+    assert bool((signals == before).all())
+
+
+def test_what_is_not_finite_is_passed_on(signals):
+    assert value_of("log(0 * jaw)", signals).tolist() == [-math.inf] * N
+    assert value_of("1 / (0 * elapsed)", signals).tolist() == [math.inf] * N
+    assert value_of("sqrt(-1)", signals).isnan().all()
+
+
+@pytest.mark.parametrize(
+    ("source", "line", "column", "reason"),
+    [
+        ("reward = gaol", 1, 10, "'gaol' is unknown; signals: tool_midpoint"),
+        ("a = 1\nreward = a * b", 2, 14, "variables: a"),
+        ("reward = 1 if threaded else 0", 1, 15, "verdict"),
+        ("reward = cos(jaw)", 1, 10, "'cos' is no function; choose from distance"),
+        ("reward = distance(goal)", 1, 10, "1 arguments; distance(u, v)"),
+        ("reward = exp(goal)", 1, 14, "a 3-vector, where exp(a) takes a number"),
+        ("reward = goal + 1", 1, 10, "+ between a 3-vector and a number"),
+        ("reward = 1 if jaw else 0", 1, 15, "a number, where a condition takes a truth value"),
+        ("reward = jaw.shape", 1, 13, "attributes"),
+        ("a = 1\ngoal = a", 2, 1, "'goal' is a signal"),
+        ("reward = jaw ** elapsed", 1, 17, "exponent"),
+        ("reward = (", 1, 10, "not Python"),
+        ("a = 1", 1, 1, "'reward' is assigned nowhere"),
+        ("if lifted:\n    reward = 1", 2, 1, "only one branch"),
+    ],
+)
+def test_a_refusal_says_where_and_why(source, line, column, reason):
+    error = refused(source)
+    assert (error.line, error.column) == (line, column)
+    assert reason in error.reason
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) == f"line {line}, column {column}: {error.reason}"
+
+
+def test_every_signal_but_the_verdicts_can_be_read(signals):
+    for name, row in vocabulary().items():
+        value_of(f"norm({name})" if row.shape else name, signals)
+    for name in TABLE.keys() - vocabulary().keys():
+        assert "verdict" in refused(f"reward = {name}").reason
+
+
+def test_programs_are_equal_by_their_source():
+    one, same, other = (compile_program(f"reward = {n}") for n in (1, 1, 2))
+    assert one == same != other
+    assert hash(one) == hash(same)
+    assert one.source == "reward = 1"
+    assert "reward = 1" in repr(one)
+
+
+def test_nothing_is_computed_twice_or_in_vain():
+    d = "distance(goal, needle_tip)"
+    once = len(compile_program(f"reward = exp({d})").code.steps)
+    source = f"unused = norm(joints)\na = {d}\nreward = exp({d}) if True else a"
+    assert len(compile_program(source).code.steps) == once + 1
+
+
+def test_the_table_of_functions_is_printed():
+    lines = describe_functions().splitlines()
+    assert len(lines) == len(FUNCTIONS)
+    for line, (name, function) in zip(lines, FUNCTIONS.items(), strict=True):
+        assert line.startswith(f"{name}(")
+        assert line.endswith(function.meaning)
+
+
+# Programs drawn from the grammar, sensible or not.
+
+NAMES = st.sampled_from(["a", "b", "c", "reward", *vocabulary()])
+NUMBERS = st.sampled_from(["0", "1", "2.5", "1e-3", "1000000", "True", "False"])
+
+
+def calls(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    return st.builds(
+        lambda name, given: f"{name}({', '.join(given)})",
+        st.sampled_from(list(FUNCTIONS)),
+        st.lists(inner, min_size=1, max_size=3),
+    )
+
+
+EXPRESSIONS = st.recursive(
+    NAMES | NUMBERS,
+    lambda inner: st.one_of(
+        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner),
+        st.builds(
+            "({} {} {})".format,
+            inner,
+            st.sampled_from(["<", "<=", ">", ">=", "==", "!=", "and", "or"]),
+            inner,
+        ),
+        st.builds("({} ** {})".format, inner, st.sampled_from(["2", "-1", "0.5", "9"])),
+        st.builds("({} if {} else {})".format, inner, inner, inner),
+        st.builds("(-{})".format, inner),
+        st.builds("(not {})".format, inner),
+        calls(inner),
+    ),
+    max_leaves=6,
+)
+FITTING = st.recursive(
+    st.sampled_from(["a", "b", "jaw", "elapsed", "lifted", "norm(goal)", "z(needle_tip)", "0.5"]),
+    lambda inner: st.one_of(
+        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner),
+        st.builds("({} if {} < {} else {})".format, inner, inner, inner, inner),
+        st.builds("{}({})".format, st.sampled_from(["exp", "log", "sqrt", "tanh"]), inner),
+        st.builds("max({}, {})".format, inner, inner),
+        st.builds("distance(goal, {} * tool_midpoint)".format, inner),
+        st.builds("({}) ** 2".format, inner),
+    ),
+    max_leaves=6,
+)
+"""Expressions whose kinds fit."""
+ANYTHING = FITTING | FITTING | FITTING | EXPRESSIONS
+CONDITIONS = st.one_of(
+    st.sampled_from(["grasped", "lifted", "jaw > 0", "0 < elapsed <= 0.5", "not jaw_1_touch"]),
+    st.builds("{} > {}".format, FITTING, FITTING),
+)
+ASSIGNMENTS = st.builds(
+    "{} {} {}".format,
+    st.sampled_from(["a", "b", "c", "reward"]),
+    st.sampled_from(["=", "=", "=", "+=", "*="]),
+    ANYTHING,
+)
+
+
+def branch(condition: str, then: str, other: str | None) -> str:
+    text = f"if {condition}:\n    {then}"
+    return text if other is None else f"{text}\nelse:\n    {other}"
+
+
+STATEMENTS = ASSIGNMENTS | st.builds(branch, CONDITIONS, ASSIGNMENTS, st.none() | ASSIGNMENTS)
+PROGRAMS = st.builds(
+    lambda lines, end: "\n".join(["a = 1", "b = jaw", "c = grasped", "reward = 0", *lines, end]),
+    st.lists(STATEMENTS, max_size=3),
+    st.builds("reward = {}".format, ANYTHING | st.just("a + b + c")),
+)
+
+
+def compiled(source: str) -> Program | None:
+    """The program, or none where it is refused; anything else is raised."""
+    try:
+        return compile_program(source)
+    except ProgramError:
+        return None
+
+
+ACCEPTED: list[str] = []
+
+
+@given(PROGRAMS)
+@tried(max_examples=120)
+def test_what_is_accepted_gives_a_number_per_environment(source):
+    program = compiled(source)
+    if program is None:
+        return
+    ACCEPTED.append(source)
+    for n in (1, 5):
+        terms = program(random_signals(n, seed=2))
+        assert tuple(terms) == program.terms
+        for term in terms.values():
+            assert term.shape == (n,)
+            assert term.dtype == torch.float64
+
+
+def test_the_drawn_programs_are_not_all_refused():
+    """Runs after the test above, which would prove nothing if they were."""
+    assert len(set(ACCEPTED)) > 40
+    assert any("if " in source for source in ACCEPTED)
+
+
+WORDS = [
+    "if",
+    "else:",
+    "elif",
+    "not",
+    "and",
+    "lambda",
+    "import",
+    "for",
+    "reward",
+    "goal",
+    "exp(",
+    "1",
+    "0.5",
+    "1e9",
+    "**",
+]
+PIECES = st.sampled_from([*"+-*/()=<>,:.#\n \t'\"[]{}@;%&|~!\\\0é\ud800", "    ", *WORDS])
+
+
+@given(st.lists(PIECES, max_size=20).map("".join) | st.text(max_size=60))
+@tried(max_examples=400)
+def test_any_text_is_compiled_or_refused(text):
+    compiled(text)

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from torch import Tensor
+
+from needlehoop import config, rewards
+from needlehoop.rewards.human import Human
+from needlehoop.scene.signals import TABLE, Signals
+from needlehoop.task.facts import is_terminated
+from needlehoop.task.start import draws, start
+
+BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[str, dict]:
+    """The values of each reward's YAML."""
+    return {kind: config.compose([f"reward={kind}"])["reward"] for kind in rewards.REWARDS}
+
+
+@pytest.fixture(scope="module")
+def human(values) -> Human:
+    reward = rewards.load(values["human"])
+    assert isinstance(reward, Human)
+    return reward
+
+
+def signals_of(**given) -> Signals:
+    """Signals of one environment: all points at the origin, all facts false, but for ``given``."""
+    fields = {}
+    for name, signal in TABLE.items():
+        kind = torch.bool if signal.unit == "bool" else torch.float64
+        fields[name] = torch.zeros(1, *signal.shape, dtype=kind)
+        if name in given:
+            fields[name][0] = torch.as_tensor(given[name], dtype=kind)
+    return Signals(**fields, batch_size=[1])
+
+
+PERFECT = {"grasped": True, "lifted": True, "touched": True, "threaded": True, "elapsed": 0.25}
+FAR = (0.3, 0.0, 0.0)
+
+
+def terms_of(reward, **given) -> dict[str, float]:
+    return {name: float(term) for name, term in reward(signals_of(**given)).items()}
+
+
+def total(reward, **given) -> float:
+    return float(rewards.potential(reward(signals_of(**given))))
+
+
+# The human reward.
+
+
+def test_the_human_terms_have_their_names(human):
+    assert list(terms_of(human)) == ["grasp", "lift", "hoop", "closed", "time"]
+
+
+def test_a_perfect_state_is_worth_nine_less_the_time(human):
+    assert total(human, **PERFECT) == pytest.approx(9.0 - human.time * 0.25)
+
+
+def test_the_start_is_worth_little(human, layout, episode):
+    """The paper's reward begins at 0: nothing to be had from waiting."""
+    drawn = np.stack([draws(0, env, 0) for env in range(500)])
+    begun = start(layout, torch.from_numpy(drawn))
+    worth = [
+        total(
+            human,
+            tool_midpoint=one.tool,
+            pickup_point=one.needle[:3],
+            lift_position=one.lift,
+            needle_tip=one.needle[:3],
+            goal=one.hoop,
+            jaw_command=one.jaw,
+        )
+        for one in begun
+    ]
+    assert min(worth) > 0
+    assert max(worth) < 1.0
+
+
+DISTANCES = {
+    "grasp": ("tool_midpoint", {}),
+    "lift": ("lift_position", {"grasped": True}),
+    "hoop": ("goal", {"lifted": True}),
+}
+
+
+@pytest.mark.parametrize("term", DISTANCES)
+def test_nearer_is_worth_more_until_the_tolerance(human, term):
+    moved, facts = DISTANCES[term]
+    away = np.linspace(0.0, 0.1, 41)
+    worth = [terms_of(human, **{moved: (0.0, d, 0.0)}, **facts)[term] for d in away]
+    within = away <= human.tolerance
+    assert 1 < within.sum() < len(away)
+    full = getattr(human, term)
+    assert [worth[i] for i in range(len(away)) if within[i]] == [full] * int(within.sum())
+    outside = np.array(worth)[~within]
+    assert (np.diff(outside) < 0).all()
+    assert (outside < full).all()
+    assert (outside > 0).all()
+
+
+@pytest.mark.parametrize("term", DISTANCES)
+def test_a_distance_falls_off_at_the_rate(human, term):
+    moved, facts = DISTANCES[term]
+    half = human.tolerance + math.log(2) / human.rate
+    assert terms_of(human, **{moved: (half, 0, 0)}, **facts)[term] == pytest.approx(
+        getattr(human, term) / 2
+    )
+
+
+def test_beyond_reach_nothing_changes(human):
+    short = replace(human, reach=0.01)
+    worth = [terms_of(short, tool_midpoint=(d, 0, 0))["grasp"] for d in (0.02, 0.03, 3.0)]
+    assert worth[0] == worth[1] == worth[2] > 0
+
+
+def test_what_is_grasped_or_lifted_is_paid_in_full_at_any_distance(human):
+    far = {"tool_midpoint": FAR, "lift_position": FAR}
+    assert terms_of(human, **far)["grasp"] < 0.01
+    assert terms_of(human, grasped=True, **far)["grasp"] == human.grasp
+    assert terms_of(human, **far)["lift"] < 0.01
+    assert terms_of(human, lifted=True, **far)["lift"] == human.lift
+
+
+@given(st.tuples(*[st.floats(-0.1, 0.1)] * 3))
+def test_the_hoop_pays_nothing_before_the_lift(human, tip):
+    assert terms_of(human, needle_tip=tip, grasped=True)["hoop"] == 0.0
+    assert terms_of(human, needle_tip=tip, grasped=True, lifted=True)["hoop"] > 0.0
+
+
+@pytest.mark.parametrize("grasped", [True, False])
+@pytest.mark.parametrize(
+    ("share", "closed"), [(0.0, True), (0.99, True), (1.0, False), (8.0, False)]
+)
+def test_the_closed_bonus_needs_a_grasp_and_a_closed_command(human, grasped, share, closed):
+    paid = terms_of(human, grasped=grasped, jaw_command=share * human.closed_below)["closed"]
+    assert paid == (human.closed if grasped and closed else 0.0)
+
+
+def test_time_costs(human):
+    costs = [terms_of(human, elapsed=e)["time"] for e in (0.0, 0.5, 1.0)]
+    assert costs == pytest.approx([0.0, -human.time / 2, -human.time])
+    assert human.time > 0
+
+
+@pytest.mark.parametrize("verdict", ["touched", "threaded"])
+@pytest.mark.parametrize("base", [{}, PERFECT, {"grasped": True, "goal": (0.01, 0.0, 0.0)}])
+def test_the_human_reward_does_not_see_the_verdict(human, verdict, base):
+    with_it, without = {**base, verdict: True}, {**base, verdict: False}
+    assert terms_of(human, **with_it) == terms_of(human, **without)
+
+
+@BOTH
+def test_a_reward_does_not_decide_success(values, episode, kind):
+    """Scoring leaves the signals as they were, whatever the reward."""
+    reward = rewards.load(values[kind])
+    for given_ in ({}, PERFECT):
+        signals = signals_of(**given_)
+        before = signals.clone()
+        reward(signals)
+        assert bool((signals == before).all())
+        assert bool(is_terminated(episode, signals)) == given_.get("threaded", False)
+
+
+# The sparse one.
+
+
+def test_the_sparse_reward_pays_success_alone(values):
+    sparse = rewards.load({"kind": "sparse", "success": 5.0})
+    almost = {**PERFECT, "threaded": False}
+    assert terms_of(sparse, **almost) == {"success": 0.0}
+    assert terms_of(sparse, **PERFECT) == {"success": 5.0}
+
+
+# Both.
+
+
+@BOTH
+def test_terms_are_a_number_per_environment(values, kind):
+    reward = rewards.load(values[kind])
+    signals = torch.cat([signals_of(), signals_of(**PERFECT), signals_of(grasped=True)])
+    terms = reward(signals)
+    assert all(term.shape == (3,) and term.dtype == torch.float64 for term in terms.values())
+    assert rewards.potential(terms).shape == (3,)
+    for index, one in enumerate([{}, PERFECT, {"grasped": True}]):
+        assert float(rewards.potential(terms)[index]) == total(reward, **one)
+
+
+def test_the_potential_is_the_sum_of_the_terms():
+    def term(*numbers: float) -> Tensor:
+        return torch.tensor(numbers, dtype=torch.float64)
+
+    terms = {"a": term(1.0, 2.0), "b": term(10.0, 20.0), "c": term(-0.5, 0.25)}
+    assert rewards.potential(terms).tolist() == [10.5, 22.25]
+    assert terms["a"].tolist() == [1.0, 2.0]
+    assert rewards.potential({"a": term(3.0)}).tolist() == [3.0]
+
+
+@pytest.mark.parametrize("kind", ["humane", None, "", "Human"])
+def test_an_unknown_kind_is_refused_with_the_valid_ones(values, kind):
+    with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
+        rewards.load({**values["human"], "kind": kind})
+
+
+def test_a_reward_without_a_kind_is_refused(values):
+    without = {key: value for key, value in values["human"].items() if key != "kind"}
+    with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
+        rewards.load(without)
+
+
+def test_a_missing_value_is_refused_by_name(values):
+    without = {key: value for key, value in values["human"].items() if key != "rate"}
+    with pytest.raises(ValueError, match=r"reward: rate missing.*human takes closed"):
+        rewards.load(without)
+
+
+def test_an_unknown_value_is_refused_by_name(values):
+    with pytest.raises(ValueError, match=r"reward: bonus .*unknown; sparse takes success"):
+        rewards.load({**values["sparse"], "bonus": 1.0})
+
+
+@pytest.mark.parametrize("value", ["2", None, True, [1.0]])
+def test_a_value_that_is_no_number_is_refused_by_name(values, value):
+    with pytest.raises(ValueError, match=r"reward\.grasp: .*not a number"):
+        rewards.load({**values["human"], "grasp": value})
+
+
+@BOTH
+def test_loading_leaves_the_config_as_it_was(values, kind):
+    before = dict(values[kind])
+    rewards.load(values[kind])
+    assert values[kind] == before

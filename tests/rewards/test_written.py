@@ -1,0 +1,206 @@
+"""Rewards that are loaded from programs."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import pytest
+import torch
+
+import needlehoop
+from needlehoop import config, rewards
+from needlehoop.rewards import written
+from needlehoop.rewards.language.program import compile_program
+from needlehoop.rewards.written import Written, find
+from needlehoop.vlm.gates import random_signals
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """An empty folder to work in, with recordings of its own; writes programs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(written, "RECORDINGS", tmp_path / "recordings")
+    (tmp_path / "recordings" / "paper").mkdir(parents=True)
+
+    def write(where: str, value: float = 1) -> None:
+        folder = "recordings/paper" if where.startswith("rewards/") else "results"
+        file = tmp_path / folder / where
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"a = {value}\nb = 2\nreward = a + b\n")
+
+    return write
+
+
+def worth(reward: rewards.Reward) -> float:
+    return float(rewards.potential(reward(random_signals(1, seed=0)))[0])
+
+
+def loaded(*words: str, name: str = "env") -> rewards.Reward:
+    return rewards.load(config.compose(words, name)["reward"])
+
+
+def test_a_file_is_loaded(place, tmp_path):
+    (tmp_path / "mine.txt").write_text("reward = 4.5")
+    assert worth(loaded("reward=file", "reward.path=mine.txt")) == 4.5
+    env = needlehoop.make_env(reward="file", num_envs=2, overrides=["reward.path=mine.txt"])
+    assert env.reset()["terms", "reward"].flatten().tolist() == [4.5, 4.5]
+
+
+@pytest.mark.parametrize("order", ["dep_front,seg_side", "seg_side,dep_front"])
+def test_a_set_of_cameras_has_a_program_in_any_order(place, order):
+    place("rewards/dep_front+seg_side/image.txt", 3)
+    place("rewards/dep_front/image.txt", 4)
+    assert worth(loaded("reward=vlm_img", f"cams=[{order}]")) == 5
+    assert worth(loaded("reward=vlm_img", "cams=[dep_front]")) == 6
+
+
+def test_the_studys_program_comes_before_the_recordings(place):
+    place("rewards/dep_front/image.txt", 3)
+    place("mine/vlm/rewards/dep_front/image.txt", 4)
+    words = ["reward=vlm_img", "cams=[dep_front]"]
+    assert worth(loaded(*words, "study=mine", name="job")) == 6
+    assert worth(loaded(*words, name="job")) == 5
+    assert worth(loaded(*words, "reward.study=mine")) == 6
+
+
+def test_a_text_program_serves_any_cameras_unless_they_have_their_own(place):
+    place("rewards/any/text.txt", 3)
+    place("rewards/dep_front/text.txt", 4)
+    place("rewards/any/image.txt", 5)
+    assert worth(loaded("reward=vlm_text", "cams=[rgb_side]")) == 5
+    assert worth(loaded("reward=vlm_text", "cams=[dep_front]")) == 6
+    with pytest.raises(ValueError, match="no image reward is recorded for rgb_side"):
+        loaded("reward=vlm_img", "cams=[rgb_side]")
+
+
+def test_a_missing_program_names_the_command_that_makes_it(place):
+    place("rewards/dep_front+seg_side/image.txt")
+    with pytest.raises(ValueError, match="no image reward") as found:
+        config.settings(["reward=vlm_img", "cams=[rgb_front,seg_side]"])
+    said = str(found.value)
+    assert (
+        "needlehoop vlm reward 'cams=[rgb_front,seg_side]' flavour=image study=main vlm=gemini"
+        in said
+    )
+    assert "there is dep_front+seg_side" in said
+
+
+def test_a_camera_that_does_not_exist_is_called_that(place):
+    with pytest.raises(ValueError, match="rgb_top"):
+        config.settings(["reward=vlm_img", "cams=[rgb_top]"])
+
+
+def test_find_says_where_the_text_came_from(place, tmp_path):
+    place("s/vlm/rewards/a+b/image.txt", 7)
+    source = find(["b", "a"], "image", "s", "results", None)
+    assert source.text.startswith("a = 7\n")
+    assert Path(source.origin) == Path("results/s/vlm/rewards/a+b/image.txt")
+
+
+@pytest.mark.parametrize(
+    ("flavour", "recording", "said"),
+    [("picture", "paper", "choose from text, image"), ("image", "papre", "choose from paper")],
+)
+def test_an_unknown_name_is_refused_with_the_valid_ones(place, flavour, recording, said):
+    with pytest.raises(ValueError, match=said):
+        find(["a"], flavour, "s", "results", recording)
+
+
+def test_two_folders_of_the_same_cameras_are_refused(place):
+    for order in ("a+b+c", "b+a+c"):
+        place(f"s/vlm/rewards/{order}/image.txt")
+    with pytest.raises(ValueError, match="the same cameras; remove one"):
+        find(["c", "b", "a"], "image", "s", "results", None)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"reward = gaol", r"mine.txt, line 1, column 10: 'gaol' is unknown"),
+        (b"\xff\xfe", "not UTF-8"),
+    ],
+)
+def test_a_bad_file_is_refused_by_name(place, tmp_path, text, said):
+    (tmp_path / "mine.txt").write_bytes(text)
+    with pytest.raises(ValueError, match=said):
+        loaded("reward=file", "reward.path=mine.txt")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["reward.path=none.txt"], "reward.path: 'none.txt': No such file"),
+        ([], "reward.path"),
+        (["reward.path=mine.txt", "reward.clip=true"], "reward.clip: True"),
+        (["reward.path=mine.txt", "reward.clip=[3,1]"], "reward.clip: "),
+        (["reward.path=mine.txt", "+reward.bonus=1"], "bonus missing or unknown; file takes"),
+    ],
+)
+def test_a_bad_value_is_refused_by_its_key(place, tmp_path, words, said):
+    (tmp_path / "mine.txt").write_text("reward = 1")
+    with pytest.raises(ValueError, match=said):
+        config.settings(["reward=file", *words])
+
+
+def test_clipping_is_a_term_of_its_own(place, tmp_path):
+    (tmp_path / "mine.txt").write_text("a = 20 * jaw\nb = 1\nreward = a + b")
+    words = ["reward=file", "reward.path=mine.txt"]
+    signals = random_signals(200, seed=0)
+    plain, clip = (loaded(*words, *more)(signals) for more in ([], ["reward.clip=[0,11]"]))
+    assert list(plain) == ["a", "b"]
+    assert list(clip) == ["a", "b", "clipped"]
+    before = rewards.potential(plain)
+    assert float(before.min()) < 0
+    assert float(before.max()) > 11
+    torch.testing.assert_close(rewards.potential(clip), before.clamp(0, 11), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1 / elapsed", "log(elapsed)", "sqrt(elapsed - 1)"])
+def test_a_term_that_is_not_finite_stops_the_environment(place, tmp_path, text):
+    (tmp_path / "mine.txt").write_text(f"good = 1\nbad = {text}\nreward = good + bad")
+    with pytest.raises(rewards.RewardError, match=r"term 'bad' of the program from mine\.txt"):
+        needlehoop.make_env(reward="file", num_envs=2, overrides=["reward.path=mine.txt"])
+
+
+def test_a_good_environment_is_named_apart_from_a_bad_one():
+    signals = random_signals(3, seed=0)
+    signals.elapsed = torch.tensor([0.5, 0.0, 0.5], dtype=torch.float64)
+    reward = Written(compile_program("reward = 1 / elapsed"), "here")
+    with pytest.raises(rewards.RewardError, match=r"inf in environments \[1\]"):
+        reward(signals)
+
+
+def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
+    file = tmp_path / "mine.txt"
+    file.write_text("reward = 1")
+    values = config.compose(["reward=file", "reward.path=mine.txt"])["reward"]
+    pinned = rewards.pin(values)
+    file.unlink()
+    assert worth(rewards.load(pinned)) == 1
+    assert rewards.pin(pinned) == pinned
+    assert values["program"] is None
+    assert rewards.text(rewards.load(pinned)) == "# From mine.txt.\nreward = 1"
+    human = config.compose([])["reward"]
+    assert rewards.pin(human) == human
+
+
+def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
+    """As far as the run's folder: what is trained is stubbed out."""
+    place("rewards/dep_front/image.txt", 3)
+    module = runpy.run_path(str(ROOT / "train.py"), run_name="train")
+    start = module["start"]
+    made = []
+    monkeypatch.setitem(start.__globals__, "train", lambda job, run, *_: made.append((job, run)))
+    values = config.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
+    values.pop("hydra", None)
+    start(values, [])
+    (job, run), *_ = made
+    assert run.folder == Path("results/s/dep_front/vlm_img/seed0")
+    record = (run.folder / "reward.txt").read_text()
+    assert record.endswith("a = 3\nb = 2\nreward = a + b\n")
+    (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
+    assert worth(rewards.load(job.env.reward)) == 5
+    assert worth(rewards.load(config.job(run.config()).env.reward)) == 5

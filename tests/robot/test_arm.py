@@ -1,0 +1,249 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from needlehoop.engines.addresses import Addresses
+from needlehoop.envs.settings import Settings
+from needlehoop.robot import arm, psm
+from needlehoop.robot import parallelogram as linkage
+from needlehoop.scene.layout import Layout
+from needlehoop.scene.spec import build_spec
+from needlehoop.task.control import act
+from needlehoop.task.episode import Episode
+from needlehoop.task.memory import begin
+from needlehoop.task.start import DRAWS, Start, start
+
+MASSES = {
+    "yaw": 1.47,
+    "pitch_back": 0.985,
+    "pitch_bottom": 0.446,
+    "pitch_top": 0.178,
+    "pitch_front": 0.074,
+    "pitch": 2.09,
+    "insertion": 0.225,
+}
+LINKAGE = ("pitch_back", "pitch_bottom", "pitch_top", "pitch_front")
+TOOL = ("roll", "wrist_pitch", "wrist_yaw", "jaw_1", "jaw_2")
+
+CENTRE = (0.0, -0.020, 0.035)
+"""A place in mid-air, m, with 15 mm of free way on every side."""
+
+
+@pytest.fixture(scope="module")
+def variants(settings: Settings) -> dict[str, mujoco.MjModel]:
+    """Both arms, in a scene where nothing collides."""
+    models = {}
+    for variant in arm.VARIANTS:
+        spec = build_spec(settings.task, variant, "weld", {})
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        models[variant] = spec.compile()
+    return models
+
+
+def start_at(layout: Layout, place) -> Start:
+    """The nominal start, with the tool elsewhere."""
+    begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    begun.tool = torch.tensor([list(place)], dtype=torch.float64)
+    below_rcm = begun.tool - torch.from_numpy(layout.rcm)
+    begun.joints = psm.straight_wrist(below_rcm, begun.joints[:, 3], layout.grip)
+    return begun
+
+
+def data_at(model: mujoco.MjModel, begun: Start) -> mujoco.MjData:
+    data, addresses = mujoco.MjData(model), Addresses(model)
+    data.qpos[:] = addresses.qpos(begun)[0]
+    data.mocap_pos[:] = addresses.mocap(begun)[0]
+    data.ctrl[:] = addresses.control(begun)[0]
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def tool_tip(data: mujoco.MjData) -> np.ndarray:
+    return data.site("tool_midpoint").xpos.copy()
+
+
+def follow(model: mujoco.MjModel, layout: Layout, episode: Episode, place, actions: torch.Tensor):
+    """The tool's path ``(steps, 3)``, one row a physics step, and the last target ``(3,)``."""
+    begun = start_at(layout, place)
+    data = data_at(model, begun)
+    state = begin(episode, begun)
+    path = []
+    for action in actions:
+        state, control = act(layout, episode, state, action[None])
+        data.ctrl[:] = control[0].numpy()
+        for _ in range(episode.substeps):
+            mujoco.mj_step(model, data)
+            path.append(tool_tip(data))
+    return np.array(path), state.target[0].numpy()
+
+
+def closure_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Largest distance, along an axis, between the pivots that a closure holds together, m."""
+    kinds = model.eq_type[data.efc_id[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]]
+    gaps = data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+    gaps = gaps[kinds == mujoco.mjtEq.mjEQ_CONNECT]
+    assert gaps.size == 6
+    return float(np.abs(gaps).max())
+
+
+def test_bodies_have_the_published_masses(model: mujoco.MjModel):
+    names = {model.body(i).name for i in range(model.nbody)}
+    found = {name: float(model.body(name).mass[0]) for name in MASSES if name in names}
+    expected = {name: mass for name, mass in MASSES.items() if name in names}
+    assert found == pytest.approx(expected)
+    assert sum(float(model.body(name).mass[0]) for name in TOOL) == pytest.approx(0.194)
+
+
+def test_only_the_parallelogram_has_the_linkage(variants):
+    for variant, model in variants.items():
+        names = {model.body(i).name for i in range(model.nbody)}
+        assert (set(LINKAGE) <= names) == (variant == "parallelogram")
+        assert bool(names & set(LINKAGE)) == (variant == "parallelogram")
+        assert len(linkage.linkage_ratios(model)) == (4 if variant == "parallelogram" else 0)
+
+
+def test_both_arms_feel_the_same_inertia(variants):
+    """The serial one carries the linkage as armature. Stiffness is inertia times a constant."""
+    stiffness = {name: model.actuator_gainprm[:, 0] for name, model in variants.items()}
+    np.testing.assert_allclose(stiffness["serial"], stiffness["parallelogram"], rtol=0.01)
+
+
+def test_joints_and_servos_have_the_limits_of_the_table(model: mujoco.MjModel):
+    for joint in psm.JOINTS:
+        limits = [joint.lower, joint.upper]
+        servo = model.actuator(joint.name)
+        assert model.joint(joint.name).range.tolist() == limits
+        assert model.jnt_limited[model.joint(joint.name).id]
+        assert servo.ctrlrange.tolist() == limits
+        assert servo.forcerange.tolist() == [-joint.effort, joint.effort]
+        assert servo.ctrllimited[0]
+        assert servo.forcelimited[0]
+
+
+def test_the_jaw_servo_has_its_published_limits(model: mujoco.MjModel):
+    servo = model.actuator("jaw")
+    assert servo.ctrlrange.tolist() == [-0.698, 1.396]
+    assert servo.forcerange.tolist() == [-0.16, 0.16]
+
+
+@pytest.mark.parametrize(
+    ("joint", "dry", "viscous"),
+    [("yaw", 0.050, 0.0905), ("pitch", 0.0668, 0.218), ("insertion", 0.4476, 1.2036)],
+)
+def test_joints_have_the_identified_friction(model: mujoco.MjModel, joint, dry, viscous):
+    assert model.joint(joint).frictionloss[0] == dry
+    assert model.joint(joint).damping[0] == viscous
+
+
+def test_collision_shapes_of_the_arm_are_few_and_primitive(model: mujoco.MjModel):
+    kinds = mujoco.mjtGeom
+    primitive = {kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER, kinds.mjGEOM_BOX}
+    root = model.body("psm_base").id
+    solid = [
+        geom
+        for geom in range(model.ngeom)
+        if model.body_rootid[model.geom_bodyid[geom]] == root
+        and (model.geom_contype[geom] or model.geom_conaffinity[geom])
+    ]
+    assert 0 < len(solid) < 10
+    assert {int(model.geom_type[geom]) for geom in solid} <= {int(kind) for kind in primitive}
+
+
+def test_jaws_mirror_each_other_under_a_one_sided_push(model: mujoco.MjModel, layout: Layout):
+    data = data_at(model, start_at(layout, CENTRE))
+    one, two = data.joint("jaw_1"), data.joint("jaw_2")
+    begun = float(one.qpos[0])
+    pushed = model.joint("jaw_1").dofadr[0]
+    for _ in range(100):
+        # An eighth of what the jaw's motor can do.
+        data.qfrc_applied[pushed] = 0.02
+        mujoco.mj_step(model, data)
+        assert one.qpos[0] == pytest.approx(-two.qpos[0], abs=1e-3)
+    assert one.qpos[0] > begun + 0.01
+    data.qfrc_applied[pushed] = 0.0
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+    assert one.qpos[0] == pytest.approx(-two.qpos[0], abs=1e-5)
+    assert one.qpos[0] == pytest.approx(begun, abs=1e-3)
+
+
+def test_the_arm_holds_its_place(variants, layout: Layout):
+    """Gravity is compensated, so a position servo alone does not sag."""
+    for model in variants.values():
+        data = data_at(model, start_at(layout, CENTRE))
+        mujoco.mj_step(model, data, nstep=500)
+        assert tool_tip(data) == pytest.approx(CENTRE, abs=1e-5)
+
+
+def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout: Layout):
+    """Full-range jumps of the target are the worst a servo can do to the closures."""
+    model = variants["parallelogram"]
+    data = data_at(model, start_at(layout, CENTRE))
+    generator = np.random.default_rng(0)
+    misses = []
+    for target in generator.uniform(layout.workspace_lower, layout.workspace_upper, (30, 3)):
+        data.ctrl[:6] = start_at(layout, target).joints[0].numpy()
+        for _ in range(round(0.4 / layout.timestep)):
+            mujoco.mj_step(model, data)
+            assert closure_gap(model, data) < 2e-4
+        misses.append(np.linalg.norm(tool_tip(data) - target))
+    # The longest jumps saturate the motors and still swing; most have arrived.
+    assert np.median(misses) < 1e-4
+
+
+def test_the_linkage_keeps_its_ratios_while_it_moves(variants, layout: Layout):
+    model = variants["parallelogram"]
+    data = data_at(model, start_at(layout, CENTRE))
+    ratios = linkage.linkage_ratios(model)
+    data.ctrl[1] = 0.3
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        pitch = float(data.joint("pitch").qpos[0])
+        for name, ratio in ratios.items():
+            assert data.joint(name).qpos[0] == pytest.approx(ratio * pitch, abs=1e-3)
+    assert pitch == pytest.approx(0.3, abs=1e-3)
+
+
+def test_a_torn_linkage_would_be_noticed(variants, layout: Layout):
+    """The measure of the tests above, on an arm that is held together by nothing else."""
+    model = variants["parallelogram"]
+    data = data_at(model, start_at(layout, CENTRE))
+    data.joint("pitch_top").qpos[0] += 0.02
+    mujoco.mj_forward(model, data)
+    assert closure_gap(model, data) > 2e-3
+
+
+@pytest.mark.parametrize("variant", arm.VARIANTS)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_tip_follows_a_full_speed_ramp_and_stops(
+    variants, layout: Layout, episode: Episode, variant, axis, sense
+):
+    place = np.array(CENTRE)
+    place[axis] -= 2.5 * episode.translation * sense
+    actions = torch.zeros(13, 5, dtype=torch.float64)
+    actions[:5, axis] = sense
+    path, target = follow(variants[variant], layout, episode, place, actions)
+    assert target[axis] == pytest.approx(place[axis] + 5 * episode.translation * sense)
+    beyond = sense * (path[:, axis] - target[axis])
+    assert beyond.max() < 3e-4
+    # At full speed the servo lags by less than an action.
+    assert beyond[5 * episode.substeps - 1] > -episode.translation
+    assert len(path) * layout.timestep == pytest.approx(0.2 + 0.32)
+    assert np.linalg.norm(path[-1] - target) < 1e-4
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_both_arms_move_the_tip_alike(variants, layout: Layout, episode: Episode, axis):
+    """0.08 mm apart as built; the bound is a twentieth of the largest action."""
+    place = np.array(CENTRE)
+    actions = torch.zeros(60, 5, dtype=torch.float64)
+    actions[:, axis] = torch.sin(torch.linspace(0, 4 * torch.pi, 60, dtype=torch.float64))
+    paths = [
+        follow(variants[variant], layout, episode, place, actions)[0] for variant in arm.VARIANTS
+    ]
+    assert np.linalg.norm(paths[0] - place, axis=1).max() > 0.01
+    assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1.5e-4

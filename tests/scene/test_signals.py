@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from needlehoop.engines.addresses import Addresses
+from needlehoop.envs import settings as settings_module
+from needlehoop.scene.layout import Layout
+from needlehoop.scene.signals import TABLE, Readings, Signals, describe, vocabulary
+from needlehoop.scene.spec import SENSORS
+from needlehoop.task import crossing
+from needlehoop.task.start import DRAWS, draws, start
+
+VERDICTS = ("touched", "threaded")
+
+
+@pytest.fixture
+def data(model: mujoco.MjModel, layout: Layout) -> mujoco.MjData:
+    """A scene in the middle of some movement, the needle in the air and turned."""
+    begun = start(layout, torch.from_numpy(draws(1, 2, 3))[None])
+    data, addresses = mujoco.MjData(model), Addresses(model)
+    data.qpos[:] = addresses.qpos(begun)[0]
+    data.mocap_pos[:] = addresses.mocap(begun)[0]
+    data.ctrl[:] = addresses.control(begun)[0] + [0.1, -0.1, 0.01, 0.3, 0.4, -0.5, -0.2]
+    place = model.joint("needle").qposadr[0]
+    data.qpos[place + 2] = 0.08
+    data.qpos[place + 3 : place + 7] = np.array([0.5, -0.5, 0.7, 0.1])
+    data.qvel[model.joint("needle").dofadr[0] + 3] = 5.0
+    mujoco.mj_step(model, data, nstep=20)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def read(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
+    readings = Readings(model)(torch.from_numpy(data.sensordata.copy())[None])
+    return {name: value[0].numpy() for name, value in readings.items()}
+
+
+def test_the_table_has_the_fields_of_signals_in_order():
+    assert list(TABLE) == [field.name for field in dataclasses.fields(Signals)]
+
+
+def test_every_sensor_exists_and_reads_what_it_says(model: mujoco.MjModel):
+    assert [model.sensor(i).name for i in range(model.nsensor)] == list(SENSORS)
+    for name, spec in SENSORS.items():
+        sensor = model.sensor(name)
+        assert sensor.type[0] == spec.type
+        read = mujoco.mj_id2name(model, sensor.objtype[0], sensor.objid[0])
+        assert (sensor.objtype[0], read) == (spec.objtype, spec.objname)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        ("body", "nbody"),
+        ("joint", "njnt"),
+        ("site", "nsite"),
+        ("actuator", "nu"),
+        ("camera", "ncam"),
+        ("sensor", "nsensor"),
+        ("light", "nlight"),
+        ("equality", "neq"),
+        ("tendon", "ntendon"),
+        ("mesh", "nmesh"),
+    ],
+)
+def test_every_element_of_the_scene_has_a_name(model: mujoco.MjModel, kind, count):
+    names = [getattr(model, kind)(i).name for i in range(getattr(model, count))]
+    assert names
+    assert all(names)
+    assert len(set(names)) == len(names)
+
+
+def test_positions_are_mujocos_own(model: mujoco.MjModel, data: mujoco.MjData):
+    values = read(model, data)
+    for name in ("tool_midpoint", "pickup_point", "needle_tip", "goal"):
+        np.testing.assert_allclose(values[name], data.site(name).xpos, atol=1e-12)
+    np.testing.assert_allclose(values["wrist_pos"], data.body("wrist_yaw").xpos, atol=1e-12)
+    lift = data.body("lift_position").xpos
+    np.testing.assert_allclose(values["lift_position"], lift, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "site"), [("tool_quat", "tool"), ("needle_quat", "pickup_point"), ("wrist_quat", None)]
+)
+def test_orientations_are_mujocos_own(model: mujoco.MjModel, data: mujoco.MjData, name, site):
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, read(model, data)[name])
+    expected = data.site(site).xmat if site else data.body("wrist_yaw").xmat
+    np.testing.assert_allclose(matrix, expected, atol=1e-9)
+
+
+def test_the_hoops_axis_goes_through_the_opening(model: mujoco.MjModel, data: mujoco.MjData):
+    values = read(model, data)
+    np.testing.assert_allclose(values["hoop_axis"], [0.0, 1.0, 0.0], atol=1e-12)
+    ring = np.array([data.geom(f"hoop_{i}").xpos for i in range(16)])
+    np.testing.assert_allclose((ring - values["goal"]) @ values["hoop_axis"], 0.0, atol=1e-12)
+
+
+def test_joints_and_jaw_are_mujocos_own(model: mujoco.MjModel, data: mujoco.MjData):
+    values = read(model, data)
+    names = TABLE["joints"].meaning.split(", ")
+    expected = [float(data.joint(name).qpos[0]) for name in names]
+    assert values["joints"].tolist() == expected
+    opening = data.joint("jaw_1").qpos[0] - data.joint("jaw_2").qpos[0]
+    assert float(values["jaw"]) == pytest.approx(opening, abs=1e-12)
+
+
+def test_the_tip_and_the_tool_are_where_the_layout_puts_them(
+    model: mujoco.MjModel, data: mujoco.MjData, layout: Layout
+):
+    values = read(model, data)
+    curve = crossing.centre_line(
+        layout,
+        torch.from_numpy(values["pickup_point"])[None],
+        torch.from_numpy(values["needle_quat"])[None],
+    )
+    np.testing.assert_allclose(curve[0, -1], values["needle_tip"], atol=1e-9)
+    reach = np.linalg.norm(values["tool_midpoint"] - values["wrist_pos"])
+    assert reach == pytest.approx(layout.grip)
+
+
+@pytest.mark.parametrize(
+    ("across", "expected"),
+    [
+        pytest.param(0.0, (True, True), id="between closed jaws"),
+        pytest.param(0.0028, (True, False), id="outside one"),
+        pytest.param(-0.0028, (False, True), id="outside the other"),
+        pytest.param(0.02, (False, False), id="away"),
+    ],
+)
+def test_touch_is_contact_of_that_jaw_with_the_needle(
+    model: mujoco.MjModel, layout: Layout, across, expected
+):
+    begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    data, addresses = mujoco.MjData(model), Addresses(model)
+    begun.jaw[:] = 0.0
+    data.qpos[:] = addresses.qpos(begun)[0]
+    mujoco.mj_kinematics(model, data)
+    tool = data.site("tool").xmat.reshape(3, 3)
+    # The needle runs along the tool's x: across the blades, which open along y.
+    turn = np.stack((-tool[:, 1], tool[:, 0], tool[:, 2]), -1)
+    place = model.joint("needle").qposadr[0]
+    data.qpos[place : place + 3] = data.site("tool_midpoint").xpos + across * tool[:, 1]
+    mujoco.mju_mat2Quat(data.qpos[place + 3 : place + 7], turn.ravel())
+    mujoco.mj_forward(model, data)
+    values = read(model, data)
+    assert (bool(values["jaw_1_touch"]), bool(values["jaw_2_touch"])) == expected
+    needle = model.body("needle").id
+    for index, touches in enumerate(expected, start=1):
+        pad = model.geom(f"jaw_{index}_pad").id
+        pairs = [set(pair) for pair in data.contact.geom if pad in pair]
+        others = {int(model.geom_bodyid[geom]) for pair in pairs for geom in pair - {pad}}
+        assert (needle in others) == touches
+
+
+def test_signals_of_a_simulation_have_the_shapes_of_the_table(settings):
+    small = dataclasses.replace(settings, num_envs=2)
+    simulation, _ = settings_module.build(small)
+    simulation.reset()
+    signals = simulation.step(torch.zeros(2, 5)).signals
+    assert signals.batch_size == (2,)
+    for name, row in TABLE.items():
+        value = getattr(signals, name)
+        assert value.shape == (2, *row.shape), name
+        assert value.dtype == (torch.bool if row.unit == "bool" else torch.float64), name
+
+
+def test_only_the_verdicts_are_kept_from_the_vocabulary():
+    assert set(TABLE) - set(vocabulary()) == set(VERDICTS)
+
+
+def test_the_description_lists_all_but_the_verdicts():
+    head, *lines = describe().splitlines()
+    assert head.split() == ["name", "shape", "unit", "frame", "source", "meaning"]
+    assert [line.split()[0] for line in lines] == [n for n in TABLE if n not in VERDICTS]
+    assert not any(verdict in describe() for verdict in VERDICTS)
+    for line, (name, signal) in zip(lines, vocabulary().items(), strict=True):
+        assert line.endswith(signal.meaning)
+        assert "x".join(map(str, signal.shape)) in line, name
+
+
+def test_the_description_can_list_everything():
+    lines = describe(TABLE).splitlines()[1:]
+    assert [line.split()[0] for line in lines] == list(TABLE)

@@ -1,0 +1,201 @@
+"""Figures: that they are drawn, from what is there, the same every time."""
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from study_files import BUFFER, REWARDED, UPDATES, write_run, write_study
+
+from needlehoop.cli.main import main
+from needlehoop.study.charts import final_values, steps_to_threshold, success_and_cheats
+from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
+from needlehoop.study.figures import draw
+from needlehoop.study.findings import paper_findings, study_findings
+from needlehoop.study.records import read_study
+from needlehoop.study.style import WIDTH, apart, styled
+
+DRAWN = {"learning_curves", "rewards", "final_values", "success_and_cheats", "time_to_threshold"}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("results") / "main"
+    pairs = [(name, "human") for name in ("dep_front+seg_side", "rgb_default", "segdep_front")]
+    return write_study(folder, [*pairs, *REWARDED[:2]], seeds=2)
+
+
+def sums(folder: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+
+
+def names(axes) -> list[str]:
+    """What is written beside the ends of lines."""
+    return [text.get_text().strip() for text in axes.texts]
+
+
+def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
+    shutil.copy(Path(__file__).parents[2] / "docs" / "contact_sheet.png", study)
+    assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    figures, tables = tmp_path / "figures", tmp_path / "tables"
+    wanted = {f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")}
+    assert {path.name for path in figures.iterdir()} == wanted | {"contact_sheet.png"}
+    assert all(str(path) in said for path in [*figures.iterdir(), *tables.iterdir()])
+    for name in DRAWN:
+        with Image.open(figures / f"{name}.png") as image:
+            # 85 mm at 300 dpi, and not blank.
+            assert image.width == pytest.approx(WIDTH * 300, abs=1)
+            assert np.asarray(image.convert("L")).std() > 10
+    before = sums(figures)
+    assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
+    assert sums(figures) == before
+
+
+def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
+    (tmp_path / "rewards.png").write_text("old")
+    drawn = {figure.name: figure for figure in draw(paper_findings(), tmp_path)}
+    assert {path.name for path in tmp_path.iterdir()} == {"final_values.png", "final_values.svg"}
+    assert drawn["learning_curves"].missing == "no learning curves"
+    assert drawn["contact_sheet"].missing
+    assert drawn["final_values"].missing is None
+
+
+def test_a_missing_contact_sheet_names_the_command(tmp_path, capsys):
+    write_run(tmp_path / "main", "rgb_default", updates=20)
+    assert main(["plot", str(tmp_path / "main")]) == 0
+    sheet = tmp_path / "main" / "contact_sheet.png"
+    assert f"needlehoop snapshot out={sheet}" in capsys.readouterr().out
+
+
+def test_curves_are_grouped_as_in_the_paper(study):
+    with styled():
+        panels = learning_curves(study_findings(study)).axes
+    assert [axes.get_title("left") for axes in panels] == [
+        "RGB and depth",
+        "RGB and segmentation",
+        "Depth and segmentation",
+        "Others",
+    ]
+    assert [names(axes) for axes in panels] == [
+        ["RGB (D)"],
+        ["RGB (D)"],
+        ["DEP (F) + SEG (S)"],
+        ["SEGDEP (F)"],
+    ]
+
+
+def test_a_combination_keeps_its_colour_from_panel_to_panel(tmp_path):
+    for cameras, goal in (("dep_front+rgb_side", 8.0), ("rgb_default", 1.0), ("seg_default", 9.0)):
+        write_run(tmp_path, cameras, goal=goal)
+    with styled():
+        depth, segmentation, _ = learning_curves(study_findings(tmp_path)).axes
+    colours = {
+        axes: [line.get_color() for line in axes.lines if len(line.get_xdata()) > 2]
+        for axes in (depth, segmentation)
+    }
+    assert [len(set(found)) for found in colours.values()] == [2, 1]
+    assert colours[segmentation][0] in colours[depth]
+
+
+def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
+    findings = study_findings(study)
+    (result,) = [r for r in findings.ranked if r.cameras == "rgb_default"]
+    with styled():
+        axes = learning_curves(findings).axes[0]
+    x, y = axes.lines[0].get_xdata(), axes.lines[0].get_ydata()
+    assert x[-1] == pytest.approx(UPDATES * BUFFER / 1e6)
+    last = 0.04 * UPDATES
+    ends = [
+        run.metrics["return"][run.metrics["update"] > UPDATES - last].mean()
+        for run in result.runs
+        if run.metrics is not None
+    ]
+    assert y[-1] == pytest.approx(np.mean(ends))
+
+
+def test_a_curve_breaks_where_a_run_ends_before_the_others(tmp_path):
+    write_run(tmp_path, "rgb_default", seed=0, goal=2.0, updates=UPDATES // 2)
+    write_run(tmp_path, "rgb_default", seed=1, goal=8.0)
+    with styled():
+        axes, _ = learning_curves(study_findings(tmp_path)).axes
+    one, both = axes.lines[:2]
+    assert one.get_linewidth() < both.get_linewidth()
+    drawn = [~np.isnan(line.get_ydata()) for line in (both, one)]
+    half = UPDATES // 2 * BUFFER / 1e6
+    assert (both.get_xdata()[drawn[0]] <= half).all()
+    assert (one.get_xdata()[drawn[1]] > half).all()
+    # No line leads from one mean to the other.
+    assert not (drawn[0] & drawn[1]).any()
+
+
+def test_rewards_are_compared_where_there_are_several(study, tmp_path):
+    with styled():
+        (axes,) = reward_comparison(study_findings(study)).axes
+    assert axes.get_title("left") == "DEP (F) + SEG (S)"
+    assert set(names(axes)) == {"human", "VLM, text", "VLM, text + image"}
+    write_run(tmp_path, "rgb_default")
+    with pytest.raises(MissingDataError, match="two rewards"):
+        reward_comparison(study_findings(tmp_path))
+
+
+def test_cheats_stand_against_successes(study):
+    with styled():
+        axes = success_and_cheats(study_findings(study)).axes[0]
+    lengths = [patch.get_width() for patch in axes.patches]
+    rows = [label.get_text() for label in axes.get_yticklabels()]
+    text_only = rows.index("DEP (F) + SEG (S), text")
+    assert lengths[text_only] == pytest.approx(0.2, abs=0.01)
+    assert lengths[len(rows) + text_only] == pytest.approx(-0.6, abs=0.01)
+
+
+def test_time_to_threshold_is_the_first_buffer_that_holds_it(tmp_path):
+    run = write_run(tmp_path, "rgb_default")
+    path = run / "metrics.csv"
+    header = "update,step,wall_time,return,success"
+    # One lucky buffer is not enough; five in which half succeed are.
+    rates = [0.0, 1.0, 0.0, 0.0, 0.0, 0.4, 0.4, 0.6, 0.6, 0.5, 0.9]
+    lines = [f"{i},{i * BUFFER},{i},1.0,{rate}" for i, rate in enumerate(rates, start=1)]
+    path.write_text("\n".join([header, *lines, ""]))
+    (record,) = read_study(tmp_path).runs
+    assert steps_to_threshold(record, 0.5) == 10 * BUFFER
+    assert steps_to_threshold(record, 0.95) is None
+
+
+@pytest.mark.parametrize(
+    ("wanted", "placed"),
+    [
+        ([1.0, 5.0], [1.0, 5.0]),
+        ([5.0, 5.0], [4.5, 5.5]),
+        ([5.0, 5.0, 5.0], [4.0, 5.0, 6.0]),
+        ([0.0, 0.0], [0.0, 1.0]),
+        ([9.9, 10.0], [9.0, 10.0]),
+        ([5.0] * 21, list(np.linspace(0, 10, 21))),
+    ],
+)
+def test_labels_keep_apart_near_their_lines(wanted, placed):
+    assert apart(wanted, 1.0, 0.0, 10.0) == pytest.approx(placed)
+
+
+def test_the_papers_numbers_draw_before_a_single_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["plot", "paper"]) == 0
+    assert "results/paper/figures/final_values.png" in capsys.readouterr().out
+    with styled():
+        axes = final_values(paper_findings()).axes[0]
+    assert axes.get_title("left") == "As published in the paper"
+    assert axes.get_xlabel() == "final return\n(one seed, no interval)"
+    assert len(axes.patches) == 14
+
+
+def test_a_study_without_values_is_an_error_that_names_why(tmp_path, capsys):
+    run = write_run(tmp_path / "main", "rgb_default", updates=20)
+    (run / "config.yaml").write_text("")
+    assert main(["plot", str(tmp_path / "main")]) == 2
+    error = capsys.readouterr().err
+    assert "no run with a final value yet" in error
+    assert "its config.yaml is empty" in error
+    assert main(["plot", str(tmp_path / "main"), "size=3"]) == 2
+    assert "'size=3' is not understood" in capsys.readouterr().err

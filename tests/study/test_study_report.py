@@ -1,0 +1,182 @@
+"""The report, opened in a browser."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import imageio.v2 as imageio
+import numpy as np
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from study_files import REWARDED, write_answers, write_run, write_study
+
+from needlehoop.cli.main import main
+
+_FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+)
+
+_PLAY = """
+const done = arguments[arguments.length - 1], film = document.querySelector("video");
+film.addEventListener("timeupdate", () => film.currentTime > 0 && done("played"));
+film.addEventListener("error", () => done(film.error.message));
+film.play().catch((error) => done(String(error)));
+"""
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("film") / "video.mp4"
+    with imageio.get_writer(out, fps=20) as writer:
+        for i in range(20):
+            frame = np.zeros((48, 64, 3), np.uint8)
+            frame[:, 2 * i : 2 * i + 8] = 255
+            writer.append_data(frame)
+    return out
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory, film) -> Path:
+    """Five combinations, three rewards, two seeds, films, answers, and things to leave out."""
+    folder = tmp_path_factory.mktemp("results") / "main"
+    pairs = [(name, "human") for name in ("dep_front+seg_side", "rgb_front+seg_side")]
+    pairs += [(name, "human") for name in ("dep_front+rgb_side", "rgb_default", "dep_default")]
+    write_study(folder, [*pairs, *REWARDED[:2]], seeds=2)
+    write_answers(folder)
+    for name in ("dep_front+seg_side", "dep_default"):
+        for seed in (0, 1):
+            shutil.copy(film, folder / name / "human" / f"seed{seed}" / "video.mp4")
+    (folder / "rgb_default" / "human" / "seed1" / "config.yaml").write_text("")
+    (folder / "rgb_default" / "human" / "seed0" / "<notes>.txt").write_text("mine")
+    assert main(["report", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Debian's Chromium, through its own driver: nothing is downloaded."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("no chromium and chromedriver here: apt-get install chromium chromium-driver")
+    options = Options()
+    options.binary_location = chromium
+    for flag in _FLAGS:
+        options.add_argument(flag)
+    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('chromium')}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    found = webdriver.Chrome(options=options, service=Service(driver))
+    yield found
+    found.quit()
+
+
+def open_page(browser, page: Path, width: int) -> None:
+    size = {"width": width, "height": 844, "deviceScaleFactor": 1, "mobile": width < 600}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(page.as_uri())
+
+
+def column(browser, table: str, number: int) -> list[str]:
+    cells = browser.find_elements(By.CSS_SELECTOR, f"#{table} td:nth-child({number})")
+    return [cell.get_attribute("textContent") for cell in cells]
+
+
+def requests(browser) -> list[str]:
+    """Addresses that the page asked for, those inside it aside."""
+    events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = [e["params"]["request"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    return [request["url"] for request in asked if not request["url"].startswith("data:")]
+
+
+def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
+    browser.get_log("performance")
+    page = study / "report.html"
+    open_page(browser, page, 1200)
+    places = column(browser, "results", 1)
+    assert places == [str(i) for i in range(1, 8)]
+    returns = [float(cell) for cell in column(browser, "results", 3)]
+    assert returns == sorted(returns, reverse=True)
+    heads = browser.find_elements(By.CSS_SELECTOR, "#results th button")
+    heads[2].click()
+    assert [float(cell) for cell in column(browser, "results", 3)] == sorted(returns)
+    heads[2].click()
+    assert [float(cell) for cell in column(browser, "results", 3)] == returns
+    assert column(browser, "results", 2)[0] != "DEP (D)"
+    heads[1].click()
+    names = column(browser, "results", 2)
+    assert names == sorted(names)
+    assert names[0] == "DEP (D)"
+    images = browser.find_elements(By.TAG_NAME, "img")
+    assert len(images) == 5
+    assert all(image.get_property("naturalWidth") > 100 for image in images)
+    browser.set_script_timeout(20)
+    assert browser.execute_async_script(_PLAY) == "played"
+    assert browser.get_log("browser") == []
+    assert requests(browser) == [page.as_uri()]
+
+
+def test_the_page_fits_a_phone(browser, study):
+    open_page(browser, study / "report.html", 390)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    size = "return parseFloat(getComputedStyle(document.body).fontSize)"
+    assert browser.execute_script(size) >= 16
+
+
+def test_the_papers_page_says_whose_numbers_it_shows(browser, tmp_path):
+    assert main(["report", "paper", "--out", str(tmp_path)]) == 0
+    open_page(browser, tmp_path / "report.html", 390)
+    text = browser.find_element(By.TAG_NAME, "main").text
+    assert "Not measured here" in text
+    assert "one seed, no interval" in text
+    assert len(column(browser, "table_2", 1)) == 16
+    assert browser.get_log("browser") == []
+
+
+def test_the_page_holds_reasons_settings_commands_and_what_was_left_out(study):
+    page = (study / "report.html").read_text()
+    assert "Because of dep_front+seg_side." in page
+    assert "Shows &lt;depth&gt; &amp; all." in page
+    assert "Measured: place 1 of 2, return" in page
+    assert "algo.gamma = 0.99" in page
+    assert "vlm_text &amp; its &lt;source&gt;" in page
+    assert "train.py &#39;cams=[dep_front,seg_side]&#39; seed=1" in page
+    assert f"needlehoop report {study}" in page
+    assert "2 left out" in page
+    assert "rgb_default/human/seed1" in page
+    assert "&lt;notes&gt;.txt" in page
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+
+
+def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):
+    page = (study / "report.html").read_text()
+    assert page.count("data:video/mp4;base64,") == 2
+    assert "Best: dep_front+seg_side/human/seed" in page
+    assert "Worst: dep_default/human/seed" in page
+
+
+def test_a_large_film_is_linked_to(tmp_path):
+    run = write_run(tmp_path / "main", "rgb_default", updates=20)
+    boxes = ((8, b"ftyp"), (8, b"moov"), (4_000_001, b"mdat"))
+    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    (run / "video.mp4").write_bytes(film)
+    assert main(["report", str(tmp_path / "main"), "--out", str(tmp_path / "page")]) == 0
+    page = (tmp_path / "page" / "report.html").read_text()
+    assert 'href="../main/rgb_default/human/seed0/video.mp4"' in page
+    assert "base64,AAAA" not in page
+
+
+def test_the_page_is_the_same_every_time(study):
+    before = (study / "report.html").read_bytes()
+    assert main(["report", str(study)]) == 0
+    assert (study / "report.html").read_bytes() == before

@@ -1,0 +1,752 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from torch import Tensor
+
+from needlehoop import config
+from needlehoop.robot import geometry as geo
+from needlehoop.robot import psm
+from needlehoop.scene.layout import Layout
+from needlehoop.task import crossing
+from needlehoop.task.control import act
+from needlehoop.task.episode import CONTROLS, GRASPS, Episode
+from needlehoop.task.facts import is_terminated, is_truncated, observe
+from needlehoop.task.memory import State, begin
+from needlehoop.task.start import DRAWS, Start, draws, start
+
+TASKS = ("near", "standard", "wide")
+
+HOOP = torch.tensor([[0.004, 0.025, 0.045]], dtype=torch.float64)
+AXIS = torch.tensor([[0.0, 1.0, 0.0]], dtype=torch.float64)
+
+# The tool frame in the needle's: z along -z, x along the needle, so y across it.
+ACROSS_THE_NEEDLE = torch.tensor([[0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0]], dtype=torch.float64)
+
+
+def row(*numbers: float) -> Tensor:
+    return torch.tensor([numbers], dtype=torch.float64)
+
+
+def needle_at(
+    layout: Layout, offset, angle: float, heading: float = 0.0, *, lean: float = 0.0
+) -> tuple[Tensor, Tensor]:
+    """Position ``(1, 3)`` and quaternion ``(1, 4)`` of a needle beside the hoop's centre.
+
+    Its centre line has, at arc angle ``angle``, the position ``offset`` from the centre of
+    the opening and the direction of the hoop's axis, turned by ``heading`` about z. The
+    arc's plane is horizontal; ``lean`` turns it about the hoop's axis.
+    """
+    here, ahead = layout.centre_line(np.array([angle, angle + 1e-6]))
+    along_x, along_y, _ = ahead - here
+    upright = geo.about_z(row(math.atan2(along_x, along_y) + heading)[0])
+    quat = geo.multiply(geo.from_rotation_vector(lean * AXIS), upright)
+    return HOOP + row(*offset) - geo.rotate(quat, row(*here)), quat
+
+
+def bend(layout: Layout) -> float:
+    """1 where the needle, seen from above and followed to its tip, turns left; else -1."""
+    one, two, three = layout.centre_line(np.array([-0.1, 0.0, 0.1]))
+    return float(np.sign(np.cross(two - one, three - two)[2]))
+
+
+def passes(layout: Layout, episode: Episode, needle: tuple[Tensor, Tensor]) -> bool:
+    curve = crossing.centre_line(layout, *needle)
+    return bool(crossing.passes_through(layout, episode.thread_depth, curve, HOOP, AXIS))
+
+
+def through(layout: Layout) -> tuple[Tensor, Tensor]:
+    """A needle whose tip is 5 mm through the middle of the opening."""
+    _, tip = layout.needle_angles
+    return needle_at(layout, (0, 0, 0), tip - 0.3)
+
+
+def seen(
+    layout: Layout,
+    needle: tuple[Tensor, Tensor],
+    *,
+    touch: tuple[bool, bool] = (True, True),
+    gap: float = 0.4,
+    at=(0.0, 0.0, 0.0),
+) -> dict[str, Tensor]:
+    """Readings of a scene with the needle there and the jaws about its pickup point.
+
+    ``gap`` is the angle between the jaws, rad. ``at`` is the pickup point's offset from
+    ``tool_midpoint`` in the tool frame, m.
+    """
+    position, quat = needle
+    tool_quat = geo.multiply(quat, ACROSS_THE_NEEDLE)
+    _, tip = layout.needle_angles
+    point = torch.from_numpy(layout.centre_line(np.array([tip])))
+    grip = row(0.0, 0.0, layout.grip)
+    one, two = torch.tensor(touch).split(1)
+    return {
+        "tool_midpoint": position - geo.rotate(tool_quat, row(*at)),
+        "tool_quat": tool_quat,
+        "wrist_pos": position - geo.rotate(tool_quat, row(*at) + grip),
+        "wrist_quat": geo.multiply(tool_quat, geo.from_rotation_vector(row(0.3, -0.2, 1.0))),
+        "pickup_point": position,
+        "needle_tip": position + geo.rotate(quat, point),
+        "needle_quat": quat,
+        "goal": HOOP.clone(),
+        "hoop_axis": AXIS.clone(),
+        "lift_position": HOOP - row(0.0, 0.06, 0.0),
+        "joints": torch.zeros(1, 6, dtype=torch.float64),
+        "jaw": torch.tensor([gap], dtype=torch.float64),
+        "jaw_1_touch": one,
+        "jaw_2_touch": two,
+    }
+
+
+def nominal_start(layout: Layout, count: int = 1) -> Start:
+    return start(layout, torch.full((count, DRAWS), 0.5, dtype=torch.float64))
+
+
+def state_of(
+    layout: Layout,
+    episode: Episode,
+    *,
+    jaw: float = 0.0,
+    grasped: bool = False,
+    lifted: bool = False,
+    steps: int = 1,
+) -> State:
+    state = begin(episode, nominal_start(layout))
+    state.jaw = torch.tensor([jaw], dtype=torch.float64)
+    state.grasped, state.lifted = torch.tensor([grasped]), torch.tensor([lifted])
+    state.steps = torch.tensor([steps])
+    return state
+
+
+# Through the hoop, or not.
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.7, math.pi, -2.0])
+def test_through_the_middle_is_through(layout, episode, lean):
+    _, tip = layout.needle_angles
+    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, lean=lean))
+
+
+def test_through_from_behind_counts_as_well(layout, episode):
+    _, tip = layout.needle_angles
+    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, heading=math.pi))
+
+
+DIRECTIONS = [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.8, 0.6)]
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_beside_the_hoop_is_not_through(layout, episode, direction):
+    aside = layout.hoop_opening + 2 * layout.hoop_tube + layout.needle_thickness
+    assert not passes(layout, episode, off_centre(layout, direction, aside))
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("into_the_rim", [5e-5, 1e-3, 3e-3])
+def test_a_centre_line_in_the_rim_is_not_through(layout, episode, direction, into_the_rim):
+    aside = layout.hoop_opening + into_the_rim
+    assert not passes(layout, episode, off_centre(layout, direction, aside))
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_a_needle_that_touches_the_rim_from_inside_is_through(layout, episode, direction):
+    assert passes(layout, episode, off_centre(layout, direction, layout.hoop_opening - 5e-5))
+    grazing = layout.hoop_opening - layout.needle_thickness / 2
+    assert passes(layout, episode, off_centre(layout, direction, grazing))
+
+
+def off_centre(layout: Layout, direction, aside: float) -> tuple[Tensor, Tensor]:
+    _, tip = layout.needle_angles
+    x, z = direction
+    return needle_at(layout, (x * aside, 0.0, z * aside), tip - 0.3)
+
+
+def test_tail_first_is_not_through(layout, episode):
+    tail, _ = layout.needle_angles
+    needle = needle_at(layout, (0, 0, 0), tail + 0.3, heading=math.pi)
+    curve = crossing.centre_line(layout, *needle)[0] - HOOP
+    assert curve[0, 1] > episode.thread_depth
+    assert curve[-1, 1] < -episode.thread_depth
+    assert not passes(layout, episode, needle)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.5, False), (0.99, False), (1.01, True)])
+def test_the_tip_has_to_be_thread_depth_beyond(layout, episode, share, expected):
+    _, tip = layout.needle_angles
+    beyond = math.asin(share * episode.thread_depth / layout.needle_radius)
+    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - beyond)) == expected
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_tip_that_came_over_the_rim_only_touches(layout, episode, side):
+    _, tip = layout.needle_angles
+    # Around the hoop, and back towards the opening from the other side.
+    heading = 2.0 * bend(layout) + (0.0 if side > 0 else math.pi)
+    needle = needle_at(layout, (0.0, 0.003 * side, 0.0), tip, heading)
+    along = side * (crossing.centre_line(layout, *needle) - HOOP)[0, :, 1]
+    assert along[-1] > episode.thread_depth
+    assert along.min() < 0
+    assert not passes(layout, episode, needle)
+    _, signals, _ = observe_held(layout, episode, needle)
+    assert bool(signals.touched)
+    assert not bool(signals.threaded)
+
+
+def polyline(*corners) -> Tensor:
+    """A centre line ``(1, 33, 3)`` that bends as no needle does, in mm from the hoop's centre."""
+    at = np.linspace(0, len(corners) - 1, 33)
+    columns = [np.interp(at, range(len(corners)), column) for column in zip(*corners, strict=True)]
+    return HOOP + torch.from_numpy(np.stack(columns, -1))[None] / 1000
+
+
+@pytest.mark.parametrize(
+    ("corners", "expected"),
+    [
+        pytest.param([(0, -60, 0), (0, -20, 0), (0, 10, 0)], True, id="in"),
+        pytest.param(
+            [(0, -60, 0), (0, -20, 0), (0, 5, 0), (20, 5, 0), (20, -5, 0)], False, id="in-and-over"
+        ),
+        pytest.param(
+            [(20, -60, 0), (20, -20, 0), (20, 5, 0), (0, 5, 0), (0, -5, 0)], True, id="over-and-in"
+        ),
+        pytest.param([(0, 40, 0), (0, 20, 0), (0, 10, 0)], False, id="all-beyond"),
+    ],
+)
+def test_the_crossing_next_to_the_tip_decides(layout, episode, corners, expected):
+    passed = crossing.passes_through(layout, episode.thread_depth, polyline(*corners), HOOP, AXIS)
+    assert bool(passed) == expected
+
+
+metres = st.floats(-0.3, 0.3)
+
+
+@given(
+    case=st.sampled_from(["through", "beside", "rim", "shallow", "tail"]),
+    turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    shift=st.tuples(metres, metres, metres),
+)
+def test_the_verdict_depends_only_on_needle_relative_to_hoop(layout, episode, case, turn, shift):
+    tail, tip = layout.needle_angles
+    needle = {
+        "through": through(layout),
+        "beside": off_centre(layout, (1, 0), 0.02),
+        "rim": off_centre(layout, (0, 1), layout.hoop_opening + layout.hoop_tube),
+        "shallow": needle_at(layout, (0, 0, 0), tip - 0.05),
+        "tail": needle_at(layout, (0, 0, 0), tail + 0.3, heading=math.pi),
+    }[case]
+    position, quat = needle
+    turned = geo.from_rotation_vector(row(*turn))
+
+    def move(point: Tensor) -> Tensor:
+        return geo.rotate(turned, point) + row(*shift)
+
+    curve = crossing.centre_line(layout, move(position), geo.multiply(turned, quat))
+    passed = crossing.passes_through(
+        layout, episode.thread_depth, curve, move(HOOP), geo.rotate(turned, AXIS)
+    )
+    assert bool(passed) == (case == "through")
+
+
+def test_the_centre_line_runs_from_tail_to_tip_through_the_pickup_point(layout):
+    position, quat = row(0.1, -0.2, 0.3), geo.from_rotation_vector(row(0.4, 0.5, -0.6))
+    curve = crossing.centre_line(layout, position, quat)[0]
+    length = (curve[1:] - curve[:-1]).norm(dim=-1).sum()
+    assert float(length) == pytest.approx(layout.needle_radius * layout.needle_arc, rel=1e-3)
+    # Chords of an arc: from the pickup point to the tip, and to the tail.
+    chords = [2 * layout.needle_radius * math.sin(abs(a) / 2) for a in layout.needle_angles]
+    ends = (curve[[0, -1]] - position).norm(dim=-1)
+    assert ends.tolist() == pytest.approx(chords)
+    assert ends[0] < ends[1]
+
+
+# What observe makes of it.
+
+
+def observe_held(layout, episode, needle):
+    state = state_of(layout, episode, grasped=True)
+    return observe(layout, episode, state, seen(layout, needle))
+
+
+def test_a_held_needle_through_the_hoop_is_threaded(layout, episode):
+    _, signals, _ = observe_held(layout, episode, through(layout))
+    assert bool(signals.threaded)
+
+
+def test_a_needle_through_the_hoop_that_nobody_holds_is_not_threaded(layout, episode):
+    state = state_of(layout, episode, jaw=layout.jaw_open)
+    readings = seen(layout, through(layout), touch=(False, False), gap=1.0)
+    _, signals, _ = observe(layout, episode, state, readings)
+    assert not bool(signals.grasped)
+    assert not bool(signals.threaded)
+
+
+def test_a_tip_at_the_goal_before_the_plane_is_touched_but_not_threaded(layout, episode):
+    _, tip = layout.needle_angles
+    needle = needle_at(layout, (0.0, -0.5 * episode.goal_radius, 0.0), tip)
+    state, signals, _ = observe_held(layout, episode, needle)
+    assert bool(signals.touched)
+    assert not bool(signals.threaded)
+    assert bool(state.has_touched)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.98, True), (1.02, False)])
+def test_touched_is_a_sphere_about_the_goal(layout, episode, share, expected):
+    _, tip = layout.needle_angles
+    reach = share * episode.goal_radius / math.sqrt(3)
+    needle = needle_at(layout, (reach, -reach, reach), tip)
+    _, signals, _ = observe_held(layout, episode, needle)
+    assert bool(signals.touched) == expected
+
+
+def test_having_touched_is_remembered(layout, episode):
+    _, tip = layout.needle_angles
+    state, _, _ = observe_held(layout, episode, needle_at(layout, (0, 0, 0), tip))
+    away = seen(layout, needle_at(layout, (0, -0.05, 0), tip))
+    state, signals, _ = observe(layout, episode, state, away)
+    assert not bool(signals.touched)
+    assert bool(state.has_touched)
+
+
+def grasp(layout: Layout, episode: Episode, state: State, **scene) -> bool:
+    readings = seen(layout, needle_at(layout, (0, -0.05, -0.02), 0.0), **scene)
+    after, signals, weld = observe(layout, episode, state, readings)
+    assert torch.equal(after.grasped, signals.grasped)
+    assert torch.equal(weld.active, signals.grasped)
+    assert torch.equal(weld.changed, after.grasped != state.grasped)
+    return bool(signals.grasped)
+
+
+def test_closing_on_the_needle_grasps_it(layout, episode):
+    assert grasp(layout, episode, state_of(layout, episode, jaw=0.99 * episode.close_below))
+
+
+def test_a_grasp_needs_a_closing_command(layout, episode):
+    assert not grasp(layout, episode, state_of(layout, episode, jaw=1.01 * episode.close_below))
+
+
+@pytest.mark.parametrize("touch", [(True, False), (False, True), (False, False)])
+def test_a_grasp_needs_both_jaws(layout, episode, touch):
+    assert not grasp(layout, episode, state_of(layout, episode), touch=touch)
+
+
+BEYOND = psm.JAW_LENGTH + 0.0019
+
+
+@pytest.mark.parametrize(
+    ("gap", "at"),
+    [
+        pytest.param(0.0, (0.0, 0.0, 0.0), id="shut"),
+        pytest.param(-0.2, (0.0, 0.0, 0.0), id="squeezed shut"),
+        pytest.param(0.0, (0.0, 0.0, BEYOND - 0.0088), id="shut, resting on top"),
+        pytest.param(0.4, (0.0, 0.0, BEYOND - 0.0088), id="ajar, resting on top"),
+        pytest.param(0.4, (0.0, 0.0031, 0.0), id="outside one blade"),
+        pytest.param(0.4, (0.0, -0.0031, 0.0), id="outside the other blade"),
+        pytest.param(0.4, (0.0, 0.0, -0.0098), id="behind the hinge"),
+    ],
+)
+def test_jaws_that_touch_but_do_not_surround_hold_only_with_the_weld(layout, episode, gap, at):
+    state = state_of(layout, episode)
+    assert grasp(layout, replace(episode, grasp="weld"), state, gap=gap, at=at)
+    assert not grasp(layout, replace(episode, grasp="friction"), state, gap=gap, at=at)
+
+
+def test_a_needle_off_the_middle_of_the_gap_is_grasped(layout, episode):
+    assert grasp(layout, episode, state_of(layout, episode), gap=0.5, at=(0.001, 0.001, -0.004))
+
+
+@pytest.mark.parametrize("kind", GRASPS)
+def test_a_grasp_lasts_until_the_command_opens_beyond_release(layout, episode, kind):
+    """Between the two thresholds what is held stays held, and what is not does not become it."""
+    episode = replace(episode, grasp=kind)
+    between = (episode.close_below + episode.release_above) / 2
+    opened = 1.01 * episode.release_above
+    assert grasp(layout, episode, state_of(layout, episode, jaw=between, grasped=True))
+    assert not grasp(layout, episode, state_of(layout, episode, jaw=between, grasped=False))
+    assert not grasp(layout, episode, state_of(layout, episode, jaw=opened, grasped=True))
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("weld", True), ("friction", False)])
+def test_only_a_friction_grasp_ends_when_contact_is_lost(layout, episode, kind, expected):
+    episode = replace(episode, grasp=kind)
+    held = state_of(layout, episode, grasped=True)
+    assert grasp(layout, episode, held, touch=(False, False), gap=0.0) == expected
+
+
+def test_the_weld_keeps_the_needle_where_it_was_grasped(layout, episode):
+    readings = seen(layout, needle_at(layout, (0, -0.05, -0.02), 0.3, heading=0.5, lean=0.4))
+    _, _, weld = observe(layout, episode, state_of(layout, episode), readings)
+    assert bool(weld.changed)
+    assert bool(weld.active)
+    wrist, position = readings["wrist_quat"], weld.pose[:, :3]
+    placed = readings["wrist_pos"] + geo.rotate(wrist, position)
+    torch.testing.assert_close(placed, readings["pickup_point"], rtol=0, atol=1e-12)
+    turned = geo.multiply(wrist, weld.pose[:, 3:])
+    assert float((turned * readings["needle_quat"]).sum().abs()) == pytest.approx(1.0)
+
+
+def lift(layout: Layout, episode: Episode, state: State, away: float, **scene) -> bool:
+    """Whether the needle counts as lifted, with its pickup point so far from the lift position."""
+    readings = seen(layout, needle_at(layout, (0, 0, 0), 0.0), **scene)
+    readings["lift_position"] = readings["pickup_point"] + row(0.0, 0.0, away)
+    after, signals, _ = observe(layout, episode, state, readings)
+    assert torch.equal(after.lifted, signals.lifted)
+    return bool(signals.lifted)
+
+
+def test_lifted_needs_a_grasp_at_the_lift_position(layout, episode):
+    held, free = state_of(layout, episode, grasped=True), state_of(layout, episode, jaw=0.9)
+    near, far = 0.98 * episode.lift_radius, 1.02 * episode.lift_radius
+    assert lift(layout, episode, held, near)
+    assert not lift(layout, episode, held, far)
+    assert not lift(layout, episode, free, near)
+
+
+def test_lifted_stays_true(layout, episode):
+    dropped = state_of(layout, episode, jaw=0.9, lifted=True)
+    assert lift(layout, episode, dropped, 0.5, touch=(False, False))
+
+
+def test_elapsed_is_the_share_of_steps(layout, episode):
+    state = state_of(layout, episode, steps=episode.max_steps // 4)
+    _, signals, _ = observe(layout, episode, state, seen(layout, through(layout)))
+    assert float(signals.elapsed) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("steps_left", "success", "ends", "terminated", "truncated"),
+    [
+        (1, False, True, False, False),
+        (0, False, True, False, True),
+        (1, True, True, True, False),
+        (0, True, True, True, False),
+        (1, True, False, False, False),
+        (0, True, False, False, True),
+    ],
+)
+def test_success_terminates_and_only_time_truncates(
+    layout, episode, steps_left, success, ends, terminated, truncated
+):
+    episode = replace(episode, end_on_success=ends)
+    state = state_of(layout, episode, grasped=True, steps=episode.max_steps - steps_left)
+    needle = through(layout) if success else needle_at(layout, (0, -0.05, 0), 0.0)
+    state, signals, _ = observe(layout, episode, state, seen(layout, needle))
+    assert bool(is_terminated(episode, signals)) == terminated
+    assert bool(is_truncated(episode, state, signals)) == truncated
+
+
+# Actions.
+
+
+def tool_place(layout: Layout, joints: Tensor) -> Tensor:
+    pose = psm.forward_kinematics(joints)
+    return pose[:, :3, 3] + layout.grip * pose[:, :3, 2] + torch.from_numpy(layout.rcm)
+
+
+def push(layout: Layout, episode: Episode, state: State, action: Tensor, times: int):
+    command = torch.empty(0)
+    for _ in range(times):
+        state, command = act(layout, episode, state, action)
+    return state, command
+
+
+def corners(size: int) -> Tensor:
+    """Every action of -1s and 1s ``(2**size, size)``."""
+    return torch.cartesian_prod(*[torch.tensor([-1.0, 1.0], dtype=torch.float64)] * size)
+
+
+def test_an_action_moves_the_tool_by_its_scale(layout, episode):
+    state = begin(episode, nominal_start(layout))
+    action = row(0.5, -1.0, 0.25, 1.0, -0.5)
+    after, command = act(layout, episode, state, action)
+    moved = tool_place(layout, command[:, :6]) - torch.tensor(layout.tool_position)
+    expected = episode.translation * action[:, :3]
+    torch.testing.assert_close(moved, expected, rtol=0, atol=1e-9)
+    assert float(command[0, 3] - layout.tool_roll) == pytest.approx(episode.rotation)
+    assert float(command[0, 6] - layout.tool_jaw) == pytest.approx(-0.5 * episode.jaw)
+    assert after.steps.tolist() == [1]
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_no_push_drives_the_target_out_of_the_workspace(layout, episode, control):
+    episode = replace(episode, control=control)
+    pushes = corners(3)
+    state = begin(episode, nominal_start(layout, len(pushes)))
+    action = torch.zeros(len(pushes), episode.action_size, dtype=torch.float64)
+    action[:, :3] = pushes
+    state, command = push(layout, episode, state, action, 30)
+    lower, upper = torch.tensor([layout.workspace_lower, layout.workspace_upper]).double()
+    torch.testing.assert_close(
+        state.target, torch.where(pushes > 0, upper, lower), rtol=0, atol=1e-6
+    )
+    torch.testing.assert_close(tool_place(layout, command[:, :6]), state.target, rtol=0, atol=1e-6)
+    # Nothing has wound up: the way back starts at once.
+    back, _ = act(layout, episode, state, -action)
+    torch.testing.assert_close(
+        back.target - state.target, -episode.translation * pushes, rtol=0, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_roll_and_jaw_stop_at_their_limits(layout, episode, sense):
+    state = begin(episode, nominal_start(layout))
+    _, command = push(layout, episode, state, row(0, 0, 0, sense, sense), 60)
+    assert float(command[0, 3]) == pytest.approx(layout.tool_roll + sense * layout.roll_range)
+    assert float(command[0, 6]) == (layout.jaw_open if sense > 0 else layout.jaw_closed)
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_commands_stay_within_the_joint_limits(layout, episode, control):
+    episode = replace(episode, control=control)
+    pushes = corners(episode.action_size)
+    state = begin(episode, nominal_start(layout, len(pushes)))
+    lower, upper = psm.joint_limits()
+    for _ in range(20):
+        state, command = act(layout, episode, state, pushes)
+        assert command.shape == (len(pushes), 7)
+        assert bool(((command[:, :6] >= lower) & (command[:, :6] <= upper)).all())
+        assert bool((command[:, 6] >= psm.JAW_LOWER).all())
+        assert bool((command[:, 6] <= psm.JAW_UPPER).all())
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+def test_values_beyond_one_act_as_one(layout, episode, control):
+    episode = replace(episode, control=control)
+    state = begin(episode, nominal_start(layout))
+    action = torch.linspace(-5.0, 5.0, episode.action_size, dtype=torch.float64)[None]
+    _, command = act(layout, episode, state, action)
+    _, clamped = act(layout, episode, state, action.clamp(-1, 1))
+    assert torch.equal(command, clamped)
+
+
+def test_act_leaves_the_state_it_was_given(layout, episode):
+    state = begin(episode, nominal_start(layout))
+    before = state.clone()
+    act(layout, episode, state, torch.ones(1, 5, dtype=torch.float64))
+    assert bool((state == before).all())
+
+
+@pytest.mark.parametrize("shape", [(2, 4), (2, 6), (5,), (1, 5), (3, 5), (2, 5, 1), (2, 7)])
+def test_an_action_of_the_wrong_shape_is_refused_by_name(layout, episode, shape):
+    state = begin(episode, nominal_start(layout, 2))
+    with pytest.raises(ValueError, match=r"action: shape .*expected \(2, 5\) for control=tip"):
+        act(layout, episode, state, torch.zeros(shape))
+
+
+@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_an_action_that_is_not_finite_is_refused_by_name_and_environment(
+    layout, episode, control, value
+):
+    episode = replace(episode, control=control)
+    state = begin(episode, nominal_start(layout, 4))
+    action = torch.zeros(4, episode.action_size)
+    action[1, 0] = action[3, -1] = value
+    with pytest.raises(ValueError, match=r"action: not finite in environments \[1, 3\]"):
+        act(layout, episode, state, action)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis, sense):
+    episode = replace(episode, control="pose")
+    state = begin(episode, nominal_start(layout))
+    action = torch.zeros(1, 7, dtype=torch.float64)
+    action[0, 3 + axis] = sense
+    after, command = act(layout, episode, state, action)
+    turn = (
+        psm.forward_kinematics(command[0, :6])[:3, :3]
+        @ psm.forward_kinematics(state.joints[0])[:3, :3].mT
+    )
+    expected = geo.to_matrix(geo.from_rotation_vector(episode.rotation * action[0, 3:6]))
+    torch.testing.assert_close(turn, expected, rtol=0, atol=2e-3)
+    torch.testing.assert_close(tool_place(layout, after.joints), state.target, rtol=0, atol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def turning(layout, episode) -> list[tuple[State, float]]:
+    """Turning on and on about each axis: the state at times, and how far three turns back go."""
+    episode = replace(episode, control="pose")
+    action = torch.zeros(6, 7, dtype=torch.float64)
+    action[:, 3:6] = torch.cat((torch.eye(3), -torch.eye(3)))
+    state = begin(episode, nominal_start(layout, 6))
+    passed = []
+    for _ in range(20):
+        state, _ = push(layout, episode, state, action, 10)
+        back, _ = push(layout, episode, state, -action, 3)
+        passed.append((state, float((back.joints - state.joints).abs().amax(-1).min())))
+    return passed
+
+
+def test_turning_without_end_stops_at_the_joint_limits(turning):
+    lower, upper = psm.joint_limits()
+    for state, _ in turning:
+        assert bool(((state.joints >= lower) & (state.joints <= upper)).all())
+    last, _ = turning[-1]
+    assert bool(((last.joints == lower) | (last.joints == upper)).any(-1).any())
+
+
+def test_after_turning_without_end_the_way_back_begins_at_once(turning, episode):
+    """The target does not run ahead of the joints."""
+    assert min(back for _, back in turning) > episode.rotation
+
+
+def test_turning_without_end_leaves_the_tool_where_it_is(turning, layout):
+    for state, _ in turning:
+        away = tool_place(layout, state.joints) - torch.tensor(layout.tool_position)
+        assert float(away.norm(dim=-1).max()) < 0.005
+
+
+# Where episodes start.
+
+
+def test_draws_are_reproducible_numbers_between_zero_and_one():
+    drawn = draws(3, 5, 7)
+    assert drawn.shape == (DRAWS,)
+    assert ((drawn >= 0) & (drawn < 1)).all()
+    draws(3, 5, 8)
+    assert np.array_equal(drawn, draws(3, 5, 7))
+
+
+def test_every_seed_environment_and_episode_draws_its_own():
+    keys = [(s, v, e) for s in range(4) for v in range(4) for e in range(4)]
+    assert len({tuple(draws(*key)) for key in keys}) == len(keys)
+
+
+def random_starts(layout: Layout, count: int) -> Start:
+    drawn = np.stack([draws(0, env, 0) for env in range(count)])
+    return start(layout, torch.from_numpy(drawn))
+
+
+def check_spread(values: Tensor, nominal, half) -> None:
+    """All within the range, and near enough to both ends to have used it."""
+    spread = (values - torch.tensor(nominal)) / torch.tensor(half)
+    assert bool((spread.abs() <= 1 + 1e-9).all())
+    assert bool((spread.amax(0) > 0.95).all())
+    assert bool((spread.amin(0) < -0.95).all())
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_starts_fill_their_ranges(name):
+    layout = config.settings([f"task={name}"]).task
+    begun = random_starts(layout, 2000)
+    check_spread(begun.needle[:, :2], layout.needle_position, layout.needle_position_range)
+    yaw = 2 * torch.atan2(begun.needle[:, 6], begun.needle[:, 3])
+    check_spread(yaw, layout.needle_yaw, layout.needle_yaw_range)
+    check_spread(begun.hoop, layout.hoop_position, layout.hoop_position_range)
+    check_spread(begun.tool, layout.tool_position, layout.tool_position_range)
+    # At rest it is sunk by about a micrometre.
+    assert bool(((begun.needle[:, 2] - layout.needle_thickness / 2).abs() < 2e-6).all())
+    assert bool((begun.needle[:, 4:6] == 0).all())
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_arm_reaches_every_start(name):
+    layout = config.settings([f"task={name}"]).task
+    begun = random_starts(layout, 2000)
+    torch.testing.assert_close(tool_place(layout, begun.joints), begun.tool, rtol=0, atol=1e-9)
+    lower, upper = torch.tensor([layout.workspace_lower, layout.workspace_upper]).double()
+    assert bool(((begun.tool > lower) & (begun.tool < upper)).all())
+
+
+def test_the_lift_position_is_above_the_needle_at_the_hoops_height(layout):
+    begun = random_starts(layout, 20)
+    expected = torch.cat((begun.needle[:, :2], begun.hoop[:, 2:]), -1)
+    assert torch.equal(begun.lift, expected)
+
+
+def test_without_ranges_every_start_is_the_nominal_one(layout):
+    still = replace(
+        layout,
+        needle_position_range=(0.0, 0.0),
+        needle_yaw_range=0.0,
+        hoop_position_range=(0.0, 0.0, 0.0),
+        tool_position_range=(0.0, 0.0, 0.0),
+    )
+    begun = random_starts(still, 5)
+    for row_ in begun:
+        assert row_.tool.tolist() == list(layout.tool_position)
+        assert row_.hoop.tolist() == list(layout.hoop_position)
+        assert row_.needle[:2].tolist() == list(layout.needle_position)
+        assert float(row_.jaw) == layout.tool_jaw
+        assert float(row_.joints[3]) == layout.tool_roll
+    yaw = 2 * torch.atan2(begun.needle[:, 6], begun.needle[:, 3])
+    assert yaw.tolist() == pytest.approx([layout.needle_yaw] * 5)
+
+
+def test_an_episode_begins_with_nothing_achieved(layout, episode):
+    begun = random_starts(layout, 3)
+    state = begin(episode, begun)
+    for fact in (state.grasped, state.lifted, state.has_touched, state.steps):
+        assert not bool(fact.any())
+    assert torch.equal(state.target, begun.tool)
+    _, command = act(layout, episode, state, torch.zeros(3, 5))
+    torch.testing.assert_close(command[:, :6], begun.joints, rtol=0, atol=1e-12)
+
+
+# One environment is its row in a batch, bit for bit.
+
+
+def assert_same_bits(together, apart: list) -> None:
+    for name, value in together.items():
+        assert torch.equal(value, torch.cat([one[name] for one in apart])), name
+
+
+@pytest.mark.parametrize("count", [2, 7, 16])
+def test_starts_do_not_depend_on_the_batch(layout, count):
+    drawn = torch.from_numpy(np.stack([draws(0, env, 0) for env in range(count)]))
+    apart = [start(layout, drawn[i : i + 1]).to_dict() for i in range(count)]
+    assert_same_bits(start(layout, drawn).to_dict(), apart)
+
+
+@pytest.mark.parametrize("count", [2, 7, 16])
+def test_acting_does_not_depend_on_the_batch(layout, episode, count):
+    generator = torch.Generator().manual_seed(count)
+    state = begin(episode, random_starts(layout, count))
+    alone = [state[i : i + 1] for i in range(count)]
+    for _ in range(30):
+        drawn = torch.rand(count, 5, generator=generator, dtype=torch.float64)
+        action = 2.4 * drawn - 1.2
+        state, command = act(layout, episode, state, action)
+        single = [act(layout, episode, one, action[i : i + 1]) for i, one in enumerate(alone)]
+        alone = [one for one, _ in single]
+        assert torch.equal(command, torch.cat([one for _, one in single]))
+        assert_same_bits(state.to_dict(), [one.to_dict() for one in alone])
+
+
+def mixed_readings(layout: Layout, count: int) -> list[dict[str, Tensor]]:
+    """Readings of very different scenes: held, free, through, beside, at odd angles."""
+    generator = np.random.default_rng(1)
+    _, tip = layout.needle_angles
+    readings = []
+    for index in range(count):
+        aside, depth, heading, lean = generator.uniform(-1, 1, 4)
+        needle = needle_at(
+            layout, (0.012 * aside, 0.0, 0.0), tip - 0.3 * abs(depth), heading / 2, lean=lean
+        )
+        at = tuple(generator.uniform(-0.002, 0.002, 3))
+        readings.append(seen(layout, needle, touch=(index % 3 > 0, index % 4 > 0), at=at))
+    return readings
+
+
+@pytest.mark.parametrize("kind", GRASPS)
+@pytest.mark.parametrize("count", [2, 7, 16])
+def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
+    episode = replace(episode, grasp=kind)
+    readings = mixed_readings(layout, count)
+    together = {name: torch.cat([one[name] for one in readings]) for name in readings[0]}
+    state = begin(episode, random_starts(layout, count))
+    state.jaw = torch.linspace(0.0, 0.6, count, dtype=torch.float64)
+    state.grasped = torch.arange(count) % 2 == 0
+    after, signals, weld = observe(layout, episode, state, together)
+    single = [observe(layout, episode, state[i : i + 1], one) for i, one in enumerate(readings)]
+    assert_same_bits(after.to_dict(), [one.to_dict() for one, _, _ in single])
+    assert_same_bits(signals.to_dict(), [one.to_dict() for _, one, _ in single])
+    assert_same_bits(weld._asdict(), [one._asdict() for _, _, one in single])
+    if count > 2:
+        assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2

@@ -1,0 +1,115 @@
+"""The plan of the house: which package may know which."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import needlehoop
+
+HOME = Path(needlehoop.__file__).parent
+
+FLOORS = (
+    "runs",
+    "robot",
+    "scene",
+    "task",
+    "rewards",
+    "engines",
+    "envs",
+    "pictures",
+    "learning",
+    "study",
+    "vlm",
+    "probe",
+    "bench",
+    "config",
+    "asking",
+    "session",
+    "sweep",
+    "cli",
+)
+"""Packages and modules of the top folder; each may import those before it."""
+
+FILES_ONLY = {"study": {"runs"}, "runs": set()}
+"""They read files: no simulator, no torch, nothing that needs them."""
+
+MODULES = sorted(path for path in HOME.rglob("*.py") if path != HOME / "__init__.py")
+
+
+def room(path: Path) -> str:
+    """The package or module of the top folder that a file belongs to."""
+    return path.relative_to(HOME).with_suffix("").parts[0]
+
+
+def imported(source: str) -> set[str]:
+    """Rooms that a source imports, at its top or when a function runs."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == "needlehoop":
+            names = [f"needlehoop.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or ""]
+        else:
+            continue
+        found |= {name.split(".")[1] for name in names if name.startswith("needlehoop.")}
+    return found
+
+
+def test_every_room_has_a_floor():
+    assert {room(path) for path in MODULES} == set(FLOORS)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOME)))
+def test_imports_go_down(path):
+    own = room(path)
+    below = set(FLOORS[: FLOORS.index(own) + 1])
+    assert imported(path.read_text()) <= below
+
+
+@pytest.mark.parametrize("name", FILES_ONLY)
+def test_those_that_read_files_import_nothing_else(name):
+    for path in (HOME / name).rglob("*.py"):
+        assert imported(path.read_text()) <= {name, *FILES_ONLY[name]}, path
+
+
+@pytest.mark.parametrize("name", [name for name in FLOORS if (HOME / name).is_dir()])
+def test_every_package_says_what_lives_there(name):
+    for init in (HOME / name).rglob("__init__.py"):
+        assert ast.get_docstring(ast.parse(init.read_text())), init
+
+
+def test_imports_are_found_wherever_they_stand():
+    source = "from needlehoop import sweep\ndef f():\n    from needlehoop.cli import look\n"
+    assert imported(source) == {"sweep", "cli"}
+    assert imported("import needlehoop.envs.rollout\nimport os") == {"envs"}
+
+
+def file_of(*parts: str) -> Path | None:
+    """The file of a module or package of the house, if there is one."""
+    base = HOME.joinpath(*parts)
+    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f in MODULES), None)
+
+
+def files_imported(path: Path) -> set[Path]:
+    """Files of the house that a file imports: modules, or packages whose own names it takes."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("needlehoop"):
+            parts = (node.module or "").split(".")[1:]
+            found |= {
+                file_of(*parts, alias.name) or (file_of(*parts) if parts else None)
+                for alias in node.names
+            }
+    return {file for file in found if file} - {path}
+
+
+def test_no_file_imports_itself_in_a_circle():
+    below = {path: files_imported(path) for path in MODULES}
+    while free := [path for path, rest in below.items() if not rest]:
+        below = {path: rest - {*free} for path, rest in below.items() if path not in free}
+    assert not below, "\n".join(str(path.relative_to(HOME)) for path in below)

@@ -1,0 +1,266 @@
+"""The gates: programs that must pass, and programs that must not, each for its own reason."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.cli.main import main
+from needlehoop.rewards import written
+from needlehoop.rewards.language.program import compile_program
+from needlehoop.scene.signals import TABLE
+from needlehoop.vlm.gates import Gates, Trajectories, card, collect, random_signals
+
+# Tells threading from touching: the tip must be beyond the hoop's plane.
+SOUND = """
+held = 2 * grasped + 2 * lifted
+near = 3 * exp(-50 * distance(needle_tip, goal))
+through = 1 if dot(needle_tip - goal, hoop_axis) > 0.001 else 0
+reward = held + near + through
+"""
+# Pays the tip's distance alone, so the cheat gets what the expert gets.
+FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
+
+
+def made(overrides: list[str]) -> Gates:
+    return config.as_type(config.compose(overrides, "check")["gates"], Gates, "gates")
+
+
+@pytest.fixture(scope="module")
+def gates() -> Gates:
+    return replace(made([]), episodes=4, random_signals=2000)
+
+
+@pytest.fixture(scope="module")
+def quick(settings):
+    """One thread: where the machine is busy, two would wait for each other."""
+    return replace(settings, engine=replace(settings.engine, threads=1))
+
+
+@pytest.fixture(scope="module")
+def seen(quick, gates) -> Trajectories:
+    return collect(quick, gates)
+
+
+@pytest.fixture(scope="module")
+def judge(quick, gates, seen):
+    def judged(source: str, **changes):
+        return card(compile_program(source), quick, replace(gates, **changes), seen)
+
+    return judged
+
+
+def test_a_sound_program_passes(judge):
+    found = judge(SOUND)
+    assert found.passed
+    assert found.reasons == found.flags == ()
+    assert found.terms == ("held", "near", "through")
+    assert found.not_finite_random == found.not_finite_recorded == 0
+    assert 0 <= found.lowest < found.random < found.cheat < found.expert <= found.highest <= 8
+
+
+def test_the_controllers_do_what_they_are_for(seen, gates):
+    last = seen.last
+    assert bool(last["expert"].threaded.all())
+    assert bool(last["cheat"].touched.all())
+    assert not bool(last["cheat"].threaded.any())
+    assert not bool(last["random"].grasped.any())
+    assert all(len(signals.elapsed) == gates.episodes for signals in last.values())
+    # Starts are in; what comes after an episode's end is not.
+    elapsed = seen.moments.elapsed
+    assert int((elapsed == 0).sum()) == 3 * gates.episodes
+    assert int(seen.moments.threaded.sum()) == gates.episodes
+
+
+def test_trajectories_are_the_same_again(quick, gates, seen):
+    again = collect(quick, gates)
+    assert bool((again.moments == seen.moments).all())
+
+
+@pytest.mark.parametrize(
+    ("expression", "count"),
+    [("log(elapsed - 0.5)", "random signals"), ("1 / (elapsed - elapsed)", "recorded moments")],
+)
+def test_what_is_not_finite_is_refused(judge, expression, count):
+    found = judge(f"reward = clip({expression}, 0, 1) + {expression}")
+    assert not found.passed
+    assert any("not finite" in reason and count in reason for reason in found.reasons)
+
+
+def test_points_that_coincide_are_among_the_random_signals(judge):
+    found = judge(f"far = 1 / distance(tool_midpoint, goal)\n{SOUND.strip()} + 0 * far")
+    assert found.not_finite_random == 250
+    assert found.not_finite_recorded == 0
+    assert len(found.reasons) == 1
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_terms_are_finite_one_by_one(judge):
+    """Two infinities that cancel must not hide in a sum."""
+    found = judge("a = 1 / (0 * jaw)\nb = 5\nreward = a + b")
+    assert found.not_finite_random == found.random_signals
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [("reward = held + near + 20", "rises to"), ("reward = held - 1", "falls to -1.000")],
+)
+def test_a_range_that_is_too_wide_is_refused_or_clipped(judge, end, reason):
+    source = SOUND.replace("reward = held + near + through", end)
+    refused = judge(source)
+    assert [reason in why for why in refused.reasons].count(True) == 1
+    clipped = judge(source, range="clip")
+    assert not any(reason in why for why in clipped.reasons)
+    assert (clipped.lowest, clipped.highest) == (refused.lowest, refused.highest)
+    assert clipped.gates.low <= clipped.random <= clipped.expert <= clipped.gates.top
+
+
+def test_the_bonus_may_come_on_top(judge):
+    source = SOUND.replace("near + through", "near + through + 2.9")
+    assert judge(source).highest > 9
+    assert judge(source).passed
+    assert not judge(source, bonus=0.0).passed
+
+
+@pytest.mark.parametrize("source", ["reward = 3", "reward = 9 - 2 * grasped - 3 * lifted"])
+def test_the_expert_must_stand_out(judge, source):
+    assert any("above a random policy" in reason for reason in judge(source).reasons)
+
+
+def test_the_margin_is_what_is_asked(judge):
+    gap = judge(SOUND).expert - judge(SOUND).random
+    assert judge(SOUND, margin=gap - 0.01).passed
+    assert not judge(SOUND, margin=gap + 0.01).passed
+
+
+def test_a_program_that_the_cheat_fools_is_flagged(judge):
+    found = judge(FOOLED)
+    assert found.passed
+    assert "without threading" in found.flags[0]
+    refused = judge(FOOLED, audit="refuse")
+    assert not refused.passed
+    assert refused.reasons == found.flags
+
+
+def test_the_cheat_does_not_lose_by_being_slow(judge):
+    """The cheat's episodes last to the limit; a cost of time alone must not save a program."""
+    slow = judge(f"{FOOLED} + 2 * (1 - elapsed) - 2", range="clip")
+    assert slow.flags
+
+
+def test_the_audit_can_be_passed_by_a_margin(judge):
+    gap = judge(SOUND).expert - judge(SOUND).cheat
+    assert not judge(SOUND, audit_margin=gap - 0.01).flags
+    assert judge(SOUND, audit_margin=gap + 0.01).flags
+
+
+def test_the_papers_own_rewards_are_seen_through(judge):
+    """Its text-only reward was gamed in training; of the others, one leaves the range."""
+    shipped = written.RECORDINGS / "paper" / "rewards"
+    found = {
+        f"{path.parent.name}/{path.stem}": judge(path.read_text())
+        for path in shipped.glob("*/*.txt")
+    }
+    assert len(found) == 4
+    assert found["any/text"].passed
+    assert "touching the goal without threading" in found["any/text"].flags[0]
+    assert found["any/text"].expert - found["any/text"].cheat < 0.1
+    refused = {name: card.reasons for name, card in found.items() if not card.passed}
+    assert list(refused) == ["dep_front+rgb_side/image"]
+    assert ["rises to" in reason for reason in refused["dep_front+rgb_side/image"]] == [True]
+
+
+def test_random_signals_are_wild_but_possible():
+    signals = random_signals(4000, seed=0)
+    for name, row in TABLE.items():
+        value = getattr(signals, name)
+        assert value.shape == (4000, *row.shape)
+        assert value.dtype == (torch.bool if row.unit == "bool" else torch.float64)
+        if row.unit == "bool":
+            assert 0.4 < float(value.double().mean()) < 0.6
+        elif row.unit == "m":
+            assert 0.29 < float(value.abs().max()) <= 0.3
+        elif row.unit == "1" and row.shape:
+            torch.testing.assert_close(value.norm(dim=-1), torch.ones(4000, dtype=torch.float64))
+    assert bool((random_signals(4000, seed=0) == signals).all())
+    assert not bool((random_signals(4000, seed=1) == signals).all())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("gates.range=cut", "range: 'cut' is unknown; choose from refuse, clip"),
+        ("gates.audit=no", "audit: "),
+        ("gates.episodes=0", "episodes: 0 must be at least 1"),
+        ("gates.low=20", "low: 20.0 must be below"),
+    ],
+)
+def test_a_bad_gate_is_refused_by_its_key(change, said):
+    with pytest.raises(ValueError, match=said):
+        made([change])
+
+
+# The command.
+
+QUICK = ["gates.episodes=2", "gates.random_signals=200", "engine.threads=1"]
+
+
+def check(*words: str) -> int:
+    return main(["vlm", "check", *words])
+
+
+def test_check_prints_the_card(tmp_path, capsys):
+    file = tmp_path / "mine.txt"
+    file.write_text(SOUND)
+    assert check(str(file), *QUICK) == 0
+    out = capsys.readouterr().out
+    assert str(file) in out
+    assert "verdict      passed" in out
+    assert len(out.splitlines()) < 25
+
+
+def test_check_says_no_where_a_gate_does(tmp_path, capsys):
+    file = tmp_path / "mine.txt"
+    file.write_text("reward = 40")
+    assert check(str(file), "--json", *QUICK) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["passed"] is False
+    assert found["highest"] == 40
+    assert any("rises to 40" in reason for reason in found["reasons"])
+
+
+@pytest.mark.parametrize("flags", [[], ["--json"]])
+def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
+    file = tmp_path / "mine.txt"
+    file.write_text("reward = 1\nimport os")
+    assert check(str(file), *flags) == 1
+    out = capsys.readouterr().out
+    if flags:
+        where = json.loads(out)["refused"]
+        assert (where["line"], where["column"]) == (2, 1)
+        assert "'import' is not in the language" in where["reason"]
+    else:
+        assert f"{file}: line 2, column 1: 'import' is not in the language" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere.txt"], "nowhere.txt"),
+        (["a.txt", "b.txt"], "one file at a time"),
+        ([], "name a file"),
+        (["cams=[rgb_top]"], "rgb_top"),
+        (["a.txt", "gates.range=cut"], "range: 'cut'"),
+        (["a.txt", "gates.rnage=clip"], "rnage"),
+    ],
+)
+def test_a_mistake_in_the_command_is_one_line(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert check(*words) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("needlehoop vlm check: ")
+    assert said in error.splitlines()[-1]

@@ -1,0 +1,386 @@
+"""``needlehoop vlm question``, ``rank`` and ``reward``, as typed, and their replay."""
+
+from __future__ import annotations
+
+import csv
+import json
+import runpy
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from vlm_server import KEY, Server, by_schema, serve
+
+from needlehoop import asking, config
+from needlehoop.cli.main import main
+from needlehoop.rewards import RewardError
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.vlm.writing import Verdict, Workshop
+
+ROOT = Path(__file__).parents[2]
+GOOD = "reward = 9 if grasped else 0\n"
+CAMS = "cams=[dep_front,seg_side]"
+
+
+def judge(source: str) -> Verdict:
+    refused = "import" in source
+    return Verdict(not refused, "line 1: import is not allowed" if refused else "", {"ok": True})
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    with serve() as server:
+        yield server
+
+
+@pytest.fixture(autouse=True)
+def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GEMINI_API_KEY", KEY)
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge)
+    monkeypatch.setattr(asking, "workshop", lambda _: workshop)
+    server.script.clear()
+    server.requests.clear()
+    server.otherwise = by_schema
+
+
+@pytest.fixture
+def words(server: Server) -> list[str]:
+    return ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
+
+
+@pytest.fixture(scope="module")
+def studied(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study whose questioning is recorded: ``results/main/vlm``."""
+    results = tmp_path_factory.mktemp("studied") / "results"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GEMINI_API_KEY", KEY)
+        live = ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
+        # Busy, an answer in the wrong form, then as asked.
+        server.script[:] = [{"status": 429}, {"status": 500}, "no JSON"]
+        assert main(["vlm", "question", *live, f"results={results}"]) == 0
+    return results
+
+
+@pytest.fixture
+def study(studied: Path, tmp_path: Path) -> Path:
+    shutil.copytree(studied, tmp_path / "results")
+    return Path("results/main/vlm")
+
+
+def lines_of(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_question_leaves_answers_a_transcript_and_pictures(study):
+    found = json.loads((study / "questions.json").read_text())
+    assert list(found["answers"]) == ["subtasks", "suits", "goal", "lifted", "layouts"]
+    assert found["answers"]["goal"]["view"] in ("default", "front", "side")
+    assert found["answers"]["goal"]["view_reason"]
+    assert found["models"] == ["gemini gemini-test-001"]
+    assert found["totals"] == {
+        "prompts": 6,
+        "tokens_in": 600,
+        "tokens_out": 90,
+        "prompts_without_token_count": 0,
+        "invalid_answers": 1,
+    }
+    lines = lines_of(study / "transcript.jsonl")
+    assert [line["conversation"] for line in lines] == ["question"] * 6
+    assert lines[0]["attempts"] == [429, 500, 200]
+    assert lines[0]["sampling"] == {"temperature": 2.0, "max_output_tokens": 16384}
+    pictures = json.loads((study / "pictures.json").read_text())["pictures"]
+    assert len(pictures["start"]) == len(pictures["goal"]) == 12
+    for shown in pictures.values():
+        for name in shown.values():
+            with Image.open(study / "images" / f"{name}.png") as image:
+                assert image.size == (16, 16)
+    # Things moved, and a depth picture is no colour picture.
+    assert pictures["start"]["rgb_front"] != pictures["goal"]["rgb_front"]
+    assert pictures["start"]["rgb_front"] != pictures["start"]["dep_front"]
+
+
+def test_no_file_holds_the_key(study, words, server):
+    body = json.dumps({"error": {"message": f"{KEY} is wrong", "code": 403}})
+    server.script[:] = [{"status": 403, "body": body}]
+    assert main(["vlm", "rank", *words]) == 2
+    assert all(KEY.encode() not in content for content in contents(Path("results")).values())
+
+
+def test_everything_asked_again_offline_gives_the_same_files(study, words, server, capsys):
+    assert main(["vlm", "rank", *words, "samples=2"]) == 0
+    server.script[:] = [json.dumps({"explanation": "e", "program": "import os"})]
+    for flavour in ("text", "image"):
+        assert main(["vlm", "reward", *words, CAMS, f"flavour={flavour}"]) == 0
+    said = capsys.readouterr().out
+    asked = len(server.requests)
+
+    offline = ["size=16", "study=again", f"vlm.recording={study}"]
+    assert main(["vlm", "question", *offline]) == 0
+    assert main(["vlm", "rank", *offline, "samples=2"]) == 0
+    for flavour in ("text", "image"):
+        assert main(["vlm", "reward", *offline, CAMS, f"flavour={flavour}"]) == 0
+    assert len(server.requests) == asked
+    # Of the last command, which was refused nothing, and of all that was asked.
+    assert "this:       1 prompts, 115 tokens (100 in, 15 out), 0 invalid answers" in said
+    assert f"transcript: {6 + 3 + 5 + 3 + 3} prompts" in said
+    assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in said
+    before, after = contents(study), contents(Path("results/again/vlm"))
+    assert set(after) == {
+        "questions.json",
+        "questions.csv",
+        "rankings.json",
+        "rankings.csv",
+        "agreement.csv",
+        "totals.csv",
+        *(
+            f"rewards/dep_front+seg_side/{name}"
+            for name in ("text.txt", "text.attempts.jsonl", "image.txt", "image.attempts.jsonl")
+        ),
+    }
+    for name, content in after.items():
+        assert content == before[name], name
+
+
+def test_rank_goes_on_from_the_questioning(study, words, server):
+    assert main(["vlm", "rank", *words]) == 0
+    # The six answers of the questioning are on record: three lists are all that is asked.
+    assert len(server.requests) == 3
+    turns = [len(body["contents"]) for body in server.requests]
+    assert turns == [13, 15, 17]
+    found = json.loads((study / "rankings.json").read_text())
+    assert [len(entry["combinations"]) for entry in found["lists"]] == [5, 5, 6]
+    for entry in found["lists"]:
+        (places,) = entry["rankings"]
+        assert [place["name"] for place in places] == entry["combinations"]
+        assert all(place["reason"] for place in places)
+        assert entry["agreement"] is None
+    assert found["totals"]["prompts"] == 9
+
+
+def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, words, server):
+    def reversed_from_the_second(schema, prompt):
+        answer = json.loads(by_schema(schema))
+        if "places" in answer and len(server.requests) > 3:
+            answer["places"].reverse()
+        return json.dumps(answer)
+
+    server.otherwise = reversed_from_the_second
+    own = "lists=[[rgb_default,dep_front+seg_side,seg_side],[rgb_front,rgb_side]]"
+    assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
+    # Two lists, then five questions (none goes wrong this time) and two lists.
+    assert len(server.requests) == 2 + 5 + 2
+    assert len(server.requests[2]["contents"]) == 1
+    found = json.loads((study / "rankings.json").read_text())
+    assert [entry["agreement"]["tau_b"] for entry in found["lists"]] == [-1.0, -1.0]
+    assert found["lists"][0]["agreement"]["same_top"] == 0.5
+    names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")]
+    assert names == ["question"] * 6 + ["rank"] * 2 + ["rank/2"] * 7
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_answers_are_tables_too(study, words, server):
+    own = "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]"
+    assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
+    answers = json.loads((study / "questions.json").read_text())["answers"]
+    asked = {row["question"]: row for row in rows_of(study / "questions.csv")}
+    with (RECORDINGS / "paper" / "table_1.csv").open(newline="") as file:
+        assert {row["question"] for row in csv.DictReader(file)} <= set(asked)
+    best = asked["Best view for subtask 2"]
+    assert best["answer"] == answers["suits"]["second"]["view"]
+    assert best["reason"] == answers["suits"]["second"]["view_reason"]
+    ranked = rows_of(study / "rankings.csv")
+    assert len(ranked) == 2 * (2 + 2)
+    assert ranked[1] == {
+        "list": "1",
+        "sample": "1",
+        "place": "2",
+        "cameras": "dep_front+seg_side",
+        "reason": "because of dep_front+seg_side",
+    }
+    assert rows_of(study / "agreement.csv")[1] == {
+        "list": "2",
+        "samples": "2",
+        "tau_b": "1.0",
+        "same_top": "1.0",
+    }
+    costs = rows_of(study / "totals.csv")
+    assert [row["conversation"] for row in costs] == ["question", "rank", "rank/2", "all"]
+    assert [row["prompts"] for row in costs] == ["6", "2", "7", "15"]
+
+
+def test_a_ranking_that_is_no_permutation_goes_back(study, words, server):
+    server.script[:] = ['{"places": [{"name": "rgb_default", "reason": "r"}]}']
+    own = "lists=[[rgb_default,dep_front+seg_side]]"
+    assert main(["vlm", "rank", *words, own]) == 0
+    correction = server.requests[1]["contents"][-1]["parts"][0]["text"]
+    assert "missing: dep_front+seg_side" in correction
+
+
+def test_overwrite_asks_anew_and_keeps_what_there_was(study, words, server):
+    assert main(["vlm", "rank", *words]) == 0
+    before = contents(study)
+    server.requests.clear()
+    assert main(["vlm", "question", *words]) == 0
+    assert server.requests == []
+    assert contents(study) == before
+    assert main(["vlm", "question", *words, "overwrite=true"]) == 0
+    assert len(server.requests) == 5
+    after = contents(study)
+    assert after["transcript.1.jsonl"] == before["transcript.jsonl"]
+    assert after["questions.1.json"] == before["questions.json"]
+    assert after["rankings.1.json"] == before["rankings.json"]
+    assert "rankings.json" not in after
+    assert after["transcript.jsonl"].count(b"\n") == 5
+
+
+def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
+    server.script[:] = [json.dumps({"explanation": "e", "program": f"```\n{GOOD}```"})] * 2
+    assert main(["vlm", "reward", *words, CAMS]) == 0
+    assert main(["vlm", "reward", *words, CAMS, "flavour=text"]) == 0
+    shown = [
+        sum("inlineData" in part for part in body["contents"][0]["parts"])
+        for body in server.requests
+    ]
+    assert shown == [2, 0]
+    folder = study / "rewards/dep_front+seg_side"
+    assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
+    (row,) = lines_of(folder / "image.attempts.jsonl")
+    assert row["accepted"]
+    assert row["card"] == {"ok": True}
+    # The text-only reward is common to all cameras.
+    assert main(["vlm", "reward", *words, "cams=[rgb_default]", "flavour=text"]) == 0
+    assert len(server.requests) == 2
+
+
+def test_an_accepted_program_is_not_replaced_unasked(study, words, server, capsys):
+    first, second = (
+        json.dumps({"explanation": "e", "program": f"reward = {value}"}) for value in (1, 2)
+    )
+    server.script[:] = [first, second]
+    assert main(["vlm", "reward", *words, CAMS]) == 0
+    assert main(["vlm", "reward", *words, CAMS]) == 2
+    assert "overwrite=true" in capsys.readouterr().err
+    folder = study / "rewards/dep_front+seg_side"
+    assert (folder / "image.txt").read_text() == "reward = 1\n"
+    assert main(["vlm", "reward", *words, CAMS, "overwrite=true"]) == 0
+    assert (folder / "image.txt").read_text() == "reward = 2\n"
+    assert (folder / "image.1.txt").read_text() == "reward = 1\n"
+
+
+def test_a_program_refused_too_often_leaves_its_attempts(study, words, server, capsys):
+    bad = json.dumps({"explanation": "e", "program": "import os"})
+    server.script[:] = [bad] * 2
+    assert main(["vlm", "reward", *words, CAMS, "attempts=2"]) == 2
+    assert "import is not allowed" in capsys.readouterr().err
+    folder = study / "rewards/dep_front+seg_side"
+    rows = lines_of(folder / "image.attempts.jsonl")
+    assert [row["accepted"] for row in rows] == [False, False]
+    assert not (folder / "image.txt").exists()
+
+
+def test_a_refusal_is_said(study, words, server, capsys):
+    server.script[:] = [{"refusal": "PROHIBITED_CONTENT"}]
+    assert main(["vlm", "reward", *words, CAMS]) == 2
+    assert "refused to answer: PROHIBITED_CONTENT" in capsys.readouterr().err
+    assert not (study / "rewards").exists()
+
+
+def test_a_line_cut_off_is_reported_by_name(study, capsys):
+    path = study / "transcript.jsonl"
+    path.write_bytes(path.read_bytes() + b'{"sha2')
+    assert main(["vlm", "question", "size=16"]) == 0
+    assert f"{path}: line 7 is cut off" in capsys.readouterr().err
+
+
+def test_any_openai_compatible_server_can_be_asked(study, server):
+    # The questioning's pictures are there; another model needs a study of its own.
+    other = Path("results/other/vlm")
+    shutil.copytree(study / "images", other / "images")
+    shutil.copy(study / "pictures.json", other)
+    words = ["vlm=openai", "vlm.model=m", f"vlm.base_url={server.url}/v1", "vlm.key=null"]
+    assert main(["vlm", "question", *words, "size=16", "study=other"]) == 0
+    assert json.loads((other / "questions.json").read_text())["models"] == ["openai test-model-001"]
+    assert server.requests[0]["max_completion_tokens"] == 16384
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["question", "size=16", "task=near"], "its task differs"),
+        (["question", "size=17"], "its size differs"),
+        (["rank", "size=16"], "no recorded request is this one"),
+        (["rank", "lists=[[rgb_default,rgb_top]]"], "default, front, side"),
+        (["rank", "samples=0"], "samples: 0"),
+        (["question", "study=nothing"], "nothing is recorded in results/nothing/vlm"),
+        (["question", "study=../x"], "study: '../x'"),
+        (["question", "shown=[rgb,xray]"], "'xray' is unknown; choose from"),
+        (["question", "attempts=0"], "attempts: 0"),
+        (["question", "vlm=bard"], "gemini"),
+        (["question", "vlm=openai"], "vlm.model"),
+        (["question", "vlm=gemini", "vlm.tries=many"], "vlm.tries"),
+        (["question", "vlm=gemini", "vlm.key=NO_SUCH_VARIABLE"], "NO_SUCH_VARIABLE is not set"),
+        (["question", "vlm=gemini", "vlm.model=other"], "choose another study="),
+        (["reward"], "cams: name the cameras"),
+        (["reward", CAMS, "flavour=sound"], "choose from text, image"),
+    ],
+)
+def test_a_mistake_is_one_message_that_names_the_key(study, arguments, said, capsys, server):
+    assert main(["vlm", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("needlehoop vlm: ")
+    assert said in error
+    assert server.requests == []
+
+
+def trained(monkeypatch, *overrides: str) -> list[tuple]:
+    """What ``train.py`` would train; as far as the run's folder."""
+    start = runpy.run_path(str(ROOT / "train.py"), run_name="train")["start"]
+    made: list[tuple] = []
+    monkeypatch.setitem(start.__globals__, "train", lambda job, run, *_: made.append((job, run)))
+    values = config.compose([CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config")
+    values.pop("hydra", None)
+    start(values, [])
+    return made
+
+
+def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
+    words[words.index("size=16")] = "asking.size=16"
+    server.script[:] = [json.dumps({"program": GOOD, "explanation": "held"})]
+    (_, run), *_ = trained(monkeypatch, *words)
+    assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
+    assert (run.folder / "reward.txt").read_text().endswith(GOOD)
+    # The second training finds it.
+    before = len(server.requests)
+    trained(monkeypatch, *words, "seed=1")
+    assert len(server.requests) == before
+
+
+def test_training_asks_nobody_unless_told_to(server, monkeypatch):
+    with pytest.raises(ValueError, match="no image reward is recorded"):
+        trained(monkeypatch)
+    assert not server.requests
+    assert not Path("results").exists()
+
+
+def test_training_stops_where_no_program_is_accepted(words, server, monkeypatch):
+    words[words.index("size=16")] = "asking.size=16"
+    server.script[:] = [json.dumps({"program": "import os", "explanation": ""})] * 3
+    with pytest.raises(RewardError, match="no program was written"):
+        trained(monkeypatch, *words)
+    assert not Path("results/main/dep_front+seg_side").exists()

@@ -1,0 +1,380 @@
+"""Transcripts, replay, conversations, forms: with a model made of a list of replies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
+from needlehoop.vlm.forms import Program, Subtasks, choice, ranking
+from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
+from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
+from needlehoop.vlm.repeats import agreement
+from needlehoop.vlm.totals import in_words, of_transcript, papers
+from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.writing import Verdict, Work, Workshop, write_program
+
+CONFIG = LiveConfig(
+    kind="gemini",
+    model="asked-for",
+    key=None,
+    base_url=None,
+    sampling={"temperature": 2.0, "seed": None},
+    timeout=1.0,
+    tries=2,
+    first_wait=1.0,
+    longest_wait=1.0,
+)
+PICTURE = Picture(b"a picture")
+
+
+def reply(answer: str, outcome: str = "answered", detail: str = "") -> Reply:
+    return Reply(outcome, answer, detail, "answered-by", 10, 3)
+
+
+class Scripted:
+    """A provider that gives what it is told to."""
+
+    def __init__(self, *script: Reply | ProviderError):
+        self.script = list(script)
+        self.asked: list[Request] = []
+
+    def ask(self, request: Request) -> Reply:
+        self.asked.append(request)
+        given = self.script.pop(0)
+        if isinstance(given, ProviderError):
+            raise given
+        return given
+
+    def close(self) -> None:
+        pass
+
+
+def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Recorder:
+    return Recorder(Transcript(folder), Scripted(*script), config, sleep=lambda _: None)
+
+
+def replay(folder: Path) -> Recorder:
+    return Recorder(Transcript(folder))
+
+
+def request(*texts: str, schema: dict | None = None) -> Request:
+    return Request((Message("user", (*texts, PICTURE)),), schema or {"type": "object"})
+
+
+def test_the_hash_of_a_request_is_golden():
+    messages = (
+        Message("user", ("Größe?", Picture(b"png"))),
+        Message("assistant", ("12",)),
+        Message("user", ("Sure?",)),
+    )
+    asked = Request(messages, {"type": "object", "b": 1, "a": [2.5]})
+    assert asked.sha256 == "c0533a0cf76d60ec257848db546dddf566c3f96966ae6da0dc21f87deb436f58"
+    assert asked.sha256 == Request(messages, {"a": [2.5], "b": 1, "type": "object"}).sha256
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        request("Which one?"),
+        request("Which view?", " "),
+        request("Which view?", schema={"type": "string"}),
+        Request((Message("user", ("Which view?", Picture(b"other"))),), {"type": "object"}),
+        Request((Message("assistant", ("Which view?", PICTURE)),), {"type": "object"}),
+    ],
+)
+def test_the_hash_covers_text_turns_pictures_and_form(other):
+    assert other.sha256 != request("Which view?").sha256
+
+
+def test_an_exchange_is_a_whole_line(tmp_path):
+    late = ProviderError("slow", "timeout")
+    live(tmp_path, late, reply('{"ä": 1}')).ask(request("Which view?"), "question")
+    (line,) = (tmp_path / "transcript.jsonl").read_text().splitlines()
+    found = json.loads(line)
+    assert found["sha256"] == request("Which view?").sha256
+    assert found["request"] == request("Which view?").canonical()
+    assert found["request"]["messages"][0]["parts"][1] == {"image": PICTURE.sha256}
+    assert found["answer"] == '{"ä": 1}'
+    assert found["sampling"] == {"temperature": 2.0}
+    assert (found["provider"], found["model"]) == ("gemini", "asked-for")
+    assert found["answered_by"] == "answered-by"
+    assert (found["tokens_in"], found["tokens_out"]) == (10, 3)
+    assert found["attempts"] == ["timeout", 200]
+    assert found["seconds"] >= 0
+    assert found["time"].endswith("Z")
+    assert (tmp_path / "images" / f"{PICTURE.sha256}.png").read_bytes() == PICTURE.png
+
+
+def test_pictures_are_kept_once_and_checked(tmp_path):
+    recorder = live(tmp_path, reply("1"), reply("2"))
+    recorder.ask(request("a"), "question")
+    recorder.ask(request("b"), "question")
+    (path,) = (tmp_path / "images").iterdir()
+    assert recorder.transcript.picture(PICTURE.sha256) == PICTURE
+    path.write_bytes(b"tampered with")
+    with pytest.raises(ValueError, match="not what its name says"):
+        recorder.transcript.picture(PICTURE.sha256)
+
+
+def test_replay_gives_the_recorded_answer(tmp_path):
+    live(tmp_path, reply("yes")).ask(request("a"), "question")
+    assert replay(tmp_path).ask(request("a"), "question").answer == "yes"
+
+
+def test_repeats_replay_in_order_and_then_run_out(tmp_path):
+    live(tmp_path, reply("1")).ask(request("a"), "question")
+    again = live(tmp_path, reply("2"), reply("3"))
+    # The record's own answer comes first: nothing is paid for twice.
+    assert [again.ask(request("a"), "rank/2").answer for _ in range(3)] == ["1", "2", "3"]
+    recorder = replay(tmp_path)
+    assert [recorder.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
+    with pytest.raises(MissError, match="answered 3 times, and they are used up"):
+        recorder.ask(request("a"), "rank")
+
+
+def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
+    recorder = live(tmp_path, reply("1"), reply("2"))
+    recorder.ask(request("The hoop is 36 mm high.\nWhich view?"), "question")
+    recorder.ask(request("Something else altogether"), "rank")
+    with pytest.raises(MissError) as caught:
+        replay(tmp_path).ask(request("The hoop is 50 mm high.\nWhich view?"), "question")
+    said = str(caught.value)
+    assert "line 1, question" in said
+    assert "-The hoop is 36 mm high." in said
+    assert "+The hoop is 50 mm high." in said
+    assert "altogether" not in said
+
+    other = Request((Message("user", ("Something else altogether", Picture(b"x"))),), {})
+    with pytest.raises(MissError, match=r"images: 1 recorded, 1 asked, 0 in both; the form"):
+        replay(tmp_path).ask(other, "question")
+
+
+def test_a_replay_without_a_recording_says_so(tmp_path):
+    with pytest.raises(MissError, match="nothing is recorded"):
+        replay(tmp_path).ask(request("a"), "question")
+
+
+def test_a_line_cut_off_is_reported_skipped_and_cut_away(tmp_path):
+    recorder = live(tmp_path, reply("1"), reply("zwölf"))
+    recorder.ask(request("a"), "question")
+    recorder.ask(request("b"), "question")
+    path = tmp_path / "transcript.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.rfind("ö".encode()) + 1])
+    transcript = Transcript(tmp_path)
+    assert transcript.torn == f"{path}: line 2 is cut off and left out"
+    assert [exchange.answer for exchange in transcript.exchanges] == ["1"]
+    Recorder(transcript, Scripted(reply("2")), CONFIG).ask(request("b"), "question")
+    assert [exchange.answer for exchange in Transcript(tmp_path).exchanges] == ["1", "2"]
+    assert Transcript(tmp_path).torn is None
+
+
+def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
+    live(tmp_path, reply("1")).ask(request("a"), "question")
+    path = tmp_path / "transcript.jsonl"
+    path.write_text('{"sha256": "beef"}\n' + path.read_text())
+    with pytest.raises(ValueError, match="line 1 is no exchange"):
+        Transcript(tmp_path)
+
+
+def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
+    with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
+        live(tmp_path, reply("", "refused", "SAFETY")).ask(request("a"), "question")
+    with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
+        replay(tmp_path).ask(request("a"), "question")
+    assert live(tmp_path, reply("well")).ask(request("a"), "question").answer == "well"
+    assert replay(tmp_path).ask(request("a"), "question").answer == "well"
+
+
+def test_an_empty_answer_is_named(tmp_path):
+    with pytest.raises(RefusalError, match="gave an empty answer: MAX_TOKENS"):
+        live(tmp_path, reply("", "empty", "MAX_TOKENS")).ask(request("a"), "question")
+
+
+def test_a_failure_is_recorded_and_raised(tmp_path):
+    with pytest.raises(ProviderError, match="tried 2 times"):
+        live(tmp_path, *[ProviderError("down", 503)] * 2).ask(request("a"), "question")
+    (exchange,) = Transcript(tmp_path).exchanges
+    assert (exchange.outcome, exchange.attempts) == ("failed", (503, 503))
+    with pytest.raises(MissError):
+        replay(tmp_path).ask(request("a"), "question")
+
+
+def test_a_transcript_is_of_one_model_and_sampling(tmp_path):
+    live(tmp_path, reply("1")).ask(request("a"), "question")
+    warmer = LiveConfig(**{**CONFIG.__dict__, "sampling": {"temperature": 1.0}})
+    with pytest.raises(ValueError, match="choose another study="):
+        live(tmp_path, config=warmer)
+
+
+def test_a_conversation_carries_everything_said(tmp_path):
+    first, second = json.dumps(subtasks("a")), json.dumps(subtasks("b"))
+    provider = Scripted(reply(first), reply(second))
+    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    conversation.ask(["one?", PICTURE], Subtasks)
+    conversation.ask(["two?"], Subtasks)
+    assert [(message.role, message.parts) for message in provider.asked[1].messages] == [
+        ("user", ("one?", PICTURE)),
+        ("assistant", (first,)),
+        ("user", ("two?",)),
+    ]
+    assert provider.asked[1].schema == schema_of(Subtasks)
+    assert conversation.totals()["prompts"] == 2
+
+
+def subtasks(name: str) -> dict:
+    part = {"name": name, "description": "d"}
+    return {"first": part, "second": part}
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (reply('{"first": {"na'), "Invalid JSON"),
+        (reply('{"first": {"name": "a", "description": "b"}}'), "second: Field required"),
+        (reply(json.dumps({**subtasks("a"), "third": 1})), "third: Extra inputs"),
+        (reply(json.dumps(subtasks(""))), "first.name: Value error, it is empty"),
+        (reply('{"first"', "truncated", "MAX_TOKENS"), "cut off at the limit of length"),
+    ],
+)
+def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, reason):
+    provider = Scripted(bad, reply(json.dumps(subtasks("a"))))
+    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    assert conversation.ask(["?"], Subtasks).first.name == "a"
+    correction = provider.asked[1].messages[-1].parts[0]
+    assert reason in correction
+    assert provider.asked[1].messages[-2].parts == (bad.answer,)
+    assert conversation.totals() == {
+        "prompts": 2,
+        "tokens_in": 20,
+        "tokens_out": 6,
+        "prompts_without_token_count": 0,
+        "invalid_answers": 1,
+    }
+    assert len(Transcript(tmp_path).exchanges) == 2
+    again = Conversation(replay(tmp_path), "question", 3)
+    assert again.ask(["?"], Subtasks).first.name == "a"
+    assert again.totals() == conversation.totals()
+
+
+def test_attempts_are_bounded(tmp_path):
+    provider = Scripted(*[reply("no")] * 9)
+    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
+        conversation.ask(["?"], Subtasks)
+    assert len(provider.asked) == 3
+    assert conversation.totals()["invalid_answers"] == 3
+
+
+def test_tokens_that_nobody_counted_are_said_to_be_missing(tmp_path):
+    silent = Reply("answered", json.dumps(subtasks("a")), "", "m", None, None)
+    conversation = Conversation(live(tmp_path, silent), "question", 1)
+    conversation.ask(["?"], Subtasks)
+    assert totals_of(conversation.attempts)["prompts_without_token_count"] == 1
+    assert models(conversation.attempts) == ["gemini m"]
+
+
+def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
+    good = json.dumps(subtasks("a"))
+    silent = Reply("answered", good, "", "m", None, None)
+    down = [ProviderError("down", 503)] * 2
+    script = [reply("no"), reply(good), reply('{"', "truncated"), silent, *down]
+    recorder = live(tmp_path, *script, reply("", "refused", "SAFETY"))
+    for name in ("question", "rank"):
+        conversation = Conversation(recorder, name, 3)
+        conversation.ask([name], Subtasks)
+    for error in (ProviderError, RefusalError):
+        with pytest.raises(error):
+            recorder.ask(request("else"), "reward/text")
+    found = of_transcript(Transcript(tmp_path).exchanges)
+    assert found == of_transcript(recorder.transcript.exchanges)
+    assert list(found) == ["question", "rank", "reward/text", "all"]
+    assert found["question"] == {
+        "prompts": 2,
+        "tokens_in": 20,
+        "tokens_out": 6,
+        "prompts_without_token_count": 0,
+        "invalid_answers": 1,
+    }
+    assert found["rank"]["prompts_without_token_count"] == 1
+    assert found["rank"]["invalid_answers"] == 1
+    # The request that nobody answered is no prompt; the one that was refused is.
+    assert found["reward/text"]["prompts"] == found["reward/text"]["invalid_answers"] == 1
+    for key, value in found["all"].items():
+        assert value == sum(row[key] for name, row in found.items() if name != "all")
+    assert in_words(found["all"]) == (
+        "5 prompts, 52 tokens (40 in, 12 out; 1 prompts not counted), 3 invalid answers"
+    )
+    assert papers() == "25 prompts, 14137 tokens"
+
+
+def places(*names: str) -> str:
+    return json.dumps({"places": [{"name": name, "reason": "r"} for name in names]})
+
+
+def test_a_ranking_is_a_permutation_of_its_list():
+    form = ranking(["a", "b+c", "d"])
+    answer = form.model_validate_json(places("d", "a", "b+c"))
+    assert [place["name"] for place in answer.model_dump()["places"]] == ["d", "a", "b+c"]
+    for wrong, said in [
+        (("d", "a"), r"missing: b\+c; named twice: none"),
+        (("d", "a", "a"), r"missing: b\+c; named twice: a"),
+        (("d", "a", "b+c", "d"), "named twice: d"),
+        (("d", "a", "c+b"), r"'c\+b' is not one of a, b\+c, d"),
+        ((), "missing"),
+    ]:
+        with pytest.raises(ValidationError, match=said):
+            form.model_validate_json(places(*wrong))
+
+
+def test_a_choice_is_among_what_was_shown():
+    form = choice(["front", "side"], ["rgb", "dep"])
+    names = schema_of(form)["properties"]
+    assert names["view"] == {"type": "string", "enum": ["front", "side"]}
+    assert "title" not in json.dumps(schema_of(form))
+    part = schema_of(Subtasks)["$defs"]["Subtask"]
+    assert part["required"] == ["name", "description"]
+    assert part["properties"]["description"] == {"type": "string"}
+    assert "description" not in part
+    with pytest.raises(ValidationError, match="'top' is not one of front, side"):
+        form.model_validate(
+            {"view": "top", "view_reason": "r", "rendering": "rgb", "rendering_reason": "r"}
+        )
+
+
+def test_agreement_of_samples():
+    assert agreement([["a", "b", "c"]]) is None
+    assert agreement([["a", "b", "c"], ["a", "b", "c"]]) == {"tau_b": 1.0, "same_top": 1.0}
+    assert agreement([["a", "b", "c"], ["c", "b", "a"]])["tau_b"] == pytest.approx(-1.0)
+    found = agreement([["a", "b", "c"], ["a", "c", "b"], ["b", "a", "c"]])
+    assert found["tau_b"] == pytest.approx((1 / 3 + 1 / 3 - 1 / 3) / 3)
+    assert found["same_top"] == pytest.approx(2 / 3)
+
+
+def program(text: str) -> Reply:
+    return reply(json.dumps({"explanation": "e", "program": text}))
+
+
+def judge(source: str) -> Verdict:
+    good = source == "reward = 9\n"
+    return Verdict(good, "" if good else "line 1, column 1: no", {"lines": 1})
+
+
+def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
+    provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
+    recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
+    work = Work(Conversation(recorder, "reward/text", 3))
+    workshop = Workshop({}, "", 0.0, 9.0, judge)
+    assert write_program(work, ["write"], workshop) == "reward = 9\n"
+    assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
+    rows = work.attempts()
+    assert [row["accepted"] for row in rows] == [False, False, True]
+    assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
+    assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
+    assert "Field required" in rows[1]["reason"]
+    assert schema_of(Program)["required"] == ["explanation", "program"]
