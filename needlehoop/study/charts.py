@@ -14,7 +14,7 @@ from needlehoop.study.combinations import HUMAN, label, reward_label
 from needlehoop.study.curves import MissingDataError, moving_mean
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.records import Record
-from needlehoop.study.statistics import ONE_SEED, Estimate
+from needlehoop.study.statistics import ENOUGH, Estimate, no_interval
 from needlehoop.study.style import CHEAT, COLOURS, FAINT, INK, SUCCESS, new_figure
 
 THRESHOLD = 0.5
@@ -45,8 +45,9 @@ def final_values(findings: Findings) -> Figure:
     if findings.study is None:
         grid[0, 0].set_title("As published in the paper")
     grid[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
-    if findings.seeds < 2:
-        grid[0, 0].set_xlabel(f"final return\n({ONE_SEED})")
+    most = max(result.value.seeds for result in results)
+    if most < ENOUGH:
+        grid[0, 0].set_xlabel(f"final return\n({no_interval(most)})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
     if findings.study is not None and findings.main_reward == HUMAN:
         known = paper.measured()

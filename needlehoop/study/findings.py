@@ -13,7 +13,7 @@ from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import HUMAN
 from needlehoop.study.final import Final, final
 from needlehoop.study.records import LeftOut, Record, Study, read_study
-from needlehoop.study.statistics import Estimate, estimate
+from needlehoop.study.statistics import Estimate, estimate, rate
 
 
 @dataclass(frozen=True)
@@ -108,12 +108,13 @@ def paper_findings() -> Findings:
 
 def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
     finals = tuple(found for _, found in pairs)
+    episodes = [found.episodes for found in finals]
     return Result(
         cameras,
         reward,
         tuple(run for run, _ in pairs),
         finals,
         value=estimate([[found.value for found in finals]]),
-        success=estimate([[found.success for found in finals]]),
-        cheat=estimate([[found.cheat for found in finals]]),
+        success=rate([found.success for found in finals], episodes),
+        cheat=rate([found.cheat for found in finals], episodes),
     )

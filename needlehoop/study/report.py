@@ -19,7 +19,7 @@ from needlehoop.study.final import final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.records import Record
 from needlehoop.study.rows import UnreadableError, read_text
-from needlehoop.study.statistics import ONE_SEED
+from needlehoop.study.statistics import ENOUGH, no_interval
 from needlehoop.study.tables import all_tables
 
 _EMBED = 4_000_000
@@ -77,7 +77,7 @@ def _lead(findings: Findings) -> list[str]:
         return [
             "Returns and rankings as published in K. Raghuvanshi, Leveraging VLMs for Optimising"
             " Camera Inputs for Surgical Robotic Reinforcement Learning. Not measured here.",
-            f"One run for each combination: {ONE_SEED}.",
+            f"One run for each combination: {no_interval(1)}.",
         ]
     runs = findings.study.runs
     done = sum(run.finished for run in runs)
@@ -93,13 +93,13 @@ def _lead(findings: Findings) -> list[str]:
             " evaluations in the last tenth of the steps so far."
         )
     fewest, most = findings.seeds, max((r.value.seeds for r in findings.results), default=0)
-    if fewest == 1:
+    if fewest:
+        seeds = f"{fewest} to {most} seeds" if fewest < most else f"{fewest} seeds"
         lead.append(
-            f"Some results rest on {ONE_SEED}." if most > 1 else f"{ONE_SEED.capitalize()}."
+            f"{'One seed' if most == 1 else seeds} each. Intervals are 95 %: of returns over seeds,"
+            f" where there are {ENOUGH} or more; of rates over seeds as well, over all episodes"
+            " (Wilson's) where there are fewer."
         )
-    elif fewest:
-        seeds = f"{fewest} seeds" if fewest == most else f"{fewest} to {most} seeds"
-        lead.append(f"{seeds} each; intervals are 95 % bootstrap intervals over seeds.")
     return lead
 
 

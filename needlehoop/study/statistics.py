@@ -10,28 +10,39 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import trim_mean
+from scipy.stats import binomtest, trim_mean
 
 _RESAMPLES = 2_000
 _LEVEL = 0.95
 
-ONE_SEED = "one seed, no interval"
+ENOUGH = 3
+"""Seeds below which there is no interval: that of two would be their minimum and maximum."""
+
+OVER_SEEDS, OVER_EPISODES = "over seeds", "over episodes"
+"""What an interval is over."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and, with two seeds or more in a stratum, its 95 % interval."""
+    """A value and, where there is enough to tell, its 95 % interval."""
 
     value: float
     low: float | None
     high: float | None
     seeds: int
     """Runs in the smallest stratum."""
+    over: str = OVER_SEEDS
+    """What varies within the interval: seeds, or the episodes of too few seeds."""
 
     @property
     def interval(self) -> str:
         """The interval in words."""
-        return ONE_SEED if self.low is None else f"{self.low:.2f} to {self.high:.2f}"
+        return no_interval(self.seeds) if self.low is None else f"{self.low:.2f} to {self.high:.2f}"
+
+
+def no_interval(seeds: int) -> str:
+    """Why there is none, in words."""
+    return f"{'one seed' if seeds == 1 else f'{seeds} seeds'}, no interval"
 
 
 def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
@@ -53,11 +64,35 @@ def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> Estimate:
     groups = _checked(strata)
     fewest = min(map(len, groups))
     value = float(iqm(np.concatenate(groups)))
-    if fewest < 2:
+    if fewest < ENOUGH:
         return Estimate(value, None, None, fewest)
     generator = np.random.default_rng(seed)
     drawn = np.concatenate([_resample(group, generator) for group in groups], axis=1)
     return Estimate(value, *_percentiles(iqm(drawn, axis=1)), fewest)
+
+
+def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> Estimate:
+    """A share of episodes, such as success, over the runs of one combination.
+
+    With too few seeds for an interval over them it is Wilson's over all their episodes, which
+    says nothing of what another seed would give.
+
+    Args:
+        shares: of each run's episodes.
+        episodes: of each run.
+        seed: of the resampling.
+
+    Raises:
+        ValueError: as in ``estimate``.
+    """
+    found = estimate([shares], seed)
+    if found.low is not None:
+        return found
+    hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
+    wilson = binomtest(hits, sum(episodes)).proportion_ci(method="wilson")
+    return Estimate(
+        hits / sum(episodes), float(wilson.low), float(wilson.high), found.seeds, OVER_EPISODES
+    )
 
 
 def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> Estimate:
@@ -69,7 +104,7 @@ def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) 
     a, b = _checked([better, worse])
     value = float(_above(a[None], b[None])[0])
     fewest = min(len(a), len(b))
-    if fewest < 2:
+    if fewest < ENOUGH:
         return Estimate(value, None, None, fewest)
     generator = np.random.default_rng(seed)
     drawn = _above(_resample(a, generator), _resample(b, generator))
@@ -85,7 +120,7 @@ def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
 
     Returns:
         Middle, low and high, ``(points,)`` each; low and high are NaN where there are fewer
-        than two runs.
+        than three runs.
     """
     present = ~np.isnan(curves)
     middle, low, high = (np.full(curves.shape[1], np.nan) for _ in range(3))
@@ -95,7 +130,7 @@ def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
         stretch = curves[who][:, here]
         if len(stretch):
             middle[here] = iqm(stretch, axis=0)
-        if len(stretch) > 1:
+        if len(stretch) >= ENOUGH:
             generator = np.random.default_rng(seed)
             picks = generator.integers(len(stretch), size=(_RESAMPLES // 4, len(stretch)))
             drawn = iqm(stretch[picks], axis=1)

@@ -10,7 +10,14 @@ from needlehoop.study.agreement import Agreement, agreement
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
 from needlehoop.study.findings import Findings, Result
-from needlehoop.study.statistics import ONE_SEED, Estimate, estimate, improvement
+from needlehoop.study.statistics import (
+    ENOUGH,
+    OVER_EPISODES,
+    Estimate,
+    estimate,
+    improvement,
+    no_interval,
+)
 from needlehoop.study.table import Table
 
 _PAPERS = "the paper's"
@@ -47,8 +54,12 @@ def results(findings: Findings) -> Table:
                 str(result.unfinished),
             )
         )
-    head = ("place", "cameras", "return", "95 %", "success, %", "95 %", "cheat, %", "reward")
-    note = "Interquartile means over seeds and bootstrap intervals of the final value."
+    head = ("place", "cameras", "return", "return, 95 %", "success, %", "success, 95 %")
+    head += ("cheat, %", "reward")
+    note = (
+        "Interquartile means over seeds. Intervals are bootstrapped over three seeds or more;"
+        " with fewer, Wilson's over all episodes, for rates alone."
+    )
     if any(result.reward != findings.main_reward for result in findings.results):
         note += " A return is in its own reward's points: across rewards, compare success."
     if findings.study is None:
@@ -165,8 +176,8 @@ def rewards(findings: Findings) -> Table:
         own = [r for r in findings.results if r.reward == reward and r.cameras in written]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
-    head = ("cameras", "reward", "return", "95 %", "success, %", "95 %", "cheat, %")
-    head += (f"{_PAPERS} return", "remark on the paper's")
+    head = ("cameras", "reward", "return", "return, 95 %", "success, %", "success, 95 %")
+    head += ("cheat, %", f"{_PAPERS} return", "remark on the paper's")
     note = "A return is in its own reward's points: compare success."
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
 
@@ -192,8 +203,9 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
 def improvements(findings: Findings) -> Table:
     """The chance that a run of the row's combination beats one of the column's."""
     found = findings.ranked
-    if findings.seeds < 2 or len(found) < 2:
-        return Table("improvement", "Probability of improvement", (), (), ONE_SEED)
+    if findings.seeds < ENOUGH or len(found) < 2:
+        none = no_interval(findings.seeds)
+        return Table("improvement", "Probability of improvement", (), (), none)
     values = [[final.value for final in result.finals] for result in found]
     rows = []
     for i, row in enumerate(found):
@@ -287,5 +299,6 @@ def _interval(found: Estimate | None) -> str:
     if found is None:
         return ""
     if found.low is None or found.high is None:
-        return ONE_SEED
-    return f"{100 * found.low:.0f} to {100 * found.high:.0f}"
+        return no_interval(found.seeds)
+    told = f"{100 * found.low:.0f} to {100 * found.high:.0f}"
+    return f"{told} ({OVER_EPISODES})" if found.over == OVER_EPISODES else told

@@ -8,9 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
-from needlehoop.study.statistics import ONE_SEED, band, estimate, improvement, iqm
+from needlehoop.study.statistics import (
+    OVER_EPISODES,
+    OVER_SEEDS,
+    band,
+    estimate,
+    improvement,
+    iqm,
+    no_interval,
+    rate,
+)
 
-values = st.lists(st.floats(-10, 10), min_size=2, max_size=8)
+values = st.lists(st.floats(-10, 10), min_size=3, max_size=8)
 
 
 def test_the_iqm_is_the_mean_of_the_middle_half():
@@ -19,12 +28,27 @@ def test_the_iqm_is_the_mean_of_the_middle_half():
     assert iqm(np.array([9.0, 0.0, 0.0])) == pytest.approx(3.0)
 
 
-def test_one_seed_has_no_interval():
+def test_fewer_than_three_seeds_have_no_interval():
     found = estimate([[8.5]])
     assert (found.value, found.low, found.high, found.seeds) == (8.5, None, None, 1)
-    assert found.interval == ONE_SEED
-    assert estimate([[8.5, 8.7], [3.0]]).interval == ONE_SEED
-    assert improvement([1.0], [0.0, 2.0]).interval == ONE_SEED
+    assert found.interval == no_interval(1) == "one seed, no interval"
+    assert estimate([[8.5, 8.7]]).interval == "2 seeds, no interval"
+    assert estimate([[8.5, 8.7, 8.6], [3.0, 2.0]]).interval == no_interval(2)
+    assert improvement([1.0, 1.0, 1.0], [0.0, 2.0]).interval == no_interval(2)
+
+
+def test_a_rate_of_few_seeds_has_wilsons_interval_over_its_episodes():
+    found = rate([0.9, 0.8], [100, 100])
+    assert (found.value, found.seeds, found.over) == (pytest.approx(0.85), 2, OVER_EPISODES)
+    # Worked out from the formula of the score interval for 170 of 200.
+    assert (found.low, found.high) == (
+        pytest.approx(0.7939, abs=1e-4),
+        pytest.approx(0.8929, abs=1e-4),
+    )
+    # Episodes count, not runs.
+    assert rate([1.0, 0.0], [300, 100]).value == pytest.approx(0.75)
+    three = rate([0.9, 0.8, 0.7], [100, 100, 100])
+    assert (three.over, three) == (OVER_SEEDS, estimate([[0.9, 0.8, 0.7]]))
 
 
 def test_the_interval_is_that_of_all_resamples():
@@ -45,9 +69,9 @@ def test_the_interval_is_that_of_all_resamples():
 
 def test_resampling_stays_within_strata():
     # Within each stratum nothing varies, so neither does the whole.
-    found = estimate([[0.0, 0.0], [8.0, 8.0]])
+    found = estimate([[0.0, 0.0, 0.0], [8.0, 8.0, 8.0]])
     assert (found.low, found.value, found.high) == (4.0, 4.0, 4.0)
-    pooled = estimate([[0.0, 0.0, 8.0, 8.0]])
+    pooled = estimate([[0.0, 0.0, 0.0, 8.0, 8.0, 8.0]])
     assert pooled.low is not None
     assert pooled.low < 4.0
 
@@ -77,10 +101,14 @@ def test_no_value_no_estimate(strata):
         estimate(strata)
 
 
-def test_a_band_has_an_interval_only_where_there_are_two_runs():
+def test_a_band_has_an_interval_only_where_there_are_three_runs():
     nan = np.nan
-    curves = np.array([[nan, 1.0, 2.0, 3.0, 4.0], [nan, 3.0, 4.0, nan, nan]])
+    curves = np.array([[nan, 1, 2, 3, 4], [nan, 3, 4, nan, nan], [nan, 2, 3, 5, nan]])
     middle, low, high = band(curves)
-    np.testing.assert_allclose(middle, [nan, 2.0, 3.0, 3.0, 4.0])
-    np.testing.assert_allclose(low, [nan, 1.0, 2.0, nan, nan])
-    np.testing.assert_allclose(high, [nan, 3.0, 4.0, nan, nan])
+    np.testing.assert_allclose(middle, [nan, 2.0, 3.0, 4.0, 4.0])
+    with_three = [False, True, True, False, False]
+    assert (~np.isnan(low) == with_three).all()
+    assert (~np.isnan(high) == with_three).all()
+    assert (low[1:3] < middle[1:3]).all()
+    assert (high[1:3] > middle[1:3]).all()
+    assert (curves.min(0)[1:3] <= low[1:3]).all()

@@ -27,7 +27,7 @@ from needlehoop.study.tables import (
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("results") / "main"
-    return write_study(folder, [*PAIRS, *REWARDED], seeds=2)
+    return write_study(folder, [*PAIRS, *REWARDED], seeds=3)
 
 
 @pytest.fixture(scope="module")
