@@ -15,7 +15,7 @@ from needlehoop.study.curves import MissingDataError, moving_mean
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.records import Record
 from needlehoop.study.statistics import ENOUGH, Estimate, no_interval
-from needlehoop.study.style import CHEAT, COLOURS, FAINT, INK, SUCCESS, new_figure
+from needlehoop.study.style import CHEAT, COLOURS, FAINT, INK, SUCCESS, explain_views, new_figure
 
 THRESHOLD = 0.5
 """Success rate that a run has to reach."""
@@ -40,6 +40,7 @@ def final_values(findings: Findings) -> Figure:
     columns = 2 if successes else 1
     figure, grid = new_figure(26 + _ROW * len(results), 1, columns, sharey=True)
     _rows(grid[0, 0], [label(result.cameras) for result in results])
+    explain_views(figure)
     _bars(grid[0, 0], [result.value for result in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
     grid[0, 0].set_xlabel("final return")
     if findings.study is None:
@@ -58,7 +59,7 @@ def final_values(findings: Findings) -> Figure:
                 markeredgecolor=INK, markeredgewidth=0.7, label="the paper's return",
                 clip_on=False, zorder=5,
             )  # fmt: skip
-            figure.legend(loc="outside lower left", frameon=False, fontsize=6.5, handletextpad=0.2)
+            figure.legend(loc="outside lower right", frameon=False, fontsize=6.5, handletextpad=0.2)
     if successes:
         _bars(grid[0, 1], successes, COLOURS[2], "{:.0f} %", 100.0, 1.0)
         grid[0, 1].set_xlabel("final success")
@@ -80,6 +81,7 @@ def success_and_cheats(findings: Findings) -> Figure:
     figure, grid = new_figure(17 + _ROW * len(results))
     axes = grid[0, 0]
     _rows(axes, [_name(result, findings) for result in results])
+    explain_views(figure)
     for estimates, sign, colour in (
         ([r.success for r in results], 1, SUCCESS),
         ([r.cheat for r in results], -1, CHEAT),
@@ -122,6 +124,7 @@ def time_to_threshold(findings: Findings) -> Figure:
     figure, grid = new_figure(17 + _ROW * len(found))
     axes = grid[0, 0]
     _rows(axes, [label(result.cameras) for result, _ in found])
+    explain_views(figure)
     for y, (_, times) in enumerate(found):
         reached = [time / 1e6 for time in times if time is not None]
         axes.plot(reached, [y] * len(reached), "o", color=COLOURS[0], markersize=3.5,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from typing import Any
 
@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 
 from needlehoop.study import paper
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
-from needlehoop.study.findings import Findings
+from needlehoop.study.findings import Findings, Result
 from needlehoop.study.records import Record
 from needlehoop.study.statistics import band
-from needlehoop.study.style import COLOURS, DASHES, label_ends, new_figure
+from needlehoop.study.style import COLOURS, DASHES, explain_views, label_ends, new_figure
 
 _POINTS = 120
 _WINDOW = 0.04
@@ -32,7 +32,9 @@ class MissingDataError(ValueError):
 
 
 def learning_curves(findings: Findings) -> Figure:
-    """Return over training for each combination, in the paper's three lists, then the rest.
+    """Return over training for each combination.
+
+    Few share a panel; many are parted into the paper's three lists, and the rest.
 
     Raises:
         MissingDataError: no run has a learning curve.
@@ -40,22 +42,27 @@ def learning_curves(findings: Findings) -> Figure:
     drawn = {result.cameras: result for result in findings.ranked if _curves(result.runs)}
     if not drawn:
         raise MissingDataError("no learning curves")
-    panels = []
-    for name, members in paper.lists().items():
-        own = [drawn[cameras] for cameras in drawn if cameras in members]
-        panels.append((LISTS[name], own))
-    listed = {cameras for members in paper.lists().values() for cameras in members}
-    rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
-    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
-    panels = [(title, own) for title, own in panels if own]
+    panels = [("", list(drawn.values()))] if len(drawn) <= _PANEL else _in_lists(drawn)
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
     colours = _colours([[result.cameras for result in own] for _, own in panels])
     shown = [
         (title, [(label(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
+    explain_views(figure)
     _panels(figure, grid[:, 0], shown)
     return figure
+
+
+def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
+    """Combinations by the paper's lists; one that is in two of them is shown in both."""
+    panels = []
+    for name, members in paper.lists().items():
+        panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
+    listed = {cameras for members in paper.lists().values() for cameras in members}
+    rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
+    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
+    return [(title, own) for title, own in panels if own]
 
 
 def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
@@ -108,7 +115,7 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
-        axes.set_ylabel("return")
+        axes.set_ylabel("return in training")
         ends.append([_line(axes, steps, number, name, runs) for name, runs, number in lines])
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
@@ -119,7 +126,8 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
     column[-1].set_xlabel("environment steps, millions")
     # Room for the names, then names: they need to know how tall the axes came out.
     layout: Any = figure.get_layout_engine()
-    layout.set(rect=(0, 0, 0.7, 1))
+    longest_name = max(len(name) for own in ends for name, *_ in own)
+    layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))
     figure.draw_without_rendering()
     for axes, own in zip(column, ends, strict=True):
         label_ends(axes, own, 1.06 * longest / 1e6)

@@ -23,8 +23,9 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
         "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
-        " bootstrap intervals; each point is the mean over the last 4 % of the longest run. Thin:"
-        " fewer seeds have come so far.",
+        " bootstrap intervals where there are three; each point is the mean over the last 4 % of"
+        " the longest run. Thin: fewer seeds have come so far. Training samples its actions, so a"
+        " curve ends below the final return, which is of the mean action.",
     ),
     "rewards": (
         reward_comparison,
@@ -33,7 +34,8 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     ),
     "final_values": (
         final_values,
-        "Combinations by final return, with success; interquartile means and 95 % intervals.",
+        "Combinations by final return, with success; interquartile means, and 95 % intervals: of"
+        " returns over three seeds or more, of success over episodes where there are fewer.",
     ),
     "success_and_cheats": (
         success_and_cheats,

@@ -61,6 +61,13 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
+def explain_views(figure: Figure) -> None:
+    """What the letters behind a camera's rendering mean, at the figure's foot."""
+    figure.supxlabel(
+        "(D) default, (F) front, (S) side view", x=0.02, ha="left", fontsize=6, color=FAINT
+    )
+
+
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as PNG and SVG, the same bytes every time; returns their paths."""
     stem.parent.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from study_files import BUFFER, REWARDED, UPDATES, write_run, write_study
+from study_files import BUFFER, PAIRS, REWARDED, UPDATES, write_run, write_study
 
 from needlehoop.cli.main import main
 from needlehoop.study.charts import final_values, steps_to_threshold, success_and_cheats
@@ -70,34 +70,42 @@ def test_a_missing_contact_sheet_names_the_command(tmp_path, capsys):
     assert f"needlehoop snapshot out={sheet}" in capsys.readouterr().out
 
 
-def test_curves_are_grouped_as_in_the_paper(study):
+def test_few_curves_share_a_panel(study):
     with styled():
-        panels = learning_curves(study_findings(study)).axes
+        (axes,) = learning_curves(study_findings(study)).axes
+    assert set(names(axes)) == {"RGB (D)", "DEP (F) + SEG (S)", "SEGDEP (F)"}
+    colours = [line.get_color() for line in axes.lines if len(line.get_xdata()) > 2]
+    assert len(set(colours)) == 3
+
+
+def test_many_curves_are_grouped_as_in_the_paper(tmp_path):
+    for cameras, _ in (*PAIRS, ("segdep_front", "human")):
+        write_run(tmp_path, cameras, updates=20)
+    with styled():
+        panels = learning_curves(study_findings(tmp_path)).axes
     assert [axes.get_title("left") for axes in panels] == [
         "RGB and depth",
         "RGB and segmentation",
         "Depth and segmentation",
         "Others",
     ]
-    assert [names(axes) for axes in panels] == [
-        ["RGB (D)"],
-        ["RGB (D)"],
-        ["DEP (F) + SEG (S)"],
-        ["SEGDEP (F)"],
-    ]
-
-
-def test_a_combination_keeps_its_colour_from_panel_to_panel(tmp_path):
-    for cameras, goal in (("dep_front+rgb_side", 8.0), ("rgb_default", 1.0), ("seg_default", 9.0)):
-        write_run(tmp_path, cameras, goal=goal)
-    with styled():
-        depth, segmentation, _ = learning_curves(study_findings(tmp_path)).axes
-    colours = {
-        axes: [line.get_color() for line in axes.lines if len(line.get_xdata()) > 2]
-        for axes in (depth, segmentation)
-    }
-    assert [len(set(found)) for found in colours.values()] == [2, 1]
-    assert colours[segmentation][0] in colours[depth]
+    assert [len(names(axes)) for axes in panels] == [5, 5, 6, 1]
+    assert all("RGB (D)" in names(axes) for axes in panels[:2])
+    # It keeps its colour from panel to panel, and no other in either has it.
+    for axes in panels:
+        colours = [line.get_color() for line in axes.lines if len(line.get_xdata()) > 2]
+        assert len(set(colours)) == len(colours)
+    first, second = (
+        dict(
+            zip(
+                names(axes),
+                [line.get_color() for line in axes.lines[len(names(axes)) :]],
+                strict=True,
+            )
+        )
+        for axes in panels[:2]
+    )
+    assert first["RGB (D)"] == second["RGB (D)"]
 
 
 def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
@@ -105,7 +113,8 @@ def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
     (result,) = [r for r in findings.ranked if r.cameras == "rgb_default"]
     with styled():
         axes = learning_curves(findings).axes[0]
-    x, y = axes.lines[0].get_xdata(), axes.lines[0].get_ydata()
+    line = axes.lines[[r.cameras for r in findings.ranked].index("rgb_default")]
+    x, y = line.get_xdata(), line.get_ydata()
     assert x[-1] == pytest.approx(UPDATES * BUFFER / 1e6)
     last = 0.04 * UPDATES
     ends = [
@@ -120,7 +129,7 @@ def test_a_curve_breaks_where_a_run_ends_before_the_others(tmp_path):
     write_run(tmp_path, "rgb_default", seed=0, goal=2.0, updates=UPDATES // 2)
     write_run(tmp_path, "rgb_default", seed=1, goal=8.0)
     with styled():
-        axes, _ = learning_curves(study_findings(tmp_path)).axes
+        (axes,) = learning_curves(study_findings(tmp_path)).axes
     one, both = axes.lines[:2]
     assert one.get_linewidth() < both.get_linewidth()
     drawn = [~np.isnan(line.get_ydata()) for line in (both, one)]
