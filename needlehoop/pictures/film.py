@@ -6,7 +6,7 @@ from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from needlehoop.engines.cpu import CpuEngine
 from needlehoop.envs.images import Imager
@@ -74,5 +74,14 @@ def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
         depth = settings.renderings[camera.rendering].depth
         seen = np.ascontiguousarray(to_rgb(images[camera.name][0].numpy(), depth))
         picture = Image.fromarray(seen).resize((tile, tile), Image.Resampling.NEAREST)
+        _label(picture, camera.name)
         column.paste(picture, (0, row * tile))
     return np.concatenate((scene, np.asarray(column)), 1)
+
+
+def _label(picture: Image.Image, name: str) -> None:
+    """Write a camera's name into the lower left corner, legible on any ground."""
+    font = ImageFont.load_default(max(9, picture.height // 12))
+    place = (picture.height // 32, picture.height - picture.height // 32)
+    draw = ImageDraw.Draw(picture)
+    draw.text(place, name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
