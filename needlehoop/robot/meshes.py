@@ -39,7 +39,8 @@ def tube(curve: np.ndarray, radius: float, taper: float = 0.0, sides: int = 6) -
     for i in range(sides):
         j = (i + 1) % sides
         faces += [(first, j, i), (last, start + i, start + j)]
-    return Mesh(vertices, np.array(faces, dtype=np.int32))
+    # The sections turn against the curve, so that the cells between them face inwards.
+    return Mesh(vertices, np.array(faces, dtype=np.int32)[:, ::-1])
 
 
 def torus(radius: float, thickness: float, segments: int = 24, sides: int = 6) -> Mesh:
