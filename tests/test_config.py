@@ -51,6 +51,7 @@ BAD = [
     ("num_envs=0", ["num_envs", "0", "at least 1"]),
     ("seed=-1", ["seed", "-1", "at least 0"]),
     ("engine.threads=-1", ["engine.threads", "-1", "every CPU"]),
+    ("engine.renderer=opengl", ["engine.renderer", "opengl", "rasteriser, tracer"]),
     ("image_size=64.5", ["image_size", "64.5", "whole number"]),
     ("num_envs=true", ["num_envs", "True", "whole number"]),
     ("image_size=big", ["image_size", "big"]),

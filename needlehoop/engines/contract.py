@@ -5,14 +5,19 @@ An engine holds no task logic. ``Simulation`` drives it: commands in, sensor dat
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import mujoco
+import numpy as np
 from torch import Tensor
 
 from needlehoop.task.facts import Weld
 from needlehoop.task.start import Start
+
+RENDERERS: tuple[str, ...] = ("rasteriser", "tracer")
+"""What makes the images that agents see."""
 
 
 @dataclass(frozen=True)
@@ -21,10 +26,19 @@ class EngineConfig:
 
     threads: int
     """Threads for physics and cameras; 0: every CPU this process may use."""
+    renderer: str
+    """Of ``RENDERERS``. Pictures for people are always the tracer's."""
 
     def __post_init__(self) -> None:
         if self.threads < 0:
             raise ValueError(f"engine.threads: {self.threads} is negative; 0 means every CPU")
+        if self.renderer not in RENDERERS:
+            valid = ", ".join(RENDERERS)
+            raise ValueError(f"engine.renderer: {self.renderer!r} is unknown; choose from {valid}")
+
+
+FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+"""Fields of MjData that a picture depends on."""
 
 
 class Frame(NamedTuple):
@@ -50,6 +64,21 @@ class Channels(NamedTuple):
     def __or__(self, other: Channels) -> Channels:  # type: ignore[override]
         """Channels that either asks for."""
         return Channels(*(a or b for a, b in zip(self, other, strict=True)))
+
+
+class Renderer(Protocol):
+    """Cameras of ``num_envs`` scenes."""
+
+    def render(
+        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
+    ) -> dict[str, Frame]:
+        """A frame per view, which are chosen at construction.
+
+        Args:
+            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
+            ids: environments to render ``(k,)``; all by default.
+        """
+        ...
 
 
 class Engine(Protocol):

@@ -1,4 +1,4 @@
-"""The CPU engine: mujoco.batch on all cores and the ray tracer on threads."""
+"""The CPU engine: mujoco.batch on all cores and a renderer on threads."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from mujoco.batch import Batch
 from torch import Tensor
 
 from needlehoop.engines.addresses import Addresses, weld_data, weld_index
-from needlehoop.engines.contract import Channels, EngineConfig, Frame
-from needlehoop.engines.tracer import FIELDS, Tracer
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
 from needlehoop.task.facts import Weld
 from needlehoop.task.start import Start
@@ -40,10 +40,10 @@ class CpuEngine:
         model: the compiled scene.
         num_envs: copies of it.
         substeps: physics steps per control step.
-        views: channels to trace by view; empty for no cameras.
+        views: channels to render by view; empty for no cameras.
         size: image width and height, px.
         quality: see ``Tracer``.
-        config: threads.
+        config: threads and renderer.
 
     Raises:
         ValueError: fewer than one environment.
@@ -67,7 +67,11 @@ class CpuEngine:
         self._batch = Batch(model, num_envs, threads)
         self._addresses = Addresses(model)
         self._sensordata = self._batch.bind("sensordata")
-        self._tracer = Tracer(model, num_envs, views, size, threads, quality) if views else None
+        self._renderer = (
+            make_renderer(config.renderer, model, num_envs, views, size, threads, quality)
+            if views
+            else None
+        )
         self._scratch_data: mujoco.MjData | None = None
         self._scratch_model: mujoco.MjModel | None = None
         self._fields = {name: self._batch.bind(name) for name in FIELDS} if views else {}
@@ -113,9 +117,9 @@ class CpuEngine:
         self._batch.forward(stage=_VELOCITY)
 
     def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
-        if self._tracer is None:
+        if self._renderer is None:
             return {}
-        return self._tracer.render(self._fields, None if ids is None else ids.numpy())
+        return self._renderer.render(self._fields, None if ids is None else ids.numpy())
 
     def data(self, env: int) -> mujoco.MjData:
         """One environment's MjData, forwarded; valid until the next call."""

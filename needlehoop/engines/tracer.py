@@ -13,13 +13,10 @@ import numpy as np
 import torch
 import warp as wp
 
-from needlehoop.engines.contract import Channels, Frame
+from needlehoop.engines.contract import FIELDS, Channels, Frame
 
 # Warp would report every kernel that it loads.
 wp.config.log_level = wp.LOG_WARNING
-
-FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
-"""Fields of MjData that a picture depends on."""
 
 _GROUPS = [0, 1]
 """Geom groups that are drawn; collision shapes are in group 3."""

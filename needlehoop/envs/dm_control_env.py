@@ -20,8 +20,8 @@ from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.engines.addresses import Addresses, weld_data, weld_index
-from needlehoop.engines.contract import Channels, Frame
-from needlehoop.engines.tracer import FIELDS, Tracer
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.renderers import make_renderer
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.observer import STATE_SIZE, Observer
 from needlehoop.envs.settings import Settings, compile_scene
@@ -39,9 +39,10 @@ class PhysicsEngine:
     Args:
         physics: the scene.
         substeps: physics steps per control step.
-        views: channels to trace by view.
+        views: channels to render by view.
         size: image width and height, px.
         quality: see ``Tracer``.
+        config: renderer; there is one thread.
     """
 
     num_envs = 1
@@ -53,11 +54,16 @@ class PhysicsEngine:
         views: dict[str, Channels],
         size: int,
         quality: int,
+        config: EngineConfig,
     ):
         self._physics, self._substeps = physics, substeps
         self.model: mujoco.MjModel = physics.model.ptr
         self._addresses = Addresses(self.model)
-        self._tracer = Tracer(self.model, 1, views, size, 1, quality) if views else None
+        self._renderer = (
+            make_renderer(config.renderer, self.model, 1, views, size, 1, quality)
+            if views
+            else None
+        )
         self._weld = weld_index(self.model)
 
     def reset(self, ids: Tensor, start: Start) -> None:
@@ -102,10 +108,10 @@ class PhysicsEngine:
         self.refresh()
 
     def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
-        if self._tracer is None:
+        if self._renderer is None:
             return {}
         data = self._physics.data.ptr
-        return self._tracer.render({name: getattr(data, name)[None] for name in FIELDS})
+        return self._renderer.render({name: getattr(data, name)[None] for name in FIELDS})
 
 
 class NeedleHoopTask(control.Task):
@@ -196,7 +202,7 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     physics = dm_mujoco.Physics.from_model(MjModel(compile_scene(s)))
     imager = Imager(physics.model.ptr, cameras, s.views, s.renderings)
     views = channels_of(cameras, s.renderings)
-    engine = PhysicsEngine(physics, s.episode.substeps, views, s.image_size, s.quality)
+    engine = PhysicsEngine(physics, s.episode.substeps, views, s.image_size, s.quality, s.engine)
     reward = rewards.load(s.reward)
     simulation = Simulation(engine, s.task, s.episode, reward, s.seed, first_env=env)
     task: Any = NeedleHoopTask(simulation, imager, s)

@@ -1,4 +1,4 @@
-"""Images as agents see them: traced frames turned into uint8 channels."""
+"""Images as agents see them: rendered frames turned into uint8 channels."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Imager:
 def channels_of(
     cameras: tuple[Camera, ...], renderings: Mapping[str, Rendering]
 ) -> dict[str, Channels]:
-    """What each view must be asked for to show the cameras: a view is traced once."""
+    """What each view must be asked for to show the cameras: a view is rendered once."""
     asked: dict[str, Channels] = {}
     for camera in cameras:
         rendering = renderings[camera.rendering]

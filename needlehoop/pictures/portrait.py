@@ -8,9 +8,8 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from needlehoop.engines.contract import Channels
+from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.cpu import CpuEngine
-from needlehoop.engines.tracer import FIELDS, Tracer
 from needlehoop.envs.settings import PICTURE, Settings, build
 
 
@@ -23,6 +22,9 @@ class Photographer:
     """
 
     def __init__(self, model: mujoco.MjModel, size: int):
+        # Imported where it is used: mujoco_warp takes two seconds.
+        from needlehoop.engines.tracer import Tracer
+
         self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 1, 2)
 
     def __call__(self, data: mujoco.MjData) -> np.ndarray:

@@ -70,7 +70,11 @@ class Run:
         Raises:
             ValueError: the file is damaged.
         """
-        return _mapping(self.folder / CONFIG, yaml.safe_load)
+        values = _mapping(self.folder / CONFIG, yaml.safe_load)
+        if isinstance(values.get("engine"), dict):
+            # Runs older than the choice of a renderer were made with the tracer.
+            values["engine"].setdefault("renderer", "tracer")
+        return values
 
     def manifest(self) -> dict[str, Any]:
         """Versions, commit, machine, times; empty where there is none.

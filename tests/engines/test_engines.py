@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from needlehoop import config
-from needlehoop.engines.contract import EngineConfig
+from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.rollout import random_controller
 from needlehoop.envs.settings import build
@@ -89,9 +89,9 @@ def test_one_environment_agrees_with_dm_control_in_both_control_modes(control):
         same_moment(moment, single.task.moment, 0)
 
 
-def pictures(threads, steps=6, envs=5):
+def pictures(renderer, threads, steps=6, envs=5):
     settings = config.settings([*CAMS, f"num_envs={envs}", "seed=2"])
-    simulation, imager = build(replace(settings, engine=EngineConfig(threads=threads)))
+    simulation, imager = build(replace(settings, engine=EngineConfig(threads, renderer)))
     act = random_controller(5, seed=0)
     moment, seen = simulation.reset(), []
     for _ in range(steps):
@@ -100,25 +100,28 @@ def pictures(threads, steps=6, envs=5):
     return seen
 
 
-def test_images_do_not_depend_on_the_number_of_threads():
-    one, two = pictures(threads=1), pictures(threads=2)
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_images_do_not_depend_on_the_number_of_threads(renderer):
+    one, two = pictures(renderer, threads=1), pictures(renderer, threads=2)
     for a, b in zip(one, two, strict=True):
         assert all(torch.equal(a[name], b[name]) for name in a)
 
 
-def test_every_world_shows_every_object_in_every_frame():
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_every_world_shows_every_object_in_every_frame(renderer):
     # A render context that was spoilt at its first launch drops objects for good.
     colours = config.settings().renderings["seg"].colours
-    for images in pictures(threads=2, steps=8):
+    for images in pictures(renderer, threads=2, steps=8):
         flat = images["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)
         for name, colour in colours.items():
             counts = (flat == torch.tensor(colour, dtype=torch.uint8)).all(-1).sum(-1)
             assert (counts >= 10).all(), (name, counts)
 
 
+@pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("ids", [[3], [0, 2], [7, 1, 4]])
-def test_rendering_a_few_environments_gives_their_rows_of_the_whole(ids):
-    settings = config.settings([*CAMS, "num_envs=12"])
+def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, ids):
+    settings = config.settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
     simulation, imager = build(settings)
     moment = simulation.reset()
     simulation.step(random_controller(5, seed=0)(moment.signals))
@@ -128,10 +131,11 @@ def test_rendering_a_few_environments_gives_their_rows_of_the_whole(ids):
         assert torch.equal(image, whole[name][ids]), name
 
 
-def test_the_tracer_agrees_with_itself_for_depth_and_colour_of_a_shared_view():
-    # Two cameras on one view are traced once; each must see what it would see alone.
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(renderer):
+    # Two cameras on one view are rendered once; each must see what it would see alone.
     def look(cams):
-        settings = config.settings([f"cams=[{cams}]", "num_envs=2"])
+        settings = config.settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
         simulation, imager = build(settings)
         simulation.reset()
         return imager(simulation.engine.render())

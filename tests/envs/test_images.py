@@ -142,7 +142,8 @@ def test_an_unknown_class_of_colours_is_refused():
 
 def test_the_tracer_sees_what_mujoco_casts_rays_at():
     # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
-    settings = config.settings(["cams=[segdep_default,segdep_front,segdep_side]", "num_envs=1"])
+    cams = "cams=[segdep_default,segdep_front,segdep_side]"
+    settings = config.settings([cams, "num_envs=1", "engine.renderer=tracer"])
     simulation, _ = build(settings)
     simulation.reset()
     engine = simulation.engine

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from needlehoop import config
+from needlehoop.engines.contract import EngineConfig
 from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD
 from needlehoop.runs.run import Run
 
@@ -53,6 +55,20 @@ def test_a_new_run_writes_down_what_it_is(run, folder):
     assert manifest["finished"] is False
     assert manifest["steps"] == 0
     assert {"commit", "python", "started"} <= manifest.keys()
+
+
+@pytest.mark.parametrize(
+    ("engine", "renderer"),
+    [({"threads": 0}, "tracer"), ({"threads": 0, "renderer": "rasteriser"}, "rasteriser")],
+)
+def test_a_run_older_than_the_choice_of_a_renderer_goes_on_with_the_tracer(
+    folder, engine, renderer
+):
+    # A whole config, so that what evaluates and resumes can read it.
+    values = {**config.compose(["cams=seg_side"], "config"), "engine": engine}
+    Run.create(folder, values, "", overwrite=False)
+    read = config.job(Run.open(folder).config())
+    assert read.env.engine == EngineConfig(threads=0, renderer=renderer)
 
 
 def test_a_run_may_begin_in_an_empty_folder(folder):

@@ -1,0 +1,1 @@
+"""Cameras by drawing triangles into a depth buffer: what agents see, at a tenth of the cost."""

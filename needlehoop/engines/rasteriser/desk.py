@@ -1,0 +1,109 @@
+"""What a drawing is made with: camera, poses, the desk it is drawn on, the film it ends on.
+
+Points are projected to ``(x z, y z, z)``: pixels from the upper left corner of the image, times
+the depth z in m along the optical axis. In these homogeneous coordinates the line through two
+corners is their cross product, on either side of the camera's plane, so nothing is clipped. The
+depth buffer holds 1/z, which over a plane is linear in x and y.
+"""
+
+# Warp compiles this file; its types are not all Python's.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+import warp as wp
+
+
+@wp.struct
+class Lens:
+    """What a view's camera is and which image of each kind it makes; -1 for none."""
+
+    camera: int
+    tangent: float
+    """Of half the field of view."""
+    colour: int
+    depth: int
+    geom: int
+
+
+@wp.struct
+class Poses:
+    """Fields of MjData ``(environments, objects)``."""
+
+    geom_xpos: wp.array2d[wp.vec3]
+    geom_xmat: wp.array2d[wp.mat33]
+    cam_xpos: wp.array2d[wp.vec3]
+    cam_xmat: wp.array2d[wp.mat33]
+    light_xdir: wp.array2d[wp.vec3]
+
+
+@wp.struct
+class Eye:
+    """A camera at work."""
+
+    position: wp.vec3
+    """In the world, m."""
+    turn: wp.mat33
+    """From the world to the camera: x right, y down, z ahead."""
+    tangent: float
+    focal: float
+    """Pixels to a tangent of 1."""
+    centre: float
+    """Of the image, pixels."""
+    size: int
+    """Of the image, pixels."""
+
+
+@wp.struct
+class Desk:
+    """Where one image is drawn at a time.
+
+    ``corners`` and ``points``: the vertices, homogeneous and in pixels. ``turns``: from each
+    solid to the camera. ``lamps``: directions to the lights, camera frame. ``nearness`` and
+    ``face``: 1/z in 1/m and index of the face seen, by pixel; past the faces stand the table
+    and nothing.
+    """
+
+    corners: wp.array[wp.vec3]
+    points: wp.array[wp.vec2]
+    turns: wp.array[wp.mat33]
+    lamps: wp.array[wp.vec3]
+    nearness: wp.array[float]
+    face: wp.array[int]
+
+
+@wp.struct
+class Film:
+    """Finished images one after the other: by kind's index, by environment."""
+
+    colour: wp.array[wp.uint32]
+    """Blue in the lowest byte, then green, red, 255."""
+    depth: wp.array[float]
+    geom: wp.array[int]
+    count: int
+    """Images of an index."""
+
+
+@wp.func
+def eye_of(poses: Poses, lens: Lens, env: int, size: int) -> Eye:
+    eye = Eye()
+    eye.position = poses.cam_xpos[env, lens.camera]
+    axes = wp.transpose(poses.cam_xmat[env, lens.camera])
+    eye.turn = wp.matrix_from_rows(axes[0], -axes[1], -axes[2])
+    eye.tangent = lens.tangent
+    eye.centre = 0.5 * float(size)
+    eye.focal = eye.centre / lens.tangent
+    eye.size = size
+    return eye
+
+
+@wp.func
+def slope_of(normal: wp.vec3, distance: float, eye: Eye) -> wp.vec3:
+    """1/z over a plane: its change per pixel to the right and down, its value at the corner.
+
+    Args:
+        normal: unit normal in the camera frame.
+        distance: of the plane along it from the camera, m.
+        eye: who looks.
+    """
+    rise = normal / distance
+    across, down = rise[0] / eye.focal, rise[1] / eye.focal
+    return wp.vec3(across, down, rise[2] - eye.centre * (across + down))

@@ -1,0 +1,168 @@
+"""Cameras by drawing triangles."""
+
+# Warp's structs are no classes to pyright.
+# pyright: reportGeneralTypeIssues=false
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+import warp as wp
+
+from needlehoop.engines.contract import Channels, Frame
+from needlehoop.engines.rasteriser.desk import Desk, Film, Lens, Poses
+from needlehoop.engines.rasteriser.kernel import draw
+from needlehoop.engines.rasteriser.solids import Solids, pack
+
+_DTYPES = {
+    "geom_xpos": wp.vec3,
+    "geom_xmat": wp.mat33,
+    "cam_xpos": wp.vec3,
+    "cam_xmat": wp.mat33,
+    "light_xdir": wp.vec3,
+}
+"""Of the ``FIELDS`` that a drawing depends on."""
+
+
+_MOST = 2**31 - 1
+"""Pixels that the kernel can count."""
+
+
+class Rasteriser:
+    """Renders ``n`` environments, split over threads; any number of them gives the same bits.
+
+    Curved geoms are polygons within 0.1 mm. Colours have no shadows and no highlights, as in
+    ``Tracer`` with ``quality=1``.
+
+    Args:
+        model: the scene.
+        num_envs: environments.
+        views: channels to draw by view, e.g. ``{"front": Channels(True, True, False)}``.
+        size: width and height of the images, px.
+        threads: how many draw side by side.
+
+    Raises:
+        ValueError: ``size`` below 1 or too large, or a scene that can't be drawn; see
+            ``solids.pack``.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        views: Mapping[str, Channels],
+        size: int,
+        threads: int,
+    ):
+        if size < 1:
+            raise ValueError(f"image_size: {size} must be at least 1")
+        if len(views) * num_envs * size**2 > _MOST:
+            raise ValueError(
+                f"image_size: {len(views)} views of {num_envs} environments at {size} px have more"
+                f" than {_MOST} pixels; choose fewer"
+            )
+        self.views = dict(views)
+        self._size, self._solids = size, pack(model)
+        self._lenses = _lenses(model, self.views)
+        self._film = _film(self.views, num_envs, size)
+        self._poses, self._fields = _poses(model, num_envs)
+        self._desks = [_desk(self._solids, size) for _ in range(min(threads, num_envs))]
+        # The first launch compiles: before any other thread launches.
+        self._draw(self._desks[0], 0, 0)
+        self._pool = ThreadPoolExecutor(len(self._desks)) if len(self._desks) > 1 else None
+        self._kinds = (
+            wp.to_torch(self._film.colour).view(torch.uint8).view(-1, num_envs, size, size, 4),
+            wp.to_torch(self._film.depth).view(-1, num_envs, size, size),
+            wp.to_torch(self._film.geom).view(-1, num_envs, size, size),
+        )
+
+    def render(
+        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
+    ) -> dict[str, Frame]:
+        """A frame per view.
+
+        Args:
+            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
+            ids: environments to render ``(k,)``; all by default.
+        """
+        count = self._film.count if ids is None else len(ids)
+        for name, target in self._fields.items():
+            given = fields[name] if ids is None else fields[name][ids]
+            target[:count] = given.reshape(count, *target.shape[1:])
+        edges = np.linspace(0, count, len(self._desks) + 1).astype(int).tolist()
+        slices = [(desk, *ends) for desk, ends in zip(self._desks, pairwise(edges), strict=True)]
+        if self._pool is None:
+            self._draw(*slices[0])
+        else:
+            list(self._pool.map(lambda part: self._draw(*part), slices))
+        return self._frames(count)
+
+    def _draw(self, desk: Desk, first: int, last: int) -> None:
+        scene = (self._solids, self._lenses, self._poses)
+        inputs = [*scene, desk, self._film, self._size, first, last]
+        wp.launch(draw, dim=1, inputs=inputs, device="cpu")
+
+    def _frames(self, count: int) -> dict[str, Frame]:
+        frames, at = {}, [0, 0, 0]
+        for view, channels in self.views.items():
+            picked = [
+                kind[index][:count] if wanted else None
+                for kind, index, wanted in zip(self._kinds, at, channels, strict=True)
+            ]
+            at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
+            frames[view] = Frame(*picked)
+        return frames
+
+
+def _lenses(model: mujoco.MjModel, views: Mapping[str, Channels]) -> wp.array:
+    rows, at = [], [0, 0, 0]
+    for view, channels in views.items():
+        camera = model.camera(view).id
+        if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
+            raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
+        tangent = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
+        images = [i if wanted else -1 for i, wanted in zip(at, channels, strict=True)]
+        rows.append((camera, tangent, *images))
+        at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
+    dtype: Any = Lens.numpy_dtype()
+    return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
+
+
+def _film(views: Mapping[str, Channels], num_envs: int, size: int) -> Film:
+    film = Film()
+    colours, depths, geoms = (sum(asked) for asked in zip(*views.values(), strict=True))
+    pixels = num_envs * size * size
+    film.colour = wp.zeros(colours * pixels, dtype=wp.uint32, device="cpu")
+    film.depth = wp.zeros(depths * pixels, dtype=float, device="cpu")
+    film.geom = wp.zeros(geoms * pixels, dtype=int, device="cpu")
+    film.count = num_envs
+    return film
+
+
+def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.ndarray]]:
+    """Poses for the kernel, and the same memory as arrays ``(n, objects, ...)`` by field."""
+    poses, fields = Poses(), {}
+    counts = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight}
+    for name, dtype in _DTYPES.items():
+        shape = (num_envs, counts[name.partition("_")[0]])
+        array = wp.zeros(shape, dtype=dtype, device="cpu")
+        setattr(poses, name, array)
+        fields[name] = array.numpy()
+    return poses, fields
+
+
+def _desk(solids: Solids, size: int) -> Desk:
+    desk = Desk()
+    vertices, pixels = solids.vertices.shape[0], size * size
+    desk.corners = wp.zeros(vertices, dtype=wp.vec3, device="cpu")
+    desk.points = wp.zeros(vertices, dtype=wp.vec2, device="cpu")
+    desk.turns = wp.zeros(solids.solids.shape[0], dtype=wp.mat33, device="cpu")
+    desk.lamps = wp.zeros(solids.lamps.shape[0], dtype=wp.vec3, device="cpu")
+    desk.nearness = wp.zeros(pixels, dtype=float, device="cpu")
+    desk.face = wp.zeros(pixels, dtype=int, device="cpu")
+    return desk
