@@ -11,6 +11,8 @@ import mujoco
 import numpy as np
 import torch
 
+from needlehoop.bench.images import core_time
+from needlehoop.engines.contract import RENDERERS
 from needlehoop.envs.rollout import random_controller
 from needlehoop.envs.settings import Settings, build
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
@@ -49,7 +51,7 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
             began = time.perf_counter()
             job()
             rates[name] = max(rates[name], count / (time.perf_counter() - began))
-    return _report(settings, rates, reason)
+    return {**_report(settings, rates, reason), "core_ms_per_image": core_time(settings, rounds)}
 
 
 def _jobs(settings: Settings, steps: int) -> dict[str, tuple[int, Callable[[], None]]]:
@@ -90,14 +92,23 @@ def _jobs(settings: Settings, steps: int) -> dict[str, tuple[int, Callable[[], N
         return repeat(job)
 
     other = "serial" if settings.psm == "parallelogram" else "parallelogram"
+    engine = settings.engine
+    rest = {
+        f"torchrl_with_images_{kind}": environment(
+            replace(settings, engine=replace(engine, renderer=kind))
+        )
+        for kind in RENDERERS
+        if kind != engine.renderer
+    }
     return {
         "torchrl_with_images": environment(settings),
+        **rest,
         "torchrl_without_images": environment(blind),
         "without_images": simulation(blind),
         f"without_images_{other}": simulation(replace(blind, psm=other)),
         "part_physics": repeat(lambda action: seeing.engine.step(seeing.act(action))),
         "part_task": repeat(lambda action: seeing.observe()),
-        "part_tracing": repeat(lambda action: seeing.engine.render()),
+        "part_rendering": repeat(lambda action: seeing.engine.render()),
         "part_composing": repeat(lambda action: imager(frames)),
     }
 
@@ -137,6 +148,7 @@ def _report(settings: Settings, rates: dict[str, float], reason: str | None) -> 
         "image_size": settings.image_size,
         "cams": list(settings.cams),
         "psm": settings.psm,
+        "renderer": settings.engine.renderer,
         "steps_per_second": {
             name: round(rate) for name, rate in rates.items() if not name.startswith("part_")
         },

@@ -103,7 +103,9 @@ def test_bench_measures_and_says_where_the_time_goes():
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     assert all(rate > 0 for rate in found["steps_per_second"].values())
-    assert set(found["share_of_a_step"]) >= {"physics", "task", "tracing", "composing"}
+    assert set(found["share_of_a_step"]) >= {"physics", "task", "rendering", "composing"}
+    assert all(ms > 0 for kinds in found["core_ms_per_image"].values() for ms in kinds.values())
+    assert set(found["core_ms_per_image"]) == {"rgb", "dep", "seg", "segdep"}
     # Either the ratio was measured, or the report says why it could not be.
     assert (found["ratio_to_default_renderer"] is None) == bool(found["default_renderer_missing"])
 
@@ -123,6 +125,8 @@ def test_bench_train_says_where_the_time_goes():
     assert found["steps_per_second"] > 0
     assert sum(found["share_of_time"].values()) == pytest.approx(1.0, abs=0.01)
     assert set(found["share_of_time"]) == {"physics", "rendering", "inference", "update", "rest"}
+    assert all(ms > 0 for kinds in found["core_ms_per_image"].values() for ms in kinds.values())
+    assert set(found["core_ms_per_image"]) == {"rgb", "dep", "seg", "segdep"}
     # Either the ratio was measured, or the report says why it could not be.
     assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
 
