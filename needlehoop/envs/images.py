@@ -58,11 +58,10 @@ class Imager:
         parts = []
         if rendering.colour == "rgb":
             assert frame.bgra is not None
-            parts.append(frame.bgra[..., [2, 1, 0]].permute(0, 3, 1, 2))
+            parts.append(torch.stack([frame.bgra[..., channel] for channel in (2, 1, 0)], 1))
         elif rendering.colour == "flat":
             assert frame.geom is not None
-            # Nothing hit is -1: the palette's last, black entry.
-            parts.append(self._palettes[camera.rendering][:, frame.geom.long()].transpose(0, 1))
+            parts.append(_painted(frame.geom, self._palettes[camera.rendering]))
         if rendering.depth != "none":
             nearness = _nearness(frame, view).unsqueeze(1)
             if rendering.depth == "channel":
@@ -96,20 +95,28 @@ def _nearness(frame: Frame, view: View) -> Tensor:
     return torch.where(frame.depth > 0, nearness, torch.zeros_like(nearness))
 
 
+def _painted(geom: Tensor, palette: Tensor) -> Tensor:
+    """Colours ``(n, 3, h, w)`` of geom ids ``(n, h, w)``."""
+    # Nothing hit is -1: the palette's first, black entry.
+    entries = (geom + 1).flatten()
+    planes = [plane.index_select(0, entries).view(geom.shape) for plane in palette]
+    return torch.stack(planes, 1)
+
+
 def _palette(model: mujoco.MjModel, rendering: Rendering) -> Tensor:
-    """Colour planes ``(3, ngeom + 1)`` by geom id; the last entry is black."""
+    """Colour planes ``(3, 1 + ngeom)``: black, then by geom id."""
     unknown = set(rendering.colours) - set(CLASSES)
     if unknown:
         raise ValueError(
             f"rendering.colours: {', '.join(sorted(unknown))} unknown;"
             f" choose from {', '.join(CLASSES)}"
         )
-    palette = torch.zeros(3, model.ngeom + 1, dtype=torch.uint8)
+    palette = torch.zeros(3, 1 + model.ngeom, dtype=torch.uint8)
     for name, colour in rendering.colours.items():
         roots = {model.body(body).id for body in CLASSES[name]}
         for geom in range(model.ngeom):
             if roots & _ancestors(model, int(model.geom_bodyid[geom])):
-                palette[:, geom] = torch.tensor(colour, dtype=torch.uint8)
+                palette[:, 1 + geom] = torch.tensor(colour, dtype=torch.uint8)
     return palette
 
 
