@@ -102,7 +102,7 @@ class NeedleHoopEnv(EnvBase):
         self._observer.restore(snapshot["observer"])
         self._is_restored = True
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDictBase:
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
         asked = None if tensordict is None else tensordict.get("_reset", None)
         no = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
         ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
@@ -117,7 +117,7 @@ class NeedleHoopEnv(EnvBase):
         fresh = None if mask is None or first else mask.nonzero().flatten()
         return self._tensordict(moment, ends, fresh)
 
-    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
         moment = self._simulation.step(tensordict["action"])
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
@@ -127,6 +127,19 @@ class NeedleHoopEnv(EnvBase):
             "reward": moment.reward.unsqueeze(-1).float(),
         }
         return self._tensordict(moment, ends, None)
+
+    def step_and_reset(self, action: Tensor) -> tuple[TensorDict, TensorDict]:
+        """A step of every environment, and new episodes where it ended theirs.
+
+        Returns:
+            What came of the action ``(n, action_size)``, and what is there now. They share
+            what did not change.
+        """
+        after = self._step(TensorDict({"action": action}, self.batch_size))
+        done = after["done"]
+        if not bool(done.any()):
+            return after, after
+        return after, self._reset(TensorDict({"_reset": done}, self.batch_size))
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

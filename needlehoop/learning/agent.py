@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
+from torch import Tensor
 from torchrl.data import Composite
 from torchrl.modules import (
     ActorValueOperator,
@@ -15,7 +17,7 @@ from torchrl.modules import (
     ValueOperator,
 )
 
-from needlehoop.learning.encoder import EncoderConfig, Fold
+from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
 
 VECTORS = ("proprio", "signals")
@@ -53,26 +55,22 @@ class Agent(TensorDictModuleBase):
         pixels = observed["pixels"] if "pixels" in keys else Composite()
         images = {str(name): spec.shape[1:] for name, spec in pixels.items()}
         vectors = {name: observed[name].shape[-1] for name in VECTORS if name in keys}
+        fold = Fold(encoder.stem)
         folds: list[Any] = [
-            TensorDictModule(Fold(encoder.stem), [("pixels", name)], [("folded", name)])
-            for name in images
+            TensorDictModule(fold, [("pixels", name)], [("folded", name)]) for name in images
         ]
         self.fold: Any = TensorDictSequential(*folds)
-        trunks: list[Any] = [
-            TensorDictModule(
-                Trunk(images, vectors, encoder, heads, dtype),
-                in_keys=[*(("folded", name) for name in images), *vectors],
-                out_keys=[key],
-            )
-            for key in (("hidden",) if heads.shared else ("hidden", "hidden_value"))
+        hidden = ("hidden",) if heads.shared else ("hidden", "hidden_value")
+        seen = [*(("folded", name) for name in images), *vectors]
+        trunks = [Trunk(images, vectors, encoder, heads, dtype) for _ in hidden]
+        trunk_modules: list[Any] = [
+            TensorDictModule(one, in_keys=seen, out_keys=[key])
+            for one, key in zip(trunks, hidden, strict=True)
         ]
-        trunk = TensorDictSequential(*trunks)
+        trunk = TensorDictSequential(*trunk_modules)
+        gaussian = Gaussian(heads.hidden, actions, heads.sigma)
         policy = ProbabilisticActor(
-            TensorDictModule(
-                Gaussian(heads.hidden, actions, heads.sigma),
-                in_keys=["hidden"],
-                out_keys=["loc", "scale"],
-            ),
+            TensorDictModule(gaussian, in_keys=["hidden"], out_keys=["loc", "scale"]),
             in_keys=["loc", "scale"],
             distribution_class=IndependentNormal,
             return_log_prob=True,
@@ -84,10 +82,14 @@ class Agent(TensorDictModuleBase):
                 raise ValueError(
                     f"algo.network.told: {name!r} is unknown; choose from {', '.join(known)}"
                 )
-        value = ValueOperator(
-            Value(heads.hidden, len(facts)), in_keys=[*trunks[-1].out_keys, *facts]
+        value = Value(heads.hidden, len(facts))
+        self.operator = ActorValueOperator(
+            trunk, policy, ValueOperator(value, in_keys=[hidden[-1], *facts])
         )
-        self.operator = ActorValueOperator(trunk, policy, value)
+        # The same modules once more, in a tuple so that they are not registered twice.
+        self._plain = (fold, trunks, gaussian, value)
+        self._images, self._told = len(images), len(facts)
+        self.seen_keys = [*seen, *facts]
         self.in_keys = [*(("pixels", name) for name in images), *vectors, *facts]
         self.out_keys = [*self.fold.out_keys, *self.operator.out_keys]
 
@@ -96,6 +98,44 @@ class Agent(TensorDictModuleBase):
         """The policy alone, from the same weights."""
         policy: Any = self.operator.get_policy_operator()
         return TensorDictSequential(self.fold, policy)
+
+    def computing(self) -> Agent:
+        """A copy with the encoders' weights in the type that they compute in.
+
+        It gives the same outputs without converting a weight; ``follow`` brings it up to date.
+        """
+        copied = deepcopy(self)
+        for module in copied.modules():
+            if isinstance(module, Encoder):
+                module.to(module.dtype)
+        return copied
+
+    @torch.no_grad()
+    def follow(self, agent: Agent) -> None:
+        """Take over another agent's weights and statistics, in the types of one's own."""
+        pairs = zip(
+            (*self.parameters(), *self.buffers()),
+            (*agent.parameters(), *agent.buffers()),
+            strict=True,
+        )
+        for own, other in pairs:
+            own.copy_(other)
+
+    def prepare(self, *observed: Tensor) -> list[Tensor]:
+        """Observations in the order of ``in_keys``, images folded: that of ``seen_keys``."""
+        fold, *_ = self._plain
+        return [*map(fold, observed[: self._images]), *observed[self._images :]]
+
+    def outputs(self, *seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``loc``, ``scale`` and ``state_value`` of observations in the order of ``seen_keys``.
+
+        What ``forward`` computes on the way, of plain tensors: threads with a few rows each
+        would mostly wait for one another's TensorDicts.
+        """
+        _, trunks, gaussian, value = self._plain
+        told = len(seen) - self._told
+        hidden = [trunk(*seen[:told]) for trunk in trunks]
+        return *gaussian(hidden[0]), value(hidden[-1], *seen[told:])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self.operator(self.fold(tensordict))

@@ -8,10 +8,11 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from torchrl.collectors import Collector
 
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.collector import Collector
 from needlehoop.learning.job import Job
 from needlehoop.learning.ppo import Ppo
 from needlehoop.learning.precision import convolution_dtype
@@ -35,26 +36,16 @@ class Learner:
         self.env = NeedleHoopEnv(job.env, stagger=True)
         self.agent = build_agent(job, self.env, self.device)
         threads = job.env.engine.threads or available_cpus()
-        self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed, threads)
+        self.workers = Workers(threads)
+        self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed, self.workers)
         if state is not None:
             self.ppo.load_state_dict(state["ppo"])
             self.env.restore(state["env"])
         self._collector = Collector(
-            self.env,
-            self.agent,
-            frames_per_batch=job.buffer,
-            total_frames=(job.updates - self.ppo.done_updates) * job.buffer,
-            policy_device=self.device,
-            storing_device=self.device,
-            env_device="cpu",
-            track_traj_ids=False,
-            auto_register_policy_transforms=False,
-            # One buffer, filled again and again: copies of the images would double the memory.
-            use_buffers=True,
-            return_same_td=True,
+            self.env, self.ppo.computing, job.algo.horizon, job.algo.shards, self.workers
         )
         if state is not None:
-            # Last: building the collector draws numbers.
+            # Last: building an agent draws numbers.
             torch.set_rng_state(state["rng"])
             if self.device.type == "cuda":
                 torch.cuda.set_rng_state(state["cuda_rng"], self.device)
@@ -71,9 +62,10 @@ class Learner:
         until the next one.
         """
         began = time.perf_counter()
-        for buffer in self._collector:
+        while self.ppo.done_updates < self.job.updates:
+            buffer, after = self._collector.collect()
             collected = time.perf_counter()
-            losses = self.ppo.update(buffer)
+            losses = self.ppo.update(buffer, after)
             learnt = time.perf_counter()
             seconds = {"seconds_collect": collected - began, "seconds_update": learnt - collected}
             yield buffer, {**losses, **seconds}

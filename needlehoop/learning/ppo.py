@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
-from torch import Tensor
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
+from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.gradients import GradientSum
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.learning.normalizer import Normalizer
 
@@ -21,6 +24,12 @@ _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
 
 _LEARNT_FROM = ("action", "action_log_prob", "state_value", "advantage", "value_target")
+
+_LOOKED_AT = 16
+"""Rows whose values a thread works out at a time."""
+
+_OUTPUTS = ("loc", "scale", "state_value_now")
+"""Of the agent, as the loss knows them; ``state_value`` is the one it collected with."""
 
 LOGGED = {
     "loss_policy": "loss_objective",
@@ -77,17 +86,17 @@ class Ppo:
     """Learns from one buffer after the other.
 
     Args:
-        agent: policy and value function; updated in place.
+        agent: policy and value function; updated in place. ``computing`` is the copy of it
+            to collect with.
         config: hyperparameters.
         updates: buffers until the schedules end.
         seed: decides the minibatches.
-        threads: that may work on a minibatch's shards; the result is the same with any number.
+        workers: that work on a minibatch's shards; the result is the same with any number.
     """
 
-    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, threads: int):
+    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, workers: Workers):
         self.agent, self.config, self.updates = agent, config, updates
         self.done_updates = 0
-        self._critic = agent.operator.get_value_operator()
         self._gae = GAE(
             gamma=config.gamma,
             lmbda=config.lam,
@@ -95,21 +104,27 @@ class Ppo:
             # Standardised once per buffer, not per minibatch.
             average_gae=True,
         )
-        policy: Any = agent.operator.get_policy_operator()
+        policy: Any = ProbabilisticActor(
+            TensorDictModule(_Given(), in_keys=["loc", "scale"], out_keys=["loc", "scale"]),
+            in_keys=["loc", "scale"],
+            distribution_class=IndependentNormal,
+        )
         self._loss: Any = ClipPPOLoss(
             policy,
-            # The head alone: the policy has just computed the trunk.
-            agent.operator.get_value_head(),
+            TensorDictModule(_Given(), in_keys=[_OUTPUTS[-1]], out_keys=["state_value"]),
             clip_epsilon=config.epsilon,
             clip_value=config.clip_value,
             entropy_coeff=config.beta,
             critic_coeff=config.value_coefficient,
             loss_critic_type="l2",
             functional=False,
-        )
-        self._parameters = list(agent.parameters())
-        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate)
-        self._pool = ThreadPoolExecutor(min(threads, config.shards))
+        ).to(next(agent.parameters()).device)
+        parameters = list(agent.parameters())
+        self._optimizer = torch.optim.Adam(parameters, lr=config.learning_rate, fused=True)
+        self._workers = workers
+        self._sum = GradientSum(parameters, workers)
+        self.computing = agent.computing()
+        self._learnt = list(self.computing.parameters())
         self._normalizers = {
             path.rpartition(".")[2]: module
             for path, module in agent.named_modules()
@@ -117,21 +132,28 @@ class Ppo:
         }
         self._generator = torch.Generator().manual_seed(seed)
 
-    def update(self, batch: TensorDictBase) -> dict[str, float]:
-        """Learn from a buffer ``(num_envs, horizon)``; returns means over its minibatches."""
+    def update(self, batch: TensorDictBase, after: TensorDictBase) -> dict[str, float]:
+        """Learn from a buffer; returns means over its minibatches.
+
+        Args:
+            batch: ``(num_envs, horizon)`` steps.
+            after: what was seen after its cuts; both as ``Collector.collect`` returns them.
+        """
         self._schedule()
-        self._estimate(batch)
-        steps = batch.select(*self._critic.in_keys, *_LEARNT_FROM).reshape(-1)
+        self._estimate(batch, after)
+        steps = batch.select(*_LEARNT_FROM).reshape(-1)
+        seen = [batch[key].flatten(0, 1) for key in self.agent.seen_keys]
         totals: defaultdict[str, float] = defaultdict(float)
         count = 0
         for _ in range(self.config.epochs):
             order = torch.randperm(len(steps), generator=self._generator)
             for rows in order.split(self.config.minibatch):
-                for name, value in self._descend(steps, rows).items():
+                for name, value in self._descend(steps[rows], seen, rows).items():
                     totals[name] += value
                 count += 1
         for name, normalizer in self._normalizers.items():
             normalizer.learn(batch[name])
+        self.computing.follow(self.agent)
         self.done_updates += 1
         return {
             **{name: value / count for name, value in totals.items()},
@@ -141,31 +163,39 @@ class Ppo:
             "sigma": float(batch["scale"].mean()),
         }
 
-    def _descend(self, steps: TensorDictBase, rows: Tensor) -> dict[str, float]:
+    def _descend(self, steps: TensorDictBase, seen: list[Tensor], rows: Tensor) -> dict[str, float]:
         """One step of the optimiser on a minibatch; returns what the loss reports.
 
-        Every shard's gradient is worked out by one thread and they are added in order: the
-        result does not depend on how many threads there are.
+        Networks are run and differentiated in shards, each by one thread, and their gradients
+        are added in order: the result does not depend on how many threads there are.
         """
         shards = rows.chunk(self.config.shards)
-        weights = [len(shard) / len(rows) for shard in shards]
-        parts = list(self._pool.map(lambda shard: self._gradient(steps[shard]), shards))
-        for index, parameter in enumerate(self._parameters):
-            weighted = [
-                w * gradient[index] for w, (gradient, _) in zip(weights, parts, strict=True)
-            ]
-            parameter.grad = sum(weighted[1:], weighted[0])
+        said = self._workers.map(
+            lambda shard: self.computing.outputs(*(x.index_select(0, shard) for x in seen)), shards
+        )
+        slopes, told = self._judge(steps, [torch.cat(parts) for parts in zip(*said, strict=True)])
+        per_shard = zip(*(slope.split([len(s) for s in shards]) for slope in slopes), strict=True)
+        self._sum(
+            self._workers.map(
+                lambda outputs, slopes: torch.autograd.grad(outputs, self._learnt, slopes),
+                said,
+                per_shard,
+            )
+        )
         self._optimizer.step()
-        return {
-            name: sum(w * told[name] for w, (_, told) in zip(weights, parts, strict=True))
-            for name in LOGGED
-        }
+        self.computing.follow(self.agent)
+        return told
 
-    def _gradient(self, steps: TensorDictBase) -> tuple[tuple[Tensor, ...], dict[str, float]]:
-        losses = self._loss(steps)
+    def _judge(
+        self, steps: TensorDictBase, said: list[Tensor]
+    ) -> tuple[tuple[Tensor, ...], dict[str, float]]:
+        """The loss's gradient by each of the agent's outputs, and what it reports."""
+        leaves = [output.detach().requires_grad_() for output in said]
+        outputs = TensorDict(dict(zip(_OUTPUTS, leaves, strict=True)), steps.batch_size)
+        losses = self._loss(outputs.update(steps))
         total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
-        gradient = torch.autograd.grad(total, self._parameters)
-        return gradient, {name: float(losses[key].detach()) for name, key in LOGGED.items()}
+        told = {name: float(losses[key].detach()) for name, key in LOGGED.items()}
+        return torch.autograd.grad(total, leaves), told
 
     def _schedule(self) -> None:
         left = 1.0 - self.done_updates / self.updates
@@ -178,8 +208,7 @@ class Ppo:
         if self.config.clip_value:
             self._loss.clip_value.fill_(epsilon)
 
-    @torch.no_grad()
-    def _estimate(self, batch: TensorDictBase) -> None:
+    def _estimate(self, batch: TensorDictBase, after: TensorDictBase) -> None:
         """Write advantages and value targets; time-outs bootstrap.
 
         The value of a step's successor is that of the next row, which the policy computed
@@ -189,11 +218,15 @@ class Ppo:
         following = torch.cat((values[:, 1:], torch.zeros_like(values[:, :1])), 1)
         cut = batch["next", "truncated"].squeeze(-1).clone()
         cut[:, -1] = True
-        ends: Any = batch["next"]
-        successors = ends.select(*self.agent.in_keys)[cut]
-        following[cut] = self._critic(self.agent.fold(successors))["state_value"]
+        observed = [after[key].split(_LOOKED_AT) for key in self.agent.in_keys]
+        following[cut] = torch.cat(self._workers.map(self._value, *observed))
         batch["next", "state_value"] = following
         self._gae(batch)
+
+    @torch.no_grad()
+    def _value(self, *observed: Tensor) -> Tensor:
+        _, _, value = self.computing.outputs(*self.computing.prepare(*observed))
+        return value
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides the next update."""
@@ -207,9 +240,18 @@ class Ppo:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""
         self.agent.load_state_dict(state["agent"])
+        self.computing.follow(self.agent)
         self._optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
         self.done_updates = state["done_updates"]
+
+
+class _Given(nn.Module):
+    """Passes on what it is given: the loss reads outputs that the agent has made."""
+
+    def forward(self, *values: Tensor) -> Any:
+        first, *rest = values
+        return values if rest else first
 
 
 def _explained_variance(values: Tensor, targets: Tensor) -> float:

@@ -30,7 +30,7 @@ def returns(*overrides: str) -> list[float]:
     return [float(buffer["next", "potential"][:, -1].mean()) for buffer, _ in learner]
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 5])
 def test_the_return_rises(seed):
     """By more than chance: without learning, such means differ by 0.03 at most."""
     first, second, *_, third_last, second_last, last = returns(f"seed={seed}")

@@ -8,7 +8,9 @@ import torch
 from tensordict import TensorDict
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.objectives import ClipPPOLoss
 
+from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
@@ -50,7 +52,7 @@ def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
 
 
 def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
-    return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed, threads=2)
+    return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed, Workers(2))
 
 
 def flags(*places: tuple[int, int]) -> torch.Tensor:
@@ -90,6 +92,13 @@ def make_buffer(
     return buffer
 
 
+def learn(ppo: Ppo, buffer: TensorDict) -> dict[str, float]:
+    """Hand over a buffer, with what a collector keeps of its cuts."""
+    cut = buffer["next", "truncated"].squeeze(-1).clone()
+    cut[:, -1] = True
+    return ppo.update(buffer, buffer["next"].select(*ppo.agent.in_keys)[cut])
+
+
 def plain_advantages(agent: Agent, buffer: TensorDict, gamma: float, lam: float) -> torch.Tensor:
     """Generalised advantages, one step after the other; every successor is looked at anew."""
     with torch.no_grad():
@@ -124,16 +133,39 @@ def test_time_outs_bootstrap_and_terminations_do_not(seen, endings):
     buffer = make_buffer(agent, 1, *ENDINGS[endings])
     expected = plain_advantages(agent, buffer, VALUES["gamma"], VALUES["lam"])
     values = buffer["state_value"].clone()
-    make_ppo(agent).update(buffer)
+    learn(make_ppo(agent), buffer)
     torch.testing.assert_close(buffer["value_target"], expected + values, atol=1e-5, rtol=1e-5)
     standardised = (expected - expected.mean()) / expected.std()
     torch.testing.assert_close(buffer["advantage"], standardised, atol=1e-4, rtol=1e-4)
 
 
+def test_the_shards_gradients_add_up_to_that_of_torchrls_loss():
+    """Of the whole minibatch and the whole agent, differentiated in one go."""
+    agent = make_agent("pixels")
+    ppo = make_ppo(agent, minibatch=ENVS * STEPS, shards=5, epochs=1)
+    buffer = make_buffer(agent)
+    learn(ppo, buffer)
+    before = make_agent("pixels")
+    loss = ClipPPOLoss(
+        before.operator.get_policy_operator(),
+        before.operator.get_value_head(),
+        clip_epsilon=0.2,
+        clip_value=True,
+        entropy_coeff=1e-3,
+        critic_coeff=0.5,
+        loss_critic_type="l2",
+        functional=False,
+    )
+    losses = loss(buffer.reshape(-1))
+    (losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]).backward()
+    for ours, theirs in zip(agent.parameters(), before.parameters(), strict=True):
+        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-4, atol=1e-6)
+
+
 def test_both_schedules_fall_linearly_over_the_updates():
     agent = make_agent()
     ppo = make_ppo(agent, updates=5)
-    told = [ppo.update(make_buffer(agent, seed)) for seed in range(6)]
+    told = [learn(ppo, make_buffer(agent, seed)) for seed in range(6)]
     left = [1.0, 0.8, 0.6, 0.4, 0.2, 0.0]
     rates = [losses["learning_rate"] for losses in told]
     assert rates == pytest.approx([1e-2 * share for share in left], abs=1e-9)
@@ -145,7 +177,7 @@ def test_both_schedules_fall_linearly_over_the_updates():
 
 def largest_move(ppo: Ppo) -> float:
     before = [parameter.detach().clone() for parameter in ppo.agent.parameters()]
-    ppo.update(make_buffer(ppo.agent))
+    learn(ppo, make_buffer(ppo.agent))
     pairs = zip(ppo.agent.parameters(), before, strict=True)
     return max(float((now.detach() - then).abs().max()) for now, then in pairs)
 
@@ -160,7 +192,7 @@ def test_the_learning_rate_that_is_told_is_the_one_that_is_used():
 def test_a_buffer_is_read_epochs_times_in_minibatches():
     agent = make_agent()
     ppo = make_ppo(agent, minibatch=7, epochs=3)
-    ppo.update(make_buffer(agent))
+    learn(ppo, make_buffer(agent))
     steps = {int(entry["step"]) for entry in ppo.state_dict()["optimizer"]["state"].values()}
     assert steps == {3 * math.ceil(ENVS * STEPS / 7)}
 
@@ -174,12 +206,12 @@ def through_a_file(state: dict) -> dict:
 
 def test_an_update_after_a_restart_is_the_same_to_the_bit():
     first = make_ppo(make_agent(seed=0), seed=3)
-    first.update(make_buffer(first.agent, 1))
+    learn(first, make_buffer(first.agent, 1))
     second = make_ppo(make_agent(seed=1), seed=4)
     second.load_state_dict(through_a_file(first.state_dict()))
     assert second.done_updates == 1
     buffer = make_buffer(first.agent, 2)
-    told = [ppo.update(buffer.clone()) for ppo in (first, second)]
+    told = [learn(ppo, buffer.clone()) for ppo in (first, second)]
     assert told[0] == told[1]
     states = [ppo.agent.state_dict() for ppo in (first, second)]
     assert states[0].keys() == states[1].keys()
@@ -189,7 +221,7 @@ def test_an_update_after_a_restart_is_the_same_to_the_bit():
 def test_the_seed_decides_the_minibatches():
     def weights(seed):
         ppo = make_ppo(make_agent(), seed=seed)
-        ppo.update(make_buffer(ppo.agent))
+        learn(ppo, make_buffer(ppo.agent))
         return torch.cat([parameter.detach().flatten() for parameter in ppo.agent.parameters()])
 
     assert torch.equal(weights(0), weights(0))
@@ -201,7 +233,7 @@ def test_vectors_are_standardised_by_the_buffers_that_were_learnt_from():
     ppo = make_ppo(agent)
     buffers = [make_buffer(agent, seed) for seed in range(2)]
     for buffer in buffers:
-        ppo.update(buffer)
+        learn(ppo, buffer)
     (normalizer,) = (module for module in agent.modules() if isinstance(module, Normalizer))
     rows = torch.cat([buffer["signals"] for buffer in buffers]).flatten(0, 1)
     assert int(normalizer.count) == len(rows)
@@ -214,13 +246,13 @@ def test_values_that_foresee_everything_explain_all_variance():
     with torch.no_grad():
         successors = agent(buffer["next"].select("signals"))["state_value"]
     buffer["next", "reward"] = buffer["state_value"] - VALUES["gamma"] * successors
-    assert make_ppo(agent).update(buffer)["explained_variance"] == pytest.approx(1.0, abs=1e-6)
+    assert learn(make_ppo(agent), buffer)["explained_variance"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_explained_variance_is_that_of_the_collected_values():
     agent = make_agent()
     buffer = make_buffer(agent)
-    explained = make_ppo(agent).update(buffer)["explained_variance"]
+    explained = learn(make_ppo(agent), buffer)["explained_variance"]
     left = (buffer["value_target"] - buffer["state_value"]).var() / buffer["value_target"].var()
     assert explained == pytest.approx(1 - float(left), rel=1e-5)
 
@@ -230,7 +262,7 @@ def test_constant_targets_have_no_variance_to_explain():
     everywhere = torch.ones(ENVS, STEPS, 1, dtype=torch.bool)
     buffer = make_buffer(agent, terminated=everywhere)
     buffer["next", "reward"] = torch.zeros(ENVS, STEPS, 1)
-    assert math.isnan(make_ppo(agent).update(buffer)["explained_variance"])
+    assert math.isnan(learn(make_ppo(agent), buffer)["explained_variance"])
 
 
 @pytest.mark.parametrize("clip_value", [True, False])
@@ -245,7 +277,7 @@ def test_the_policy_learns_which_action_pays(clip_value):
         buffer = make_buffer(agent, seed, terminated=everywhere)
         buffer["next", "reward"] = -(buffer["action"] - best).square().sum(-1, keepdim=True)
         distances.append(float((buffer["loc"] - best).norm(dim=-1).mean()))
-        told.append(ppo.update(buffer))
+        told.append(learn(ppo, buffer))
     assert distances[-1] < 0.6 * distances[0]
     assert told[-1]["loss_value"] < 0.6 * told[0]["loss_value"]
     assert all(math.isfinite(value) for losses in told for value in losses.values())
@@ -253,7 +285,7 @@ def test_the_policy_learns_which_action_pays(clip_value):
 
 def test_the_entropy_may_weigh_nothing():
     agent = make_agent()
-    assert make_ppo(agent, beta=0.0).update(make_buffer(agent))["loss_entropy"] == 0
+    assert learn(make_ppo(agent, beta=0.0), make_buffer(agent))["loss_entropy"] == 0
 
 
 NAN = float("nan")

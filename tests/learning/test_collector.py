@@ -1,0 +1,72 @@
+"""Buffers against the same actions taken by TorchRL's own loop."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.workers import Workers
+from needlehoop.learning.collector import Collector
+from needlehoop.learning.learner import build_agent
+
+SMALL = [
+    "cams=[dep_front,seg_side]",
+    "num_envs=5",
+    "image_size=32",
+    "episode.max_steps=6",
+    "obs.proprio=true",
+    "engine.threads=1",
+]
+HORIZON = 8
+
+
+@pytest.fixture(scope="module", params=[[], ["obs.frame_stack=2"], ["cams=[]", "obs=signals"]])
+def collected(request):
+    """Two buffers, their cuts, the agent, and an environment that has not begun."""
+    job = config.job(config.compose([*SMALL, *request.param], "job"))
+    torch.manual_seed(0)
+    env = NeedleHoopEnv(job.env, stagger=True)
+    agent = build_agent(job, env, torch.device("cpu"))
+    collector = Collector(env, agent, HORIZON, 3, Workers(2))
+    pairs = [tuple(part.clone() for part in collector.collect()) for _ in range(2)]
+    return pairs, agent, NeedleHoopEnv(job.env, stagger=True)
+
+
+def test_a_buffer_is_what_torchrls_loop_makes_of_its_actions(collected):
+    pairs, agent, env = collected
+    now = env.reset()
+    for buffer, after in pairs:
+        cuts = {}
+        for step in range(HORIZON):
+            kept = buffer[:, step]
+            seen = agent.prepare(*(now[key] for key in agent.in_keys))
+            for key, value in zip(agent.seen_keys, seen, strict=True):
+                assert torch.equal(kept[key], value), key
+            now["action"] = kept["action"]
+            both, now = env.step_and_maybe_reset(now)
+            told = kept["next"].keys(True, True)
+            assert {"reward", "done", "potential", ("facts", "threaded")} <= set(told)
+            assert [
+                key for key in told if not torch.equal(kept["next"][key], both["next"][key])
+            ] == []
+            for row in range(len(kept)):
+                if both["next", "truncated"][row] or step == HORIZON - 1:
+                    cuts[row, step] = both["next"].select(*agent.in_keys)[row]
+        assert len(after) == len(cuts) > 5
+        for place, row in enumerate(sorted(cuts)):
+            for key in agent.in_keys:
+                assert torch.equal(after[place][key], cuts[row][key])
+
+
+def test_the_agents_outputs_are_those_of_its_operator(collected):
+    pairs, agent, _ = collected
+    buffer, _ = pairs[1]
+    with torch.no_grad():
+        again = agent.operator(buffer.select(*agent.seen_keys).flatten())
+    for key in ("state_value", "scale"):
+        torch.testing.assert_close(buffer[key].flatten(0, 1), again[key], rtol=2e-2, atol=2e-2)
+    policy = torch.distributions.Normal(again["loc"], again["scale"])
+    expected = policy.log_prob(buffer["action"].flatten(0, 1)).sum(-1)
+    torch.testing.assert_close(buffer["action_log_prob"].flatten(), expected, rtol=5e-2, atol=5e-2)
