@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -88,7 +89,7 @@ class Agent(TensorDictModuleBase):
         )
         # The same modules once more, in a tuple so that they are not registered twice.
         self._plain = (fold, trunks, gaussian, value)
-        self._images, self._told = len(images), len(facts)
+        self._images, self._vectors = len(images), len(vectors)
         self.seen_keys = [*seen, *facts]
         self.in_keys = [*(("pixels", name) for name in images), *vectors, *facts]
         self.out_keys = [*self.fold.out_keys, *self.operator.out_keys]
@@ -121,21 +122,37 @@ class Agent(TensorDictModuleBase):
         for own, other in pairs:
             own.copy_(other)
 
+    @property
+    def encoders(self) -> list[Encoder]:
+        """One per camera; those of the value function's own trunk after the policy's."""
+        _, trunks, *_ = self._plain
+        found: list[Any] = [encoder for trunk in trunks for encoder in trunk.encoders.values()]
+        return found
+
     def prepare(self, *observed: Tensor) -> list[Tensor]:
         """Observations in the order of ``in_keys``, images folded: that of ``seen_keys``."""
         fold, *_ = self._plain
         return [*map(fold, observed[: self._images]), *observed[self._images :]]
 
-    def outputs(self, *seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``loc``, ``scale`` and ``state_value`` of observations in the order of ``seen_keys``.
+    def conclude(
+        self, features: Sequence[Tensor], rest: Sequence[Tensor]
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """``loc``, ``scale`` and ``state_value`` from what the encoders make of images.
 
-        What ``forward`` computes on the way, of plain tensors: threads with a few rows each
-        would mostly wait for one another's TensorDicts.
+        The same as in ``forward``, of plain tensors: threads with a few rows each would mostly
+        wait for one another's TensorDicts.
+
+        Args:
+            features: in the order of ``encoders``.
+            rest: of ``seen_keys``, what are not images.
         """
         _, trunks, gaussian, value = self._plain
-        told = len(seen) - self._told
-        hidden = [trunk(*seen[:told]) for trunk in trunks]
-        return *gaussian(hidden[0]), value(hidden[-1], *seen[told:])
+        vectors, facts = rest[: self._vectors], rest[self._vectors :]
+        hidden = [
+            trunk.merge(features[i * self._images : (i + 1) * self._images], vectors)
+            for i, trunk in enumerate(trunks)
+        ]
+        return *gaussian(hidden[0]), value(hidden[-1], *facts)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self.operator(self.fold(tensordict))

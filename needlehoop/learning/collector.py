@@ -6,12 +6,14 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
 from torchrl.modules import IndependentNormal
 
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.parallel import ParallelAgent
+
+_FOLDED = 5
+"""Environments whose images a thread folds at a time."""
 
 
 class Collector:
@@ -21,16 +23,14 @@ class Collector:
 
     Args:
         env: is begun, or gone on with, at the first buffer.
-        agent: acts, at random.
+        running: acts, at random.
         horizon: steps of each environment per buffer.
-        shards: parts of the environments that threads act for side by side.
-        workers: to share them; the result is the same with any number.
+        workers: that fold images.
     """
 
-    def __init__(
-        self, env: NeedleHoopEnv, agent: Agent, horizon: int, shards: int, workers: Workers
-    ):
-        self._env, self._agent, self._workers = env, agent, workers
+    def __init__(self, env: NeedleHoopEnv, running: ParallelAgent, horizon: int, workers: Workers):
+        self._env, self._running, self._workers = env, running, workers
+        self._agent = agent = running.agent
         self._device = next(agent.parameters()).device
         count = env.settings.num_envs
         blank = env.observation_spec.zero()
@@ -40,7 +40,7 @@ class Collector:
             for key, x in zip(agent.seen_keys, prepared, strict=True)
         }
         self._buffer = TensorDict(kept, [count, horizon], device=self._device)
-        self._shards = [slice(int(i[0]), int(i[-1]) + 1) for i in torch.arange(count).chunk(shards)]
+        self._parts = [slice(at, at + _FOLDED) for at in range(0, count, _FOLDED)]
         self._now: TensorDictBase | None = None
 
     @torch.no_grad()
@@ -66,19 +66,17 @@ class Collector:
         return self._buffer, seen.to(self._device)
 
     def _act(self, step: int, now: TensorDictBase) -> TensorDict:
-        """Choose actions; each shard keeps what it saw."""
+        """Keep what is seen, and choose actions."""
         observed = [now[key] for key in self._agent.in_keys]
-        kept: list[Any] = [self._buffer[key] for key in self._agent.seen_keys]
+        kept: list[Any] = [self._buffer[key][:, step] for key in self._agent.seen_keys]
 
-        def look(rows: slice) -> tuple[Tensor, ...]:
-            with torch.no_grad():
-                seen = self._agent.prepare(*(x[rows].to(self._device) for x in observed))
-                for place, value in zip(kept, seen, strict=True):
-                    place[rows, step] = value
-                return self._agent.outputs(*seen)
+        def keep(rows: slice) -> None:
+            seen = self._agent.prepare(*(x[rows].to(self._device) for x in observed))
+            for place, value in zip(kept, seen, strict=True):
+                place[rows] = value
 
-        said = zip(*self._workers.map(look, self._shards), strict=True)
-        loc, scale, value = (torch.cat(parts) for parts in said)
+        self._workers.map(keep, self._parts)
+        loc, scale, value = self._running.outputs(kept)
         policy = IndependentNormal(loc, scale)
         action = policy.sample()
         log_prob = policy.log_prob(action)

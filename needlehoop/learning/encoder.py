@@ -115,8 +115,11 @@ class Encoder(nn.Module):
 
     def forward(self, folded: Tensor) -> Tensor:
         flat = folded.reshape(-1, *folded.shape[-3:])
-        with self._precision(folded.device.type):
+        if self.dense[0].weight.dtype == self.dtype:
             features = self.dense(self._convolve(flat)).float()
+        else:
+            with self._precision(folded.device.type):
+                features = self.dense(self._convolve(flat)).float()
         return features.view(*folded.shape[:-3], -1)
 
     def _precision(self, device: str) -> torch.autocast:

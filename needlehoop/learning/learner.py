@@ -41,9 +41,7 @@ class Learner:
         if state is not None:
             self.ppo.load_state_dict(state["ppo"])
             self.env.restore(state["env"])
-        self._collector = Collector(
-            self.env, self.ppo.computing, job.algo.horizon, job.algo.shards, self.workers
-        )
+        self._collector = Collector(self.env, self.ppo.running, job.algo.horizon, self.workers)
         if state is not None:
             # Last: building an agent draws numbers.
             torch.set_rng_state(state["rng"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -67,8 +67,14 @@ class Trunk(nn.Module):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, *observed: Tensor) -> Tensor:
-        modules = [*self.encoders.values(), *self.normalizers.values()]
-        parts = [module(value) for module, value in zip(modules, observed, strict=True)]
+        count = len(self.encoders)
+        pairs = zip(self.encoders.values(), observed[:count], strict=True)
+        return self.merge([encoder(image) for encoder, image in pairs], observed[count:])
+
+    def merge(self, features: Sequence[Tensor], vectors: Sequence[Tensor]) -> Tensor:
+        """What ``forward`` makes of the encoders' outputs and the other observations."""
+        pairs = zip(self.normalizers.values(), vectors, strict=True)
+        parts = [*features, *(normalizer(vector) for normalizer, vector in pairs)]
         return self.layers(torch.cat(parts, -1))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,17 +17,15 @@ from torchrl.objectives.value import GAE
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.gradients import GradientSum
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.learning.normalizer import Normalizer
+from needlehoop.learning.optimizer import Optimizer
+from needlehoop.learning.parallel import ParallelAgent
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
 
 _LEARNT_FROM = ("action", "action_log_prob", "state_value", "advantage", "value_target")
-
-_LOOKED_AT = 16
-"""Rows whose values a thread works out at a time."""
 
 _OUTPUTS = ("loc", "scale", "state_value_now")
 """Of the agent, as the loss knows them; ``state_value`` is the one it collected with."""
@@ -50,7 +49,7 @@ class PpoConfig:
     """Steps of each environment per buffer."""
     minibatch: int
     shards: int
-    """Parts of a minibatch that threads work on side by side."""
+    """Parts of the agent's work on a minibatch that threads do side by side."""
     epochs: int
     """Passes over a buffer."""
     learning_rate: float
@@ -86,12 +85,12 @@ class Ppo:
     """Learns from one buffer after the other.
 
     Args:
-        agent: policy and value function; updated in place. ``computing`` is the copy of it
-            to collect with.
+        agent: policy and value function; updated in place. ``running`` is a copy to collect
+            with.
         config: hyperparameters.
         updates: buffers until the schedules end.
         seed: decides the minibatches.
-        workers: that work on a minibatch's shards; the result is the same with any number.
+        workers: to share the work; the result is the same with any number.
     """
 
     def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, workers: Workers):
@@ -119,12 +118,11 @@ class Ppo:
             loss_critic_type="l2",
             functional=False,
         ).to(next(agent.parameters()).device)
-        parameters = list(agent.parameters())
-        self._optimizer = torch.optim.Adam(parameters, lr=config.learning_rate, fused=True)
-        self._workers = workers
-        self._sum = GradientSum(parameters, workers)
-        self.computing = agent.computing()
-        self._learnt = list(self.computing.parameters())
+        # A GPU needs no parts.
+        shards = config.shards if next(agent.parameters()).device.type == "cpu" else 1
+        self.running = ParallelAgent(agent.computing(), shards, workers)
+        copies = list(self.running.agent.parameters())
+        self._optimizer = Optimizer(list(agent.parameters()), copies, workers)
         self._normalizers = {
             path.rpartition(".")[2]: module
             for path, module in agent.named_modules()
@@ -139,7 +137,7 @@ class Ppo:
             batch: ``(num_envs, horizon)`` steps.
             after: what was seen after its cuts; both as ``Collector.collect`` returns them.
         """
-        self._schedule()
+        rate = self._schedule()
         self._estimate(batch, after)
         steps = batch.select(*_LEARNT_FROM).reshape(-1)
         seen = [batch[key].flatten(0, 1) for key in self.agent.seen_keys]
@@ -153,60 +151,45 @@ class Ppo:
                 count += 1
         for name, normalizer in self._normalizers.items():
             normalizer.learn(batch[name])
-        self.computing.follow(self.agent)
+        self.running.agent.follow(self.agent)
         self.done_updates += 1
         return {
             **{name: value / count for name, value in totals.items()},
             "explained_variance": _explained_variance(batch["state_value"], batch["value_target"]),
-            "learning_rate": self._optimizer.param_groups[0]["lr"],
+            "learning_rate": rate,
             "epsilon": float(self._loss.clip_epsilon),
             "sigma": float(batch["scale"].mean()),
         }
 
     def _descend(self, steps: TensorDictBase, seen: list[Tensor], rows: Tensor) -> dict[str, float]:
-        """One step of the optimiser on a minibatch; returns what the loss reports.
-
-        Networks are run and differentiated in shards, each by one thread, and their gradients
-        are added in order: the result does not depend on how many threads there are.
-        """
-        shards = rows.chunk(self.config.shards)
-        said = self._workers.map(
-            lambda shard: self.computing.outputs(*(x.index_select(0, shard) for x in seen)), shards
-        )
-        slopes, told = self._judge(steps, [torch.cat(parts) for parts in zip(*said, strict=True)])
-        per_shard = zip(*(slope.split([len(s) for s in shards]) for slope in slopes), strict=True)
-        self._sum(
-            self._workers.map(
-                lambda outputs, slopes: torch.autograd.grad(outputs, self._learnt, slopes),
-                said,
-                per_shard,
-            )
-        )
-        self._optimizer.step()
-        self.computing.follow(self.agent)
+        """One step of the optimiser on a minibatch; returns what the loss reports."""
+        slopes, told = self._judge(steps, self.running.forward(seen, rows))
+        self.running.backward(slopes)
+        self._optimizer.step(self.running.write)
         return told
 
     def _judge(
-        self, steps: TensorDictBase, said: list[Tensor]
+        self, steps: TensorDictBase, said: Sequence[Tensor]
     ) -> tuple[tuple[Tensor, ...], dict[str, float]]:
         """The loss's gradient by each of the agent's outputs, and what it reports."""
-        leaves = [output.detach().requires_grad_() for output in said]
+        leaves = [output.requires_grad_() for output in said]
         outputs = TensorDict(dict(zip(_OUTPUTS, leaves, strict=True)), steps.batch_size)
         losses = self._loss(outputs.update(steps))
         total = losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]
         told = {name: float(losses[key].detach()) for name, key in LOGGED.items()}
         return torch.autograd.grad(total, leaves), told
 
-    def _schedule(self) -> None:
+    def _schedule(self) -> float:
+        """Set learning rate and clipping; returns the former."""
         left = 1.0 - self.done_updates / self.updates
         rate = max(self.config.learning_rate * left, _LEARNING_RATE_END)
-        for group in self._optimizer.param_groups:
-            group["lr"] = rate
+        self._optimizer.set_rate(rate)
         end = self.config.epsilon_end
         epsilon = end + (self.config.epsilon - end) * left
         self._loss.clip_epsilon.fill_(epsilon)
         if self.config.clip_value:
             self._loss.clip_value.fill_(epsilon)
+        return rate
 
     def _estimate(self, batch: TensorDictBase, after: TensorDictBase) -> None:
         """Write advantages and value targets; time-outs bootstrap.
@@ -218,15 +201,10 @@ class Ppo:
         following = torch.cat((values[:, 1:], torch.zeros_like(values[:, :1])), 1)
         cut = batch["next", "truncated"].squeeze(-1).clone()
         cut[:, -1] = True
-        observed = [after[key].split(_LOOKED_AT) for key in self.agent.in_keys]
-        following[cut] = torch.cat(self._workers.map(self._value, *observed))
+        seen = self.agent.prepare(*(after[key] for key in self.agent.in_keys))
+        _, _, following[cut] = self.running.outputs(seen)
         batch["next", "state_value"] = following
         self._gae(batch)
-
-    @torch.no_grad()
-    def _value(self, *observed: Tensor) -> Tensor:
-        _, _, value = self.computing.outputs(*self.computing.prepare(*observed))
-        return value
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides the next update."""
@@ -240,7 +218,7 @@ class Ppo:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""
         self.agent.load_state_dict(state["agent"])
-        self.computing.follow(self.agent)
+        self.running.agent.follow(self.agent)
         self._optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
         self.done_updates = state["done_updates"]

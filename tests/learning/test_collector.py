@@ -10,6 +10,7 @@ from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.collector import Collector
 from needlehoop.learning.learner import build_agent
+from needlehoop.learning.parallel import ParallelAgent
 
 SMALL = [
     "cams=[dep_front,seg_side]",
@@ -29,7 +30,8 @@ def collected(request):
     torch.manual_seed(0)
     env = NeedleHoopEnv(job.env, stagger=True)
     agent = build_agent(job, env, torch.device("cpu"))
-    collector = Collector(env, agent, HORIZON, 3, Workers(2))
+    workers = Workers(2)
+    collector = Collector(env, ParallelAgent(agent, 3, workers), HORIZON, workers)
     pairs = [tuple(part.clone() for part in collector.collect()) for _ in range(2)]
     return pairs, agent, NeedleHoopEnv(job.env, stagger=True)
 

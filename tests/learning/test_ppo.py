@@ -158,8 +158,9 @@ def test_the_shards_gradients_add_up_to_that_of_torchrls_loss():
     )
     losses = loss(buffer.reshape(-1))
     (losses["loss_objective"] + losses["loss_critic"] + losses["loss_entropy"]).backward()
+    torch.optim.Adam(before.parameters(), lr=VALUES["learning_rate"]).step()
     for ours, theirs in zip(agent.parameters(), before.parameters(), strict=True):
-        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-4, atol=1e-6)
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
 
 
 def test_both_schedules_fall_linearly_over_the_updates():
@@ -193,7 +194,8 @@ def test_a_buffer_is_read_epochs_times_in_minibatches():
     agent = make_agent()
     ppo = make_ppo(agent, minibatch=7, epochs=3)
     learn(ppo, make_buffer(agent))
-    steps = {int(entry["step"]) for entry in ppo.state_dict()["optimizer"]["state"].values()}
+    blocks = ppo.state_dict()["optimizer"]
+    steps = {int(entry["step"]) for block in blocks for entry in block["state"].values()}
     assert steps == {3 * math.ceil(ENVS * STEPS / 7)}
 
 
