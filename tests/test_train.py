@@ -112,12 +112,33 @@ def test_nothing_in_the_repository_is_in_the_main_jobs_way():
     assert not [name for name in kept if name.startswith(study)]
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
-def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch, sent):
-    values = (finished / "config.yaml").read_text()
+def weights(run: Path) -> dict[str, torch.Tensor]:
+    return torch.load(run / "checkpoint.pt")["learner"]["ppo"]["agent"]
+
+
+def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["cams=dep_front,seg_side", "engine=dm_control", *TINY, "obs.frame_stack=2"]
+    run_train(monkeypatch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+    run = tmp_path / "main/dep_front+seg_side/human/seed0"
+    assert yaml.safe_load((run / "config.yaml").read_text())["engine"]["kind"] == "dm_control"
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert table(run / name) == table(finished / name)
+    assert (run / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
+    one, other = weights(run), weights(finished)
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize(
+    ("sent", "engine"),
+    [(signal.SIGINT, "cpu"), (signal.SIGKILL, "cpu"), (signal.SIGKILL, "dm_control")],
+)
+def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch, sent, engine):
+    values = (finished / "config.yaml").read_text().replace("kind: cpu", f"kind: {engine}")
     folder = tmp_path / "main/dep_front+seg_side/human/seed0"
-    words = ["cams=dep_front,seg_side", *TINY, "obs.frame_stack=2", "obs.proprio=true"]
-    words += [f"results={tmp_path}", "evaluation.video_episodes=1"]
+    words = [f"engine={engine}", "cams=dep_front,seg_side", *TINY, "obs.frame_stack=2"]
+    words += ["obs.proprio=true", f"results={tmp_path}", "evaluation.video_episodes=1"]
     process = subprocess.Popen(
         [sys.executable, str(ROOT / "train.py"), *words],
         cwd=tmp_path,
@@ -143,9 +164,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch,
         assert table(folder / name) == table(finished / name)
     for name in ("evaluation.json", "video.mp4"):
         assert (folder / name).read_bytes() == (finished / name).read_bytes()
-    whole, resumed = (
-        torch.load(path / "checkpoint.pt")["learner"]["ppo"]["agent"] for path in (finished, folder)
-    )
+    whole, resumed = weights(finished), weights(folder)
     assert all(torch.equal(whole[name], resumed[name]) for name in whole)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import torch
 
-from needlehoop.engines.cpu import CpuEngine
+from needlehoop.engines.contract import Engine
 from needlehoop.envs.settings import Settings, build
 
 _TABLE = 0.15
@@ -48,7 +48,6 @@ def shake(settings: Settings, episodes: int) -> Stability:
         raise ValueError(f"episodes: {episodes} must be at least 1")
     simulation, _ = build(replace(settings, cams=()))
     engine = simulation.engine
-    assert isinstance(engine, CpuEngine)
     generator = torch.Generator().manual_seed(settings.seed)
     n, size = settings.num_envs, settings.episode.action_size
     counts = np.zeros(4, dtype=np.int64)
@@ -61,11 +60,10 @@ def shake(settings: Settings, episodes: int) -> Stability:
             action = 2.0 * torch.randint(0, 2, (n, size), generator=generator) - 1.0
         moment = simulation.step(action)
         steps += 1
-        state = np.concatenate((engine.qpos, engine.qvel), -1)
         needle = np.stack((moment.signals.pickup_point, moment.signals.needle_tip), 1)
-        depth = engine.penetration()
+        finite, depth = _inspect(engine)
         counts += [
-            int((~np.isfinite(state)).any(-1).sum()),
+            int((~finite).sum()),
             int((np.abs(needle[..., :2]) > _TABLE).any((1, 2)).sum()),
             int((needle[..., 2] < 0.0).any(1).sum()),
             int((depth > _DEEP).sum()),
@@ -76,3 +74,16 @@ def shake(settings: Settings, episodes: int) -> Stability:
         if bool(over.any()):
             simulation.reset(over)
     return Stability(finished, steps * n, *map(int, counts), deepest=deepest)
+
+
+def _inspect(engine: Engine) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each environment's state is finite, and how deep its deepest contact is, m; ``(n,)``.
+
+    Without a contact: 0.
+    """
+    finite, depth = np.zeros(engine.num_envs, dtype=bool), np.zeros(engine.num_envs)
+    for env in range(engine.num_envs):
+        data = engine.data(env)
+        finite[env] = np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()
+        depth[env] = -data.contact.dist.min(initial=0.0)
+    return finite, depth

@@ -13,6 +13,19 @@ WELD = "grasp"
 """Name of the equality that a weld grasp switches."""
 
 
+STATE = (
+    "time",
+    "qpos",
+    "qvel",
+    "qacc_warmstart",
+    "ctrl",
+    "mocap_pos",
+    "mocap_quat",
+    "eq_active",
+)
+"""What the scene's physics depends on: it has no activations, and nothing applies forces."""
+
+
 class Addresses:
     """Writes starts into state arrays of a compiled scene.
 

@@ -16,6 +16,9 @@ from torch import Tensor
 from needlehoop.task.facts import Weld
 from needlehoop.task.start import Start
 
+KINDS = ("cpu", "dm_control")
+"""What steps the physics."""
+
 RENDERERS: tuple[str, ...] = ("rasteriser", "tracer")
 """What makes the images that agents see."""
 
@@ -28,8 +31,14 @@ class EngineConfig:
     """Threads for physics and cameras; 0: every CPU this process may use."""
     renderer: str
     """Of ``RENDERERS``. Pictures for people are always the tracer's."""
+    kind: str = "cpu"
+    """Of ``KINDS``; runs from before there was a choice name none."""
 
     def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(
+                f"engine.kind: {self.kind!r} is unknown; choose from {', '.join(KINDS)}"
+            )
         if self.threads < 0:
             raise ValueError(f"engine.threads: {self.threads} is negative; 0 means every CPU")
         if self.renderer not in RENDERERS:
@@ -116,4 +125,8 @@ class Engine(Protocol):
 
         Views are chosen at construction.
         """
+        ...
+
+    def data(self, env: int) -> mujoco.MjData:
+        """One environment's MjData, forwarded, to look at; valid until the next call."""
         ...

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import mujoco
-import numpy as np
 import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import Addresses, weld_data, weld_index
+from needlehoop.engines.addresses import STATE, Addresses, weld_data, weld_index
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
@@ -19,18 +18,6 @@ from needlehoop.task.start import Start
 
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
-
-_STATE = (
-    "time",
-    "qpos",
-    "qvel",
-    "qacc_warmstart",
-    "ctrl",
-    "mocap_pos",
-    "mocap_quat",
-    "eq_active",
-)
-"""What the scene's physics depends on: it has no activations, and nothing applies forces."""
 
 
 class CpuEngine:
@@ -104,13 +91,13 @@ class CpuEngine:
         return torch.tensor(self._sensordata)
 
     def snapshot(self) -> dict[str, Tensor]:
-        state = {name: torch.tensor(self._batch.bind(name)) for name in _STATE}
+        state = {name: torch.tensor(self._batch.bind(name)) for name in STATE}
         if self._weld is not None:
             state["eq_data"] = torch.tensor(self._weld_data)
         return state
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
-        for name in _STATE:
+        for name in STATE:
             self._batch.bind(name)[:] = snapshot[name].numpy()
         if self._weld is not None:
             self._weld_data[:] = snapshot["eq_data"].numpy()
@@ -122,29 +109,10 @@ class CpuEngine:
         return self._renderer.render(self._fields, None if ids is None else ids.numpy())
 
     def data(self, env: int) -> mujoco.MjData:
-        """One environment's MjData, forwarded; valid until the next call."""
         self._scratch_data = self._batch.get_data(env, self._scratch_data)
         self._scratch_model = self._batch.get_model(env, self._scratch_model)
         mujoco.mj_forward(self._scratch_model, self._scratch_data)
         return self._scratch_data
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Generalised positions ``(n, nq)``, live."""
-        return self._batch.bind("qpos")
-
-    @property
-    def qvel(self) -> np.ndarray:
-        """Generalised velocities ``(n, nv)``, live."""
-        return self._batch.bind("qvel")
-
-    def penetration(self) -> np.ndarray:
-        """Depth of the deepest contact of each environment ``(n,)``, m; 0 for none."""
-        depths = np.zeros(self.num_envs)
-        for env in range(self.num_envs):
-            contacts = self.data(env).contact.dist
-            depths[env] = max(0.0, -contacts.min()) if len(contacts) else 0.0
-        return depths
 
     def _check_health(self) -> None:
         """MuJoCo resets a diverged simulation on its own; here that is an error."""

@@ -6,137 +6,49 @@ The same task functions run here as on the CPU engine, so the two agree bit for 
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import replace
 from typing import Any
 
 import dm_env
-import mujoco
 import numpy as np
 import torch
 from dm_control import mujoco as dm_mujoco
-from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl import control
 from dm_env import specs
 from torch import Tensor
 
-from needlehoop import rewards
-from needlehoop.engines.addresses import Addresses, weld_data, weld_index
-from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
-from needlehoop.engines.renderers import make_renderer
-from needlehoop.envs.images import Imager, channels_of
+from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
+from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import STATE_SIZE, Observer
-from needlehoop.envs.settings import Settings, compile_scene
+from needlehoop.envs.settings import Settings, build
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import PROPRIO_SIZE, proprio
-from needlehoop.task.facts import Weld
-from needlehoop.task.start import Start
-
-_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-
-
-class PhysicsEngine:
-    """A dm_control Physics as an engine of one environment; see ``contract.Engine``.
-
-    Args:
-        physics: the scene.
-        substeps: physics steps per control step.
-        views: channels to render by view.
-        size: image width and height, px.
-        quality: see ``Tracer``.
-        config: renderer; there is one thread.
-    """
-
-    num_envs = 1
-
-    def __init__(
-        self,
-        physics: dm_mujoco.Physics,
-        substeps: int,
-        views: dict[str, Channels],
-        size: int,
-        quality: int,
-        config: EngineConfig,
-    ):
-        self._physics, self._substeps = physics, substeps
-        self.model: mujoco.MjModel = physics.model.ptr
-        self._addresses = Addresses(self.model)
-        self._renderer = (
-            make_renderer(config.renderer, self.model, 1, views, size, 1, quality)
-            if views
-            else None
-        )
-        self._weld = weld_index(self.model)
-
-    def reset(self, ids: Tensor, start: Start) -> None:
-        data = self._physics.data.ptr
-        mujoco.mj_resetData(self.model, data)
-        data.qpos[:] = self._addresses.qpos(start)[0]
-        data.mocap_pos[:] = self._addresses.mocap(start)[0]
-        data.ctrl[:] = self._addresses.control(start)[0]
-        self.refresh()
-
-    def step(self, control: Tensor) -> None:
-        self.command(control)
-        self._physics.step(self._substeps)
-        self.refresh()
-
-    def command(self, control: Tensor) -> None:
-        """Set the servos without stepping: dm_control steps the physics itself."""
-        self._physics.set_control(control[0].numpy())
-
-    def refresh(self) -> None:
-        """Bring sensors up to the present state, as far as velocities: the batch's stage."""
-        mujoco.mj_step1(self.model, self._physics.data.ptr)
-
-    def weld(self, weld: Weld) -> None:
-        if self._weld is None or not bool(weld.changed.any()):
-            return
-        self.model.eq_data[self._weld, :10] = weld_data(weld.pose.numpy())[0]
-        self._physics.data.ptr.eq_active[self._weld] = bool(weld.active[0])
-
-    def sensordata(self) -> Tensor:
-        return torch.from_numpy(self._physics.data.ptr.sensordata.copy()).unsqueeze(0)
-
-    def snapshot(self) -> dict[str, Tensor]:
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self._physics.data.ptr, state, _STATE)
-        return {"state": torch.from_numpy(state), "eq_data": torch.tensor(self.model.eq_data)}
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        state = snapshot["state"].numpy()
-        mujoco.mj_setState(self.model, self._physics.data.ptr, state, _STATE)
-        self.model.eq_data[:] = snapshot["eq_data"].numpy()
-        self.refresh()
-
-    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
-        if self._renderer is None:
-            return {}
-        data = self._physics.data.ptr
-        return self._renderer.render({name: getattr(data, name)[None] for name in FIELDS})
 
 
 class NeedleHoopTask(control.Task):
-    """The dm_control face of a ``Simulation``; its physics is stepped by dm_control."""
+    """The dm_control face of a ``Simulation``; its physics is stepped by dm_control.
 
-    def __init__(self, simulation: Simulation, imager: Imager, settings: Settings):
-        self.simulation, self._settings = simulation, settings
+    Args:
+        simulation: of the one environment of a ``DmControlEngine``.
+        servos: that environment's task, which this one stands before.
+        imager: of its cameras.
+        settings: what it was built from.
+    """
+
+    def __init__(self, simulation: Simulation, servos: Servos, imager: Imager, settings: Settings):
+        self.simulation, self._servos, self._settings = simulation, servos, settings
         self._observer = Observer(settings, simulation, imager)
         self.moment: Moment | None = None
-
-    @property
-    def _engine(self) -> PhysicsEngine:
-        engine = self.simulation.engine
-        assert isinstance(engine, PhysicsEngine)
-        return engine
 
     def initialize_episode(self, physics: dm_mujoco.Physics) -> None:
         self.moment = self.simulation.reset()
 
     def before_step(self, action: np.ndarray, physics: dm_mujoco.Physics) -> None:
         given = torch.as_tensor(np.asarray(action, dtype=np.float64)).unsqueeze(0)
-        self._engine.command(self.simulation.act(given))
+        self._servos.before_step(self.simulation.act(given)[0].numpy(), physics)
 
     def after_step(self, physics: dm_mujoco.Physics) -> None:
-        self._engine.refresh()
+        self._servos.after_step(physics)
         self.moment = self.simulation.observe()
 
     def action_spec(self, physics: dm_mujoco.Physics) -> specs.BoundedArray:
@@ -198,13 +110,10 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     Raises:
         ValueError: settings that do not go together, by key.
     """
-    s, cameras = settings, settings.cameras
-    physics = dm_mujoco.Physics.from_model(MjModel(compile_scene(s)))
-    imager = Imager(physics.model.ptr, cameras, s.views, s.renderings)
-    views = channels_of(cameras, s.renderings)
-    engine = PhysicsEngine(physics, s.episode.substeps, views, s.image_size, s.quality, s.engine)
-    reward = rewards.load(s.reward)
-    simulation = Simulation(engine, s.task, s.episode, reward, s.seed, first_env=env)
-    task: Any = NeedleHoopTask(simulation, imager, s)
-    # The legacy step continues from the last refresh, blind to a weld switched since then.
-    return control.Environment(physics, task, n_sub_steps=s.episode.substeps, legacy_step=False)
+    engine = replace(settings.engine, kind="dm_control")
+    s = replace(settings, engine=engine, num_envs=1)
+    simulation, imager = build(s, first_env=env)
+    assert isinstance(simulation.engine, DmControlEngine)
+    inner = simulation.engine.environments[0]
+    task: Any = NeedleHoopTask(simulation, inner.task, imager, s)
+    return build_environment(inner.physics, task, s.episode.substeps)

@@ -10,7 +10,7 @@ import mujoco
 
 from needlehoop import rewards
 from needlehoop.engines.contract import EngineConfig
-from needlehoop.engines.cpu import CpuEngine
+from needlehoop.engines.factory import build_engine
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.simulation import Simulation
 from needlehoop.robot.arm import VARIANTS
@@ -95,7 +95,7 @@ def compile_scene(settings: Settings) -> mujoco.MjModel:
 
 
 def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
-    """A simulation on the CPU engine, and the imager of its cameras.
+    """A simulation on the engine of the settings, and the imager of its cameras.
 
     Args:
         settings: what to build.
@@ -108,7 +108,7 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     model = compile_scene(s)
     imager = Imager(model, cameras, s.views, s.renderings)
     views = channels_of(cameras, s.renderings)
-    engine = CpuEngine(
+    engine = build_engine(
         model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine
     )
     reward = rewards.load(s.reward)

@@ -8,7 +8,6 @@ import imageio.v2 as imageio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from needlehoop.engines.cpu import CpuEngine
 from needlehoop.envs.images import Imager
 from needlehoop.envs.rollout import Controller
 from needlehoop.envs.settings import Settings
@@ -30,7 +29,7 @@ def record(
 
     Args:
         settings: environment with the cameras to show.
-        simulation: of one environment, on the CPU engine.
+        simulation: of one environment.
         imager: of its cameras.
         controller: who acts.
         episodes: how many, one after the other.
@@ -38,7 +37,6 @@ def record(
         size: height in px; a multiple of 16.
     """
     engine = simulation.engine
-    assert isinstance(engine, CpuEngine)
     photographer = Photographer(engine.model, size)
     partial = out.with_name(out.stem + ".partial.mp4")
     rate = 1.0 / (settings.task.timestep * settings.episode.substeps)

@@ -9,7 +9,6 @@ import numpy as np
 from PIL import Image
 
 from needlehoop.engines.contract import FIELDS, Channels
-from needlehoop.engines.cpu import CpuEngine
 from needlehoop.envs.settings import PICTURE, Settings, build
 
 
@@ -45,5 +44,4 @@ def portrait(settings: Settings, size: int) -> Image.Image:
     simulation, _ = build(replace(settings, num_envs=1, cams=()))
     simulation.reset()
     engine = simulation.engine
-    assert isinstance(engine, CpuEngine)
     return Image.fromarray(Photographer(engine.model, size)(engine.data(0)))

@@ -61,9 +61,9 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
             ended = single.step(action[env].numpy()).last()
             assert ended == bool(over[env])
             same_moment(moment, single.task.moment, env)
-            data = single.physics.data
-            assert np.array_equal(batch.engine.qpos[env], data.qpos)
-            assert np.array_equal(batch.engine.qvel[env], data.qvel)
+            state = batch.engine.snapshot()
+            for name in ("qpos", "qvel"):
+                assert np.array_equal(state[name][env], getattr(single.physics.data, name))
         if bool(over.any()):
             seen["reset"] = True
             moment = batch.reset(over)

@@ -1,0 +1,177 @@
+"""The dm_control engine: one Environment per scene, stepped one after the other.
+
+Slow, and the oracle of the CPU engine: the same bits by another road.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from copy import copy
+
+import mujoco
+import numpy as np
+import torch
+from dm_control import mujoco as dm_mujoco
+from dm_control.mujoco.wrapper import MjModel
+from dm_control.rl import control
+from dm_env import specs
+from torch import Tensor
+
+from needlehoop.engines.addresses import STATE, Addresses, weld_data, weld_index
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.renderers import make_renderer
+from needlehoop.runs.machine import available_cpus
+from needlehoop.task.facts import Weld
+from needlehoop.task.start import Start
+
+
+class Servos(control.Task):
+    """The scene without a task: servo commands ``(7,)`` in, sensor data out, no end.
+
+    Args:
+        addresses: of the scene.
+    """
+
+    def __init__(self, addresses: Addresses):
+        self._addresses = addresses
+        self.start: Start | None = None
+        """Where the next episode begins, batch size 1; ``None``: as the scene was compiled."""
+
+    def initialize_episode(self, physics: dm_mujoco.Physics) -> None:
+        if self.start is None:
+            return
+        data = physics.data.ptr
+        data.qpos[:] = self._addresses.qpos(self.start)[0]
+        data.mocap_pos[:] = self._addresses.mocap(self.start)[0]
+        data.ctrl[:] = self._addresses.control(self.start)[0]
+
+    def before_step(self, action: np.ndarray, physics: dm_mujoco.Physics) -> None:
+        physics.set_control(action)
+
+    def after_step(self, physics: dm_mujoco.Physics) -> None:
+        """Bring sensors up to the present state, as far as velocities: the batch's stage."""
+        mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
+
+    def action_spec(self, physics: dm_mujoco.Physics) -> specs.BoundedArray:
+        return dm_mujoco.action_spec(physics)
+
+    def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
+        return OrderedDict(sensordata=physics.data.sensordata.copy())
+
+    def get_reward(self, physics: dm_mujoco.Physics) -> float:
+        return 0.0
+
+
+def build_environment(
+    physics: dm_mujoco.Physics, task: control.Task, substeps: int
+) -> control.Environment:
+    """A dm_control Environment that reads what a full step left, not what the next one begins with.
+
+    The legacy step continues from the last refresh, blind to a weld switched since then.
+    """
+    return control.Environment(physics, task, n_sub_steps=substeps, legacy_step=False)
+
+
+class DmControlEngine:
+    """``n`` dm_control Environments; see ``contract.Engine``.
+
+    Args:
+        model: the compiled scene; every environment has a copy.
+        num_envs: environments.
+        substeps: physics steps per control step.
+        views: channels to render by view; empty for no cameras.
+        size: image width and height, px.
+        quality: see ``Tracer``.
+        config: renderer, and threads for it alone.
+
+    Raises:
+        ValueError: fewer than one environment.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        substeps: int,
+        views: Mapping[str, Channels],
+        size: int,
+        quality: int,
+        config: EngineConfig,
+    ):
+        if num_envs < 1:
+            raise ValueError(f"num_envs: {num_envs} must be at least 1")
+        self.num_envs, self.model = num_envs, model
+        threads = config.threads or available_cpus()
+        self._renderer = (
+            make_renderer(config.renderer, model, num_envs, views, size, threads, quality)
+            if views
+            else None
+        )
+        addresses = Addresses(model)
+        self._tasks = [Servos(addresses) for _ in range(num_envs)]
+        self.environments = [
+            build_environment(dm_mujoco.Physics.from_model(MjModel(copy(model))), task, substeps)
+            for task in self._tasks
+        ]
+        self._weld = weld_index(model)
+
+    def reset(self, ids: Tensor, start: Start) -> None:
+        for row, env in enumerate(ids.tolist()):
+            self._tasks[env].start = start[row : row + 1]
+            self.environments[env].reset()
+
+    def step(self, control: Tensor) -> None:
+        for environment, action in zip(self.environments, control.numpy(), strict=True):
+            environment.step(action)
+
+    def weld(self, weld: Weld) -> None:
+        if self._weld is None or not bool(weld.changed.any()):
+            return
+        for env in weld.changed.nonzero().flatten().tolist():
+            model, data = self._inside(env)
+            model.eq_data[self._weld, :10] = weld_data(weld.pose[env : env + 1].numpy())[0]
+            data.eq_active[self._weld] = bool(weld.active[env])
+
+    def sensordata(self) -> Tensor:
+        return torch.from_numpy(self._gather("sensordata"))
+
+    def snapshot(self) -> dict[str, Tensor]:
+        state = {name: torch.from_numpy(self._gather(name)) for name in STATE}
+        if self._weld is not None:
+            welds = [self._inside(env)[0].eq_data for env in range(self.num_envs)]
+            state["eq_data"] = torch.from_numpy(np.stack(welds))
+        return state
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        for env, environment in enumerate(self.environments):
+            # One that was never reset would take its next step for a reset.
+            environment.reset()
+            model, data = self._inside(env)
+            for name in STATE:
+                value = snapshot[name][env].numpy()
+                setattr(data, name, value.item() if name == "time" else value)
+            if self._weld is not None:
+                model.eq_data[:] = snapshot["eq_data"][env].numpy()
+            self._tasks[env].after_step(environment.physics)
+
+    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+        if self._renderer is None:
+            return {}
+        fields = {name: self._gather(name) for name in FIELDS}
+        return self._renderer.render(fields, None if ids is None else ids.numpy())
+
+    def data(self, env: int) -> mujoco.MjData:
+        model, data = self._inside(env)
+        found = copy(data)
+        mujoco.mj_forward(model, found)
+        return found
+
+    def _inside(self, env: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        physics = self.environments[env].physics
+        return physics.model.ptr, physics.data.ptr
+
+    def _gather(self, name: str) -> np.ndarray:
+        """A copy of one field of every MjData, ``(n, ...)`` float64."""
+        rows = [getattr(self._inside(env)[1], name) for env in range(self.num_envs)]
+        return np.stack(rows).astype(np.float64, copy=False)

@@ -1,0 +1,111 @@
+"""``engine=dm_control``: the contract by another road, bit for bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.bench.stability import shake
+from needlehoop.engines.contract import KINDS
+from needlehoop.engines.dm_control import DmControlEngine
+from needlehoop.envs.settings import build
+from needlehoop.task.expert import expert
+
+WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]
+
+
+def built(kind: str, *words: str):
+    return build(config.settings([*WORDS, f"engine={kind}", *words]))
+
+
+def same_state(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> None:
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        assert value.dtype == other[name].dtype, name
+        assert torch.equal(value, other[name]), name
+
+
+@pytest.mark.parametrize("words", [["psm=parallelogram"], ["psm=serial", "episode.grasp=friction"]])
+def test_both_engines_have_the_same_state_sensors_and_images(words):
+    pairs = {kind: built(kind, *words, "episode.max_steps=20") for kind in KINDS}
+    (one, look_one), (other, look_other) = pairs.values()
+    script = expert(one.layout, one.episode)
+    moment = one.reset()
+    other.reset()
+    over = torch.zeros(3, dtype=torch.bool)
+    grasped, resets = False, 0
+    for step in range(45):
+        # Begun anew one after the other, so that later they do not end together either.
+        over = over | (torch.arange(3) == step)
+        if bool(over.any()):
+            resets += not bool(over.all())
+            moment = one.reset(over)
+            other.reset(over)
+            ids = over.nonzero().flatten()
+            few, others = look_one(one.engine.render(ids)), look_other(other.engine.render(ids))
+            assert all(torch.equal(few[name], others[name]) for name in few)
+        action = script(moment.signals)
+        moment, same = one.step(action), other.step(action)
+        assert torch.equal(moment.reward, same.reward)
+        assert torch.equal(one.engine.sensordata(), other.engine.sensordata())
+        same_state(one.engine.snapshot(), other.engine.snapshot())
+        grasped |= bool(moment.signals.grasped.any())
+        over = moment.terminated | moment.truncated
+        if step % 9 == 0:
+            images, again = look_one(one.engine.render()), look_other(other.engine.render())
+            assert all(torch.equal(images[name], again[name]) for name in images)
+    assert grasped
+    assert resets > 1
+
+
+@pytest.mark.parametrize(("first", "second"), [KINDS, KINDS[::-1], ("dm_control", "dm_control")])
+def test_one_engine_goes_on_from_the_others_snapshot(first, second):
+    (one, _), (other, _) = built(first), built(second)
+    script = expert(one.layout, one.episode)
+    moment = one.reset()
+    for _ in range(14):
+        moment = one.step(script(moment.signals))
+    assert bool(moment.signals.grasped.any())
+    # The other one has never been reset.
+    other.restore(one.snapshot())
+    assert torch.equal(one.engine.sensordata(), other.engine.sensordata())
+    for _ in range(8):
+        action = script(moment.signals)
+        moment = one.step(action)
+        other.step(action)
+        same_state(one.engine.snapshot(), other.engine.snapshot())
+
+
+def test_environments_are_dm_controls_own():
+    engine = built("dm_control")[0].engine
+    assert isinstance(engine, DmControlEngine)
+    first = engine.environments[0]
+    spec = first.action_spec()
+    assert spec.shape == (7,)
+    assert first.reset().first()
+    stepped = first.step((spec.minimum + spec.maximum) / 2)
+    assert stepped.mid()
+    assert stepped.observation["sensordata"].shape == (engine.model.nsensordata,)
+
+
+def test_an_unstable_scene_is_an_error():
+    simulation, _ = built("dm_control")
+    simulation.reset()
+    simulation.engine.environments[1].physics.data.qvel[:] = 1e12  # pyright: ignore
+    with pytest.raises(RuntimeError, match="BADQ"):
+        simulation.step(torch.zeros(3, 5))
+
+
+def test_random_actions_are_counted_the_same():
+    settings = config.settings(["num_envs=2", "episode.max_steps=15", "engine.threads=1"])
+    other = replace(settings, engine=replace(settings.engine, kind="dm_control"))
+    assert shake(settings, episodes=2) == shake(other, episodes=2)
+
+
+def test_settings_of_before_there_was_a_choice_mean_the_cpu():
+    values = config.compose()
+    del values["engine"]["kind"]
+    assert config.structure(values).engine.kind == "cpu"
