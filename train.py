@@ -16,7 +16,7 @@ from typing import Any
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
 from needlehoop import config, rewards, sweep
@@ -112,7 +112,7 @@ def start(values: dict[str, Any], overrides: list[str]) -> str:
 @hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")
 def main(composed: DictConfig) -> None:
     """One run; under ``-m`` called once for each."""
-    values: Any = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    values = config.plain(composed)
     own = HydraConfig.get()
     overrides = list(own.overrides.task)
     if own.mode == RunMode.MULTIRUN:

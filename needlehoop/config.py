@@ -1,20 +1,20 @@
-"""From Hydra's YAML and overrides to ``Settings``: the only file that knows omegaconf."""
+"""From Hydra's YAML and overrides to ``Settings``; nothing below knows omegaconf."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import cattrs
-import yaml
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
-from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from needlehoop import groups
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.job import Job, split
 from needlehoop.runs.files import listed
@@ -34,19 +34,21 @@ def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
     """The composed config as plain values; errors as in ``settings``."""
-    given = list(overrides)
     register()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        try:
-            composed = hydra_compose(config, overrides=given)
-            values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
-        except (HydraException, OmegaConfBaseException) as error:
-            message = _explain(error, config)
-            if not any(word.partition("=")[0].lstrip("+~") in message for word in given):
-                message += f" (in: {' '.join(given)})"
-            raise ValueError(message) from error
-    assert isinstance(values, dict)
-    return {str(key): value for key, value in values.items()}
+        return compose_here(in_brackets(overrides), config)
+
+
+def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
+    """The same where Hydra is set up, and knows the options, already."""
+    try:
+        groups.check_choice(overrides)
+        return plain(hydra_compose(config, overrides=list(overrides)))
+    except (HydraException, OmegaConfBaseException) as error:
+        message = _explain(error, config)
+        if not any(word.partition("=")[0].lstrip("+~") in message for word in overrides):
+            message += f" (in: {' '.join(overrides)})"
+        raise ValueError(message) from error
 
 
 def structure(values: dict[str, Any]) -> Settings:
@@ -112,35 +114,30 @@ def _plain(line: str) -> str:
 
 
 def register() -> None:
-    """Tell Hydra of every view and rendering that has a YAML file, and of experiments' models.
+    """Tell Hydra of the options that are not files."""
+    groups.register(CONF)
 
-    Reading the folders keeps a new camera a matter of one file.
+
+def plain(composed: DictConfig) -> dict[str, Any]:
+    """A composed config as plain values; the chosen cameras are the list ``cams``, no more.
+
+    Raises:
+        ValueError: a camera that is not what its name says.
     """
-    defaults: list[Any] = [
-        {f"{group}@{group}s.{file.stem}": file.stem}
-        for group in ("view", "rendering")
-        for file in sorted((CONF / group).glob("*.yaml"))
-    ]
-    store = ConfigStore.instance()
-    store.store(name="cameras", node={"defaults": defaults})
-    for name in _models():
-        cameras, _, reward = name.rpartition(".")
-        node = {"defaults": [{"override /reward": reward}], "cams": cameras.split("+")}
-        store.store(group="model", name=name, node=node, package="_global_")
-
-
-def _models() -> list[str]:
-    """What experiments sweep over as ``+model``: cameras and reward in one word."""
-    found = []
-    for file in sorted((CONF / "experiment").glob("*.yaml")):
-        params = yaml.safe_load(file.read_text())["hydra"]["sweeper"]["params"]
-        found += [name.strip() for name in params.get("+model", "").split(",") if name.strip()]
-    return found
+    whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    assert isinstance(whole, dict)
+    values = {str(key): value for key, value in whole.items()}
+    groups.check_cameras(values.pop(groups.CAMERAS, {}))
+    return values
 
 
 def _explain(error: Exception, config: str) -> str:
-    """Hydra's message; for an unknown key, with the keys that stand beside it."""
+    """Hydra's message; for an unknown key or option, with those that there are."""
     text = str(error)
+    if option := re.search(r"Could not load '([^']+)/[^']+'", text):
+        # One of several options of a group; of a single one, Hydra itself lists the others.
+        valid = GlobalHydra.instance().config_loader().get_group_options(option.group(1))
+        return f"{_one_line(text)} Available options in {option.group(1)!r}: {' '.join(valid)}"
     found = re.search(r"Could not override '([^']+)'", text)
     if not found:
         return _one_line(text)

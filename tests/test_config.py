@@ -20,12 +20,18 @@ def options(group: str) -> list[str]:
     return sorted(file.stem for file in (config.CONF / group).glob("*.yaml"))
 
 
+CAMERAS = " ".join(f"{r}_{v}" for r in options("rendering") for v in options("view"))
+UNKNOWN = ("rgb_top", "[rgb_top]", "rgb_front,rgb_top", "[rgbd_front]", "front", "[front]")
+
 BAD = [
     # override, then what the message has to say: the key, and what would be valid.
-    ("cams=[rgb_top]", ["cams", "rgb_top", "default, front, side"]),
-    ("cams=[rgbd_front]", ["cams", "rgbd", "dep, rgb, seg, segdep"]),
-    ("cams=[front]", ["cams", "<rendering>_<view>", "dep, rgb, seg, segdep", "front, side"]),
+    *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
     ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
+    ("cams=[[rgb_front]]", ["cams", "rgb_front", "no list of cameras"]),
+    ("cams=3", ["cams", "3", "no list of cameras"]),
+    ("cams=null", ["cams", "None", "no list of cameras"]),
+    ("+cameras.rgb_front={view: side, rendering: rgb}", ["cameras.rgb_front", "cams="]),
+    ("+cameras.rgb_front=3", ["cameras.rgb_front", "cams="]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
     ("episode=nope", ["episode", "nope", "default"]),
@@ -123,9 +129,7 @@ def test_every_option_of_a_training_group_composes(group, option):
 
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_every_command_has_an_environment_in_its_config(entry):
-    # The probe's cams are combinations, one environment for each.
-    more = ["cams=[]"] if entry == "probe" else []
-    assert config.settings(["num_envs=3", *more], config=entry).num_envs == 3
+    assert config.settings(["num_envs=3"], config=entry).num_envs == 3
 
 
 def test_no_group_of_the_folder_is_forgotten():
@@ -143,6 +147,25 @@ def test_every_view_and_rendering_is_offered(settings):
     every = config.settings([f"cams=[{','.join(names)}]"])
     assert [camera.name for camera in every.cameras] == names
     assert [f"{c.rendering}_{c.view}" for c in every.cameras] == names
+
+
+@pytest.mark.parametrize(
+    ("given", "chosen"),
+    [
+        ([], []),
+        (["cams=[]"], []),
+        (["cams=rgb_side"], ["rgb_side"]),
+        (["cams=seg_side,dep_front"], ["seg_side", "dep_front"]),
+        (["cams=[dep_front,seg_side]"], ["dep_front", "seg_side"]),
+        (["+cams=dep_front"], ["dep_front"]),
+        (["cams=dep_front", "reward=vlm_text"], ["dep_front"]),
+    ],
+)
+def test_chosen_cameras_are_a_plain_list_in_their_order(given, chosen):
+    values = config.compose(given, "config")
+    assert values["cams"] == chosen
+    assert values["reward"].get("cams", chosen) == chosen
+    assert "cameras" not in values
 
 
 def test_settings_are_the_files_values_in_their_types(settings):
@@ -210,7 +233,7 @@ def test_a_new_rendering_is_one_new_file(monkeypatch, tmp_path):
 def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
     conf = copy_of_conf(monkeypatch, tmp_path)
     (conf / "view" / "side.yaml").unlink()
-    with pytest.raises(ValueError, match=r"'side' is unknown; choose from default, front$"):
+    with pytest.raises(ValueError, match=r"cams/rgb_side'.* segdep_default segdep_front$"):
         config.settings(["cams=[rgb_side]"])
 
 
@@ -233,7 +256,7 @@ def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, bu
 
 
 def test_make_env_refuses_a_bad_camera_by_name():
-    with pytest.raises(ValueError, match=r"cams: 'rgb_top'.*default, front, side"):
+    with pytest.raises(ValueError, match=r"cams/rgb_top.* rgb_default rgb_front rgb_side "):
         needlehoop.make_env(cams=["rgb_top"])
 
 

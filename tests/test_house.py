@@ -25,6 +25,7 @@ FLOORS = (
     "vlm",
     "probe",
     "bench",
+    "groups",
     "config",
     "asking",
     "session",

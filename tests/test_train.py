@@ -190,7 +190,8 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         (["cams=dep_front,dep_front"], ["cams", "dep_front", "twice"]),
         (["cams=[]"], ["cams", "at least one camera", "segdep"]),
         ([], ["cams", "at least one camera"]),
-        (["cams=rgb_top"], ["cams", "rgb_top", "default, front, side"]),
+        (["cams=rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side", "segdep_side"]),
+        (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side"]),
         (["cams=rgb_front", "reward=nope"], ["reward/nope", "human", "sparse"]),
         (["cams=rgb_front", "stpes=9"], ["stpes", "unknown", "steps"]),
         (["cams=rgb_front", "image_size=22"], ["image_size", "22", "resnet"]),
@@ -245,6 +246,20 @@ def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "python train.py cams=dep_front,seg_side reward=human" in said
     assert "sweep over single cameras" in said
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("cams=dep", ["cams=dep_default", "cams=dep_front", "cams=dep_side"]),
+        ("seed=1 cams=segdep_f", ["cams=segdep_front"]),
+        ("cam", ["cameras.", "cams="]),
+    ],
+)
+def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
+    monkeypatch.setenv("COMP_LINE", f"python train.py {line}")
+    run_train(monkeypatch, "-sc", "query=bash")
+    assert capsys.readouterr().out.split() == offered
 
 
 def test_a_run_can_be_evaluated_again(finished, capsys):

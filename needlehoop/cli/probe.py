@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -43,7 +44,7 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.probe.probing import probe
     from needlehoop.probe.tables import PHASES_TABLE, all_tables
 
-    values = config.compose(config.in_brackets(options.overrides), "probe")
+    values = _values(options.overrides)
     standing = config.structure({**values, "cams": []})
     grid = config.as_type(values["grid"], Grid, "grid") if options.grid else None
     plan = _plan(values, standing, grid)
@@ -67,6 +68,19 @@ def _probe(options: argparse.Namespace) -> int:
     _draw(findings, folder.path, grid, standing.views)
     print(f"files        {folder.path}")
     return 0
+
+
+def _values(overrides: list[str]) -> dict[str, Any]:
+    """The composed config, its ``cams`` the combinations.
+
+    To Hydra ``cams`` are the options of one environment, which combinations are not.
+    """
+    from needlehoop import config
+
+    words = [re.sub("^cams=", "combinations=", word) for word in config.in_brackets(overrides)]
+    values = config.compose(words, "probe")
+    values["cams"] = values.pop("combinations")
+    return values
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:

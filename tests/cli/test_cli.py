@@ -161,7 +161,7 @@ def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
         (["snapshot", "raw=perhaps"], "raw: 'perhaps'"),
         (["bench", "what=everything"], "what: 'everything' is unknown; choose from speed"),
         (["bench", "cams=[]"], "cams"),
-        (["bench", "cams=[dep_top]"], "default, front, side"),
+        (["bench", "cams=[dep_top]"], "dep_default dep_front dep_side"),
         (["bench", "rounds=0"], "rounds: 0"),
         (["bench", "program", "rounds=0"], "rounds: 0"),
         (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),

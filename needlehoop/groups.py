@@ -1,0 +1,93 @@
+"""Options that are made and not files: cameras, and the models that experiments sweep over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+CAMERAS = "cameras"
+"""Where a composed config holds the options of the group ``cams`` that were chosen."""
+
+
+def register(conf: Path) -> None:
+    """Tell Hydra of what follows from the files of a config folder.
+
+    Reading the folder keeps a new view or rendering a matter of one file: all of them are in
+    an environment's config, and every pair of them is an option of the group ``cams``.
+    """
+    store = ConfigStore.instance()
+    found = {group: _options(conf, group) for group in ("view", "rendering")}
+    defaults: list[Any] = [
+        {f"{group}@{group}s.{name}": name} for group, names in found.items() for name in names
+    ]
+    store.store(name="views_and_renderings", node={"defaults": defaults})
+    # What an earlier call told of another folder is no longer true.
+    store.repo.pop("cams", None)
+    for rendering in found["rendering"]:
+        for view in found["view"]:
+            name = f"{rendering}_{view}"
+            node = {"view": view, "rendering": rendering}
+            store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
+    for name in _models(conf):
+        cameras, _, reward = name.rpartition(".")
+        node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}
+        store.store(group="model", name=name, node=node, package="_global_")
+
+
+def check_choice(overrides: Iterable[str]) -> None:
+    """What Hydra lets pass, or stumbles over, in the choice of cameras.
+
+    Args:
+        overrides: as Hydra takes them, sweeps included.
+
+    Raises:
+        ValueError: a choice of ``cams`` that is no list of names, or has one of them twice.
+        HydraException: what is no override at all.
+    """
+    for override in OverridesParser.create().parse_overrides(list(overrides)):
+        if override.key_or_group != "cams" or override.is_delete():
+            continue
+        swept = override.is_sweep_override()
+        for chosen in override.sweep_iterator() if swept else [override.value()]:
+            names = [chosen] if isinstance(chosen, str) else chosen
+            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+                raise ValueError(
+                    f"cams: {chosen!r} is no list of cameras, as dep_front,seg_side is"
+                )
+            for name in names:
+                if names.count(name) > 1:
+                    raise ValueError(f"cams: {name!r} is named twice")
+
+
+def check_cameras(cameras: Mapping[str, Any]) -> None:
+    """Whether the chosen cameras of a composed config, by name, are what their names say.
+
+    Raises:
+        ValueError: one was given another view or rendering.
+    """
+    for name, camera in cameras.items():
+        if not isinstance(camera, Mapping) or name != "_".join(
+            str(camera.get(part)) for part in ("rendering", "view")
+        ):
+            raise ValueError(
+                f"{CAMERAS}.{name}: a camera is the rendering and the view of its name; choose"
+                " another with cams=, or add a file to conf/view or conf/rendering"
+            )
+
+
+def _options(conf: Path, group: str) -> list[str]:
+    return sorted(file.stem for file in (conf / group).glob("*.yaml"))
+
+
+def _models(conf: Path) -> list[str]:
+    """What experiments sweep over as ``+model``: cameras and reward in one word."""
+    found = []
+    for file in sorted((conf / "experiment").glob("*.yaml")):
+        params = yaml.safe_load(file.read_text())["hydra"]["sweeper"]["params"]
+        found += [name.strip() for name in params.get("+model", "").split(",") if name.strip()]
+    return found
