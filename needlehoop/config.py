@@ -90,6 +90,18 @@ def value(values: Mapping[str, Any], key: str, kind: type[T]) -> T:
         raise ValueError(f"{key}: {error}") from error
 
 
+def check_choice(words: Iterable[str]) -> None:
+    """Whether the words of a sweep choose cameras as Hydra takes them.
+
+    Raises:
+        ValueError: they do not, or a word is no override.
+    """
+    try:
+        groups.check_choice(words)
+    except HydraException as error:
+        raise ValueError(_one_line(str(error))) from error
+
+
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
@@ -148,7 +160,7 @@ def _explain(error: Exception, config: str) -> str:
             break
         if key not in here:
             where = ".".join(known) or "the top level"
-            valid = ", ".join(sorted(map(str, here)))
+            valid = ", ".join(sorted({*map(str, here)} - {groups.CAMERAS}))
             return f"{found.group(1)}: unknown key {key!r} in {where}; choose from {valid}"
         known.append(key)
         here = here[key]

@@ -9,7 +9,7 @@ import torch
 
 from needlehoop import config
 from needlehoop.envs.settings import Settings
-from needlehoop.robot import arm
+from needlehoop.robot import joints
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.spec import build_spec
 from needlehoop.task.episode import Episode
@@ -39,7 +39,7 @@ def episode(settings: Settings) -> Episode:
     return settings.episode
 
 
-@pytest.fixture(scope="session", params=arm.VARIANTS)
+@pytest.fixture(scope="session", params=joints.VARIANTS)
 def model(request: pytest.FixtureRequest, settings: Settings) -> mujoco.MjModel:
     """The compiled scene, with either arm."""
     return build_spec(settings.task, request.param, "weld", settings.views).compile()

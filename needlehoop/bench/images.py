@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from needlehoop.engines.contract import RENDERERS, EngineConfig
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.build import build
+from needlehoop.envs.settings import Settings
 
 _ENVS = 16
 """Environments of a timing: few, so that the tracer's turns don't take all day."""

@@ -6,7 +6,7 @@ import time
 
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.runs.machine import machine
-from needlehoop.vlm.gates import random_signals
+from needlehoop.vlm.moments import random_signals
 
 PROGRAM = """\
 reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))

@@ -13,8 +13,9 @@ import torch
 
 from needlehoop.bench.images import core_time
 from needlehoop.engines.contract import RENDERERS
+from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.runs.machine import machine
 

@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from needlehoop.engines.contract import Engine
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.build import build
+from needlehoop.envs.settings import Settings
 
 _TABLE = 0.15
 """Half-width of the square about the origin that counts as the table area, m."""

@@ -63,22 +63,24 @@ def _add_evaluate(commands: Any) -> None:
 
 def _snapshot(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.pictures.sheet import contact_sheet
 
     values = config.compose(options.overrides, "snapshot")
-    out = _png(values)
+    settings, out = config.structure(values), _png(values)
     size, raw = config.value(values, "size", int), config.value(values, "raw", bool)
-    sheet = contact_sheet(config.structure(values), size, raw)
-    _save(sheet, out)
+    from needlehoop.pictures.sheet import contact_sheet
+
+    _save(contact_sheet(settings, size, raw), out)
 
 
 def _picture(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.pictures.portrait import portrait
 
     values = config.compose(options.overrides, "picture")
-    out = _png(values)
-    _save(portrait(config.structure(values), config.value(values, "size", int)), out)
+    settings, out = config.structure(values), _png(values)
+    size = config.value(values, "size", int)
+    from needlehoop.pictures.portrait import portrait
+
+    _save(portrait(settings, size), out)
 
 
 def _png(values: dict[str, Any]) -> Path:
@@ -106,7 +108,6 @@ def _save(image: Any, out: Path) -> None:
 
 def _expert(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.envs.trials import run_trials
 
     values = config.compose(options.overrides, "expert")
     settings, who = config.structure(values), values["controller"]
@@ -115,6 +116,8 @@ def _expert(options: argparse.Namespace) -> None:
         if options.video.suffix.lower() != ".mp4":
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
         _spare(options.video, values, "--video")
+    from needlehoop.envs.trials import run_trials
+
     summaries = {}
     for grasp in values["grasps"]:
         tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
@@ -128,8 +131,8 @@ def _expert(options: argparse.Namespace) -> None:
 
 
 def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
+    from needlehoop.envs.build import build
     from needlehoop.envs.controllers import controller
-    from needlehoop.envs.settings import build
     from needlehoop.pictures.film import record
 
     if episodes < 1:
@@ -145,7 +148,6 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
 
 def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.learning.evaluate import assess, film, load_agent, report
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.files import VIDEO
     from needlehoop.runs.run import Run
@@ -154,8 +156,10 @@ def _evaluate(options: argparse.Namespace) -> None:
     values, job = config.compose(options.overrides, "evaluate"), config.job(run.config())
     episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
     seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
-    video = config.value(values, "video", bool)
-    agent = load_agent(run, job, pick_device(values["device"]))
+    video, device = config.value(values, "video", bool), pick_device(values["device"])
+    from needlehoop.learning.evaluate import assess, film, load_agent, report
+
+    agent = load_agent(run, job, device)
     found = assess(run, agent, job, episodes, seed)
     print(json.dumps(found) if options.json else report(found))
     if video:
@@ -167,14 +171,16 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.pictures.viewer import view
 
     values = config.compose(options.overrides, "view")
-    view(config.structure(values), values["controller"])
+    settings = config.structure(values)
+    from needlehoop.pictures.viewer import view
+
+    view(settings, values["controller"])
 
 
 def _signals(options: argparse.Namespace) -> None:
-    from needlehoop.scene.signals import TABLE, describe
+    from needlehoop.scene.vocabulary import TABLE, describe
 
     print(describe(TABLE))
 

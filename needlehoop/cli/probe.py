@@ -38,14 +38,15 @@ def add_commands(commands: Any) -> None:
 
 def _probe(options: argparse.Namespace) -> int:
     from needlehoop import config
+
+    values = _values(options.overrides)
+    standing = config.structure({**values, "cams": []})
     from needlehoop.probe.findings import read_findings
     from needlehoop.probe.folder import Folder
     from needlehoop.probe.grid import Grid
     from needlehoop.probe.probing import probe
     from needlehoop.probe.tables import PHASES_TABLE, all_tables
 
-    values = _values(options.overrides)
-    standing = config.structure({**values, "cams": []})
     grid = config.as_type(values["grid"], Grid, "grid") if options.grid else None
     plan = _plan(values, standing, grid)
     place = Path(plan.scope.results) / plan.scope.study

@@ -31,9 +31,10 @@ def add_ask_commands(commands: Any) -> None:
 
 def _question(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.vlm.questions import Questions
 
     values = config.compose(options.overrides, "vlm_question")
+    from needlehoop.vlm.questions import Questions
+
     questions = config.as_type(values, Questions)
     with _open(values) as inquiry:
         found = inquiry.question(questions)
@@ -49,10 +50,11 @@ def _question(options: argparse.Namespace) -> None:
 
 def _rank(options: argparse.Namespace) -> None:
     from needlehoop import config
+
+    values = config.compose(options.overrides, "vlm_rank")
     from needlehoop.vlm.questions import Questions
     from needlehoop.vlm.ranking import Lists
 
-    values = config.compose(options.overrides, "vlm_rank")
     questions, lists = config.as_type(values, Questions), config.as_type(values, Lists)
     with _open(values) as inquiry:
         found = inquiry.rank(questions, lists)
@@ -67,9 +69,10 @@ def _rank(options: argparse.Namespace) -> None:
 
 def _reward(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.asking import workshop
 
     values = config.compose(options.overrides, "vlm_reward")
+    from needlehoop.asking import workshop
+
     with _open(values) as inquiry:
         path, totals = inquiry.reward(values["flavour"], workshop(values))
     _report(inquiry, totals, path.relative_to(inquiry.folder))

@@ -33,7 +33,7 @@ def _check(options: argparse.Namespace) -> int:
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
     from needlehoop.rewards.written import find, read
-    from needlehoop.vlm.gates import Gates, card
+    from needlehoop.vlm.gates import Gates
 
     files = [word for word in options.overrides if "=" not in word]
     if len(files) > 1:
@@ -55,6 +55,8 @@ def _check(options: argparse.Namespace) -> int:
         refused = {"passed": False, "origin": source.origin, "refused": where}
         print(json.dumps(refused) if options.json else f"{source.origin}: {error}")
         return 1
+    from needlehoop.vlm.card import card
+
     found = card(program, settings, gates)
     if options.json:
         print(json.dumps({"origin": source.origin, **found.as_dict()}))

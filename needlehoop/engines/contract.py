@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import mujoco
-import numpy as np
-from torch import Tensor
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+    from torch import Tensor
 
-from needlehoop.task.facts import Weld
-from needlehoop.task.start import Start
+    from needlehoop.task.facts import Weld
+    from needlehoop.task.start import Start
 
 KINDS = ("cpu", "dm_control")
 """What steps the physics."""

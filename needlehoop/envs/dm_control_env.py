@@ -18,9 +18,10 @@ from dm_env import specs
 from torch import Tensor
 
 from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
+from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import STATE_SIZE, Observer
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import PROPRIO_SIZE, proprio
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields, replace
 import torch
 from torch import Tensor
 
+from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals
 

@@ -1,4 +1,4 @@
-"""Everything that defines an environment, as frozen dataclasses, and how it is built."""
+"""Everything that defines an environment, as frozen dataclasses; ``build`` makes one of it."""
 
 from __future__ import annotations
 
@@ -6,21 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
-
 from needlehoop import rewards
 from needlehoop.engines.contract import EngineConfig
-from needlehoop.engines.factory import build_engine
-from needlehoop.envs.images import Imager, channels_of
-from needlehoop.envs.simulation import Simulation
-from needlehoop.robot.arm import VARIANTS
+from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.scene.layout import Layout
-from needlehoop.scene.spec import build_spec
 from needlehoop.task.episode import Episode
-
-PICTURE = "picture"
-"""Name of the camera that pictures for people are taken with."""
 
 
 @dataclass(frozen=True)
@@ -85,31 +76,3 @@ class Settings:
         """Channels of an observed image, stacked frames included, by camera."""
         stacked = self.obs.frame_stack
         return {c.name: self.renderings[c.rendering].channels * stacked for c in self.cameras}
-
-
-def compile_scene(settings: Settings) -> mujoco.MjModel:
-    """The scene with every view's camera, and ``picture``."""
-    s = settings
-    views = {**s.views, PICTURE: s.picture}
-    return build_spec(s.task, s.psm, s.episode.grasp, views).compile()
-
-
-def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
-    """A simulation on the engine of the settings, and the imager of its cameras.
-
-    Args:
-        settings: what to build.
-        first_env: index of the first environment among all that share the seed.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
-    """
-    s, cameras = settings, settings.cameras
-    model = compile_scene(s)
-    imager = Imager(model, cameras, s.views, s.renderings)
-    views = channels_of(cameras, s.renderings)
-    engine = build_engine(
-        model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine
-    )
-    reward = rewards.load(s.reward)
-    return Simulation(engine, s.task, s.episode, reward, s.seed, first_env), imager

@@ -10,8 +10,9 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from needlehoop.envs.build import build
 from needlehoop.envs.observer import STATE_SIZE, Observer
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import PROPRIO_SIZE
 

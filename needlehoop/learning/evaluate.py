@@ -15,10 +15,11 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.rollout import Outcome, run_batches
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent

@@ -10,7 +10,7 @@ import torch
 
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.ppo import PpoConfig
+from needlehoop.learning.hyperparameters import PpoConfig
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import check_name, seen
 

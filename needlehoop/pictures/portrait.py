@@ -9,7 +9,8 @@ import numpy as np
 from PIL import Image
 
 from needlehoop.engines.contract import FIELDS, Channels
-from needlehoop.envs.settings import PICTURE, Settings, build
+from needlehoop.envs.build import PICTURE, build
+from needlehoop.envs.settings import Settings
 
 
 class Photographer:

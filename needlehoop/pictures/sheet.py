@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.build import build
+from needlehoop.envs.settings import Settings
 from needlehoop.task.expert import expert
 
 _OVERSAMPLING = 3

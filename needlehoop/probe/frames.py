@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import state
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import Signals
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from needlehoop.robot.geometry import distance
-from needlehoop.scene.signals import Signals
+
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

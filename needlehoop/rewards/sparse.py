@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 
-from needlehoop.scene.signals import Signals
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

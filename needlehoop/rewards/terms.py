@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from torch import Tensor
 
-from needlehoop.scene.signals import Signals
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
 
 
 class Reward(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -15,7 +15,9 @@ from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import potential
 from needlehoop.runs.files import listed
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.scene.signals import Signals
+
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
 
 FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 """What a VLM was shown when it wrote a reward, by the reward's kind."""

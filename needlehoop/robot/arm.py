@@ -24,8 +24,6 @@ from needlehoop.robot.parallelogram import (
     pivots,
 )
 
-VARIANTS = ("serial", "parallelogram")
-
 _JAW_ARMATURE = 6e-5
 """Rotor inertia that each jaw carries, kg m^2; see ``link.TOOL_ARMATURE``."""
 
@@ -48,7 +46,7 @@ def add_arm(spec: mujoco.MjSpec, rcm: np.ndarray, variant: str, needle_grip: flo
     Args:
         spec: the scene; materials must exist already.
         rcm: position of the RCM in the world frame, m. Its axes are the world's.
-        variant: one of ``VARIANTS``.
+        variant: one of ``joints.VARIANTS``.
         needle_grip: ``tool_midpoint``'s distance from the wrist-yaw axis, m.
     """
     base = Link(spec.worldbody.add_body(name="psm_base", pos=rcm), np.eye(4))

@@ -72,7 +72,7 @@ def build_spec(layout: Layout, psm: str, grasp: str, views: Mapping[str, View]) 
 
     Args:
         layout: sizes and placement.
-        psm: arm variant, see ``arm.VARIANTS``.
+        psm: arm variant, see ``joints.VARIANTS``.
         grasp: ``weld`` adds the (inactive) weld ``grasp`` between wrist and needle;
             ``friction`` has contacts only.
         views: cameras to add, by name.

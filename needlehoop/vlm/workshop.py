@@ -6,7 +6,9 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.vlm.gates import CHEATING, Gates, card, collect
+from needlehoop.vlm.card import CHEATING, card
+from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.moments import collect
 from needlehoop.vlm.writing import Verdict, Workshop
 
 _RESULT = (

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.scene import signals
+from needlehoop.scene import vocabulary
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.conversation import Conversation
@@ -101,7 +101,7 @@ def reward_prompt(
         scene=description.scene(settings),
         lowest=f"{workshop.lowest:g}",
         highest=f"{workshop.highest:g}",
-        signals=signals.describe(),
+        signals=vocabulary.describe(),
         language=description.language(workshop.functions, workshop.result),
     )
     if flavour == "text":

@@ -11,7 +11,7 @@ from needlehoop import config
 from needlehoop.bench.stability import shake
 from needlehoop.engines.contract import KINDS
 from needlehoop.engines.dm_control import DmControlEngine
-from needlehoop.envs.settings import build
+from needlehoop.envs.build import build
 from needlehoop.task.expert import expert
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]

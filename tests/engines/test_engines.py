@@ -9,9 +9,9 @@ import torch
 from needlehoop import config
 from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
+from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
-from needlehoop.envs.settings import build
-from needlehoop.scene.signals import TABLE
+from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.expert import expert
 
 CAMS = ["cams=[dep_front,seg_side,segdep_default]"]

@@ -13,8 +13,8 @@ from needlehoop.engines.rasteriser.renderer import Rasteriser
 from needlehoop.engines.rasteriser.surfaces import surface_of
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.engines.tracer import Tracer
+from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
-from needlehoop.envs.settings import build
 from needlehoop.task.expert import expert
 
 ALL = Channels(True, True, True)

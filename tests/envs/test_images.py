@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from needlehoop import config
-from needlehoop.envs.settings import build
+from needlehoop.envs.build import build
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.cameras import pose_of
 from needlehoop.task import crossing

@@ -13,9 +13,10 @@ from torchrl.objectives import ClipPPOLoss
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.hyperparameters import PpoConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.learning.normalizer import Normalizer
-from needlehoop.learning.ppo import Ppo, PpoConfig
+from needlehoop.learning.ppo import Ppo
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
 HEADS = HeadConfig(hidden=16, layers=1, sigma=0.6, shared=True, told=())

@@ -17,8 +17,9 @@ from needlehoop.bench.program import PROGRAM
 from needlehoop.rewards.language.functions import FUNCTIONS, describe_functions
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
-from needlehoop.scene.signals import TABLE, Signals, vocabulary
-from needlehoop.vlm.gates import random_signals
+from needlehoop.scene.signals import Signals
+from needlehoop.scene.vocabulary import TABLE, vocabulary
+from needlehoop.vlm.moments import random_signals
 
 N = 7
 

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from needlehoop import config, rewards
 from needlehoop.rewards.human import Human
-from needlehoop.scene.signals import TABLE, Signals
+from needlehoop.scene.signals import Signals
+from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.facts import is_terminated
 from needlehoop.task.start import draws, start
 

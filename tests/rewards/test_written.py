@@ -13,7 +13,7 @@ from needlehoop import config, rewards
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
-from needlehoop.vlm.gates import random_signals
+from needlehoop.vlm.moments import random_signals
 
 ROOT = Path(__file__).parents[2]
 

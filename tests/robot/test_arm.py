@@ -7,7 +7,7 @@ import torch
 
 from needlehoop.engines.addresses import Addresses
 from needlehoop.envs.settings import Settings
-from needlehoop.robot import arm, psm
+from needlehoop.robot import joints, psm
 from needlehoop.robot import parallelogram as linkage
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.spec import build_spec
@@ -36,7 +36,7 @@ CENTRE = (0.0, -0.020, 0.035)
 def variants(settings: Settings) -> dict[str, mujoco.MjModel]:
     """Both arms, in a scene where nothing collides."""
     models = {}
-    for variant in arm.VARIANTS:
+    for variant in joints.VARIANTS:
         spec = build_spec(settings.task, variant, "weld", {})
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         models[variant] = spec.compile()
@@ -216,7 +216,7 @@ def test_a_torn_linkage_would_be_noticed(variants, layout: Layout):
     assert closure_gap(model, data) > 2e-3
 
 
-@pytest.mark.parametrize("variant", arm.VARIANTS)
+@pytest.mark.parametrize("variant", joints.VARIANTS)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_tip_follows_a_full_speed_ramp_and_stops(
@@ -243,7 +243,7 @@ def test_both_arms_move_the_tip_alike(variants, layout: Layout, episode: Episode
     actions = torch.zeros(60, 5, dtype=torch.float64)
     actions[:, axis] = torch.sin(torch.linspace(0, 4 * torch.pi, 60, dtype=torch.float64))
     paths = [
-        follow(variants[variant], layout, episode, place, actions)[0] for variant in arm.VARIANTS
+        follow(variants[variant], layout, episode, place, actions)[0] for variant in joints.VARIANTS
     ]
     assert np.linalg.norm(paths[0] - place, axis=1).max() > 0.01
     assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1.5e-4

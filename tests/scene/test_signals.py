@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from needlehoop.engines.addresses import Addresses
-from needlehoop.envs import settings as settings_module
+from needlehoop.envs.build import build
 from needlehoop.scene.layout import Layout
-from needlehoop.scene.signals import TABLE, Readings, Signals, describe, vocabulary
+from needlehoop.scene.signals import Readings, Signals
 from needlehoop.scene.spec import SENSORS
+from needlehoop.scene.vocabulary import TABLE, describe, vocabulary
 from needlehoop.task import crossing
 from needlehoop.task.start import DRAWS, draws, start
 
@@ -160,7 +161,7 @@ def test_touch_is_contact_of_that_jaw_with_the_needle(
 
 def test_signals_of_a_simulation_have_the_shapes_of_the_table(settings):
     small = dataclasses.replace(settings, num_envs=2)
-    simulation, _ = settings_module.build(small)
+    simulation, _ = build(small)
     simulation.reset()
     signals = simulation.step(torch.zeros(2, 5)).signals
     assert signals.batch_size == (2,)

@@ -46,7 +46,7 @@ def test_trials_do_not_depend_on_how_many_there_are():
 
 
 def test_expert_actions_are_within_bounds():
-    from needlehoop.envs.settings import build
+    from needlehoop.envs.build import build
 
     settings = config.settings()
     simulation, _ = build(settings)

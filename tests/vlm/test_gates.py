@@ -12,8 +12,10 @@ from needlehoop import config
 from needlehoop.cli.main import main
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.scene.signals import TABLE
-from needlehoop.vlm.gates import Gates, Trajectories, card, collect, random_signals
+from needlehoop.scene.vocabulary import TABLE
+from needlehoop.vlm.card import card
+from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.moments import Trajectories, collect, random_signals
 
 # Tells threading from touching: the tip must be beyond the hoop's plane.
 SOUND = """

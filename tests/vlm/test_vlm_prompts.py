@@ -16,7 +16,7 @@ from vlm_server import by_schema
 from needlehoop import config
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.human import Human
-from needlehoop.scene import signals
+from needlehoop.scene import vocabulary
 from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import STATES, Album
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
@@ -144,7 +144,7 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     for view in settings.views:
         assert f"- {view}: " in said
     reward = text_of(asked[6:7])
-    assert signals.describe() in reward
+    assert vocabulary.describe() in reward
     assert "distance(a, b): between two points" in reward
     assert "between 0 and 9" in reward
     changed = replace(settings, task=replace(settings.task, needle_radius=0.021))

@@ -13,7 +13,7 @@ from needlehoop.rewards.language.operators import ARITHMETIC, COMPARISONS, JUNCT
 from needlehoop.rewards.language.scope import Scope
 from needlehoop.rewards.language.tape import Tape, Value
 from needlehoop.rewards.language.tree import foreign, literal, refuse
-from needlehoop.scene.signals import TABLE, vocabulary
+from needlehoop.scene.vocabulary import TABLE, vocabulary
 
 MAX_NODES = 2000
 """Names, numbers and operations in a program."""

@@ -7,13 +7,16 @@ from its tree, never run as Python.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 
 from needlehoop.rewards.language.code import Code
 from needlehoop.rewards.language.compiler import compile_tree
 from needlehoop.rewards.language.grammar import parse
-from needlehoop.scene.signals import Signals
+
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

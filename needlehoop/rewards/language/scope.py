@@ -8,7 +8,7 @@ from typing import NamedTuple
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.tape import Tape, Value
 from needlehoop.rewards.language.tree import refuse
-from needlehoop.scene.signals import TABLE
+from needlehoop.scene.vocabulary import TABLE
 
 
 class Partial(NamedTuple):

@@ -1,0 +1,43 @@
+"""From settings to an environment: the scene, its engine, its images."""
+
+from __future__ import annotations
+
+import mujoco
+
+from needlehoop import rewards
+from needlehoop.engines.factory import build_engine
+from needlehoop.envs.images import Imager, channels_of
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.scene.spec import build_spec
+
+PICTURE = "picture"
+"""Name of the camera that pictures for people are taken with."""
+
+
+def compile_scene(settings: Settings) -> mujoco.MjModel:
+    """The scene with every view's camera, and ``picture``."""
+    s = settings
+    views = {**s.views, PICTURE: s.picture}
+    return build_spec(s.task, s.psm, s.episode.grasp, views).compile()
+
+
+def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
+    """A simulation on the engine of the settings, and the imager of its cameras.
+
+    Args:
+        settings: what to build.
+        first_env: index of the first environment among all that share the seed.
+
+    Raises:
+        ValueError: settings that do not go together, by key.
+    """
+    s, cameras = settings, settings.cameras
+    model = compile_scene(s)
+    imager = Imager(model, cameras, s.views, s.renderings)
+    views = channels_of(cameras, s.renderings)
+    engine = build_engine(
+        model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine
+    )
+    reward = rewards.load(s.reward)
+    return Simulation(engine, s.task, s.episode, reward, s.seed, first_env), imager

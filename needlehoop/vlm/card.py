@@ -1,0 +1,189 @@
+"""Cards: a reward program's figures at the gates, and whether it passes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from needlehoop.envs.settings import Settings
+from needlehoop.rewards import potential
+from needlehoop.rewards.language.program import Program
+from needlehoop.scene.signals import Signals
+from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.moments import Trajectories, collect, random_signals
+
+CHEATING = "touching the goal without threading"
+"""How a card says what the audit found; no model is told (see ``workshop``)."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """A program's figures, and why it was refused or flagged.
+
+    ``lowest`` and ``highest`` are over the recorded moments, before any clipping, and so are
+    ``random_lowest`` and ``random_highest`` over the finite ones of the random signals.
+    ``expert``, ``random`` and ``cheat`` are mean final values, clipped if asked; ``cheat`` is
+    judged at the expert's ``elapsed``, so that it does not lose by being slow.
+    """
+
+    terms: tuple[str, ...]
+    not_finite_random: int
+    not_finite_recorded: int
+    random_signals: int
+    recorded_moments: int
+    lowest: float
+    highest: float
+    random_lowest: float
+    random_highest: float
+    expert: float
+    random: float
+    cheat: float
+    gates: Gates
+    reasons: tuple[str, ...]
+    flags: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing refuses the program; flags do not."""
+        return not self.reasons
+
+    def as_dict(self) -> dict[str, Any]:
+        """The card as plain values for JSON; a figure that is not finite is ``None``."""
+        plain = {"passed": self.passed, **asdict(self)}
+        return {name: _plain(value) for name, value in plain.items()}
+
+    def __str__(self) -> str:
+        g = self.gates
+        lines = [
+            f"terms        {', '.join(self.terms)}",
+            f"not finite   {self.not_finite_random} of {self.random_signals} random signals,"
+            f" {self.not_finite_recorded} of {self.recorded_moments} recorded moments",
+            f"range        {self.lowest:.3f} to {self.highest:.3f} recorded"
+            f" ({self.random_lowest:.3g} to {self.random_highest:.3g} on random signals);"
+            f" allowed {g.low:g} to {g.high:g} + {g.bonus:g}, {g.range}",
+            f"expert       {self.expert:.3f} at the end",
+            f"random       {self.random:.3f}; the expert is {self.expert - self.random:.3f}"
+            f" above, at least {g.margin:g} is asked",
+            f"cheat        {self.cheat:.3f}; the expert is {self.expert - self.cheat:.3f}"
+            f" above, at least {g.audit_margin:g} is asked ({g.audit})",
+            *(f"refused      {reason}" for reason in self.reasons),
+            *(f"flagged      {flag}" for flag in self.flags),
+            f"verdict      {'passed' if self.passed else 'refused'}"
+            f"{', flagged' if self.flags else ''}",
+        ]
+        return "\n".join(lines)
+
+
+def card(
+    program: Program,
+    settings: Settings,
+    gates: Gates,
+    trajectories: Trajectories | None = None,
+) -> Card:
+    """Put a program through the gates.
+
+    Args:
+        program: compiled.
+        settings: the environment that trajectories are recorded in; its cameras, reward
+            and number of environments do not matter.
+        gates: what is asked.
+        trajectories: of an earlier ``collect``, to save the second or two.
+    """
+    seen = collect(settings, gates) if trajectories is None else trajectories
+    wild = random_signals(gates.random_signals, gates.seed)
+    recorded, on_wild = _total(program, seen.moments), _total(program, wild)
+    bad_recorded, bad_wild = _count_bad(program, seen.moments), _count_bad(program, wild)
+    finals = {who: _judged(program, last, gates) for who, last in _level(seen.last).items()}
+    figures = {who: float(final.mean()) for who, final in finals.items()}
+    found = Card(
+        terms=program.terms,
+        not_finite_random=bad_wild,
+        not_finite_recorded=bad_recorded,
+        random_signals=gates.random_signals,
+        recorded_moments=len(recorded),
+        lowest=_extreme(recorded, torch.min),
+        highest=_extreme(recorded, torch.max),
+        random_lowest=_extreme(on_wild, torch.min),
+        random_highest=_extreme(on_wild, torch.max),
+        expert=figures["expert"],
+        random=figures["random"],
+        cheat=figures["cheat"],
+        gates=gates,
+        reasons=(),
+        flags=(),
+    )
+    reasons, audit = _refusals(found), _audit(found)
+    if gates.audit == "refuse":
+        return replace(found, reasons=reasons + audit)
+    return replace(found, reasons=reasons, flags=audit)
+
+
+def _refusals(c: Card) -> tuple[str, ...]:
+    g, reasons = c.gates, []
+    for count, of, what in (
+        (c.not_finite_random, c.random_signals, "random signals"),
+        (c.not_finite_recorded, c.recorded_moments, "recorded moments"),
+    ):
+        if count:
+            reasons.append(f"not finite on {count} of {of} {what}")
+    if g.range == "refuse":
+        # Written so that NaN, which compares false with everything, is refused.
+        if not c.lowest >= g.low - g.tolerance:
+            reasons.append(f"falls to {c.lowest:.3f}; the least allowed is {g.low:g}")
+        if not c.highest <= g.top + g.tolerance:
+            reasons.append(
+                f"rises to {c.highest:.3f}; the most allowed is {g.high:g} and a bonus of"
+                f" {g.bonus:g}"
+            )
+    if not c.expert - c.random >= g.margin:
+        reasons.append(
+            f"the expert ends {c.expert - c.random:.3f} above a random policy; at least"
+            f" {g.margin:g} is asked"
+        )
+    return tuple(reasons)
+
+
+def _audit(c: Card) -> tuple[str, ...]:
+    if c.expert - c.cheat >= c.gates.audit_margin:
+        return ()
+    return (
+        f"{CHEATING} ends {c.expert - c.cheat:.3f} below the expert;"
+        f" at least {c.gates.audit_margin:g} is asked",
+    )
+
+
+def _level(last: Mapping[str, Signals]) -> dict[str, Signals]:
+    """The last moments, with the cheat's clock put to the expert's."""
+    cheat = last["cheat"].clone()
+    cheat.elapsed = last["expert"].elapsed.clone()
+    return {**last, "cheat": cheat}
+
+
+def _total(program: Program, signals: Signals) -> Tensor:
+    return potential(program(signals))
+
+
+def _judged(program: Program, signals: Signals, gates: Gates) -> Tensor:
+    total = _total(program, signals)
+    return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
+
+
+def _count_bad(program: Program, signals: Signals) -> int:
+    """Moments at which some term is not finite."""
+    terms = program(signals).values()
+    return int((~torch.stack([torch.isfinite(term) for term in terms]).all(0)).sum())
+
+
+def _extreme(total: Tensor, of: Any) -> float:
+    finite = total[torch.isfinite(total)]
+    return float(of(finite)) if len(finite) else float("nan")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not torch.isfinite(torch.tensor(value)):
+        return None
+    return list(value) if isinstance(value, tuple) else value

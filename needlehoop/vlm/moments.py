@@ -1,0 +1,116 @@
+"""Moments that reward programs are tried on: scripted controllers' and drawn ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import CONTROLLERS, controller
+from needlehoop.envs.rollout import Controller
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.rewards import NONE
+from needlehoop.scene.signals import Signals
+from needlehoop.scene.vocabulary import TABLE
+from needlehoop.vlm.gates import Gates
+
+_REACH = 0.3
+"""Random points lie within this of the origin along each axis, m."""
+_TURN = 3.2
+"""Random angles lie within this of 0, rad."""
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What the scripted controllers went through.
+
+    Args:
+        moments: every moment of every episode, ``(total,)``, the starts included.
+        last: each episode's last moment, ``(episodes,)``, by controller.
+    """
+
+    moments: Signals
+    last: dict[str, Signals]
+
+
+def collect(settings: Settings, gates: Gates) -> Trajectories:
+    """One episode of the expert, a random policy and the cheat in each of ``gates.episodes``
+    environments of ``gates.seed``, without cameras.
+
+    Raises:
+        ValueError: settings that the scripts cannot drive, by key.
+    """
+    blind = replace(
+        settings,
+        cams=(),
+        num_envs=gates.episodes,
+        seed=gates.seed,
+        # Not looked at: the moments are scored later, by as many programs as need be.
+        reward=NONE,
+        # The cheat must get to stay where it is, and the expert to stop once through.
+        episode=replace(settings.episode, end_on_success=True),
+    )
+    simulation, _ = build(blind)
+    moments: list[Signals] = []
+    last = {}
+    for who in CONTROLLERS:
+        simulation.reseed(gates.seed)
+        lived, last[who] = _episodes(simulation, controller(who, blind))
+        moments += lived
+    joined: Any = torch.cat(moments)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    return Trajectories(joined, last)
+
+
+def _episodes(simulation: Simulation, act: Controller) -> tuple[list[Signals], Signals]:
+    """The moments of episodes while they go on, step by step, and each episode's last."""
+    signals = simulation.reset().signals
+    lived, last = [signals.clone()], signals.clone()
+    going = torch.ones(simulation.num_envs, dtype=torch.bool)
+    while bool(going.any()):
+        moment = simulation.step(act(signals))
+        signals = moment.signals
+        now: Any = signals[going].clone()
+        lived.append(now)
+        last[going] = now
+        going &= ~(moment.terminated | moment.truncated)
+    return lived, last
+
+
+def random_signals(count: int, seed: int) -> Signals:
+    """``count`` moments drawn from the table: each possible by itself, together often not.
+
+    Points within ±0.3 m, unit quaternions and axes, angles within ±3.2 rad, insertion within
+    0 to 0.24 m, shares of 0 to 1, facts true or false. Each in eight, all points coincide,
+    because that is where a division by a distance shows.
+    """
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> Tensor:
+        return torch.rand(shape, generator=generator, dtype=torch.float64)
+
+    fields = {}
+    for name, signal in TABLE.items():
+        shape = (count, *signal.shape)
+        if signal.unit == "bool":
+            fields[name] = uniform(*shape) < 0.5
+        elif signal.unit == "m":
+            fields[name] = _REACH * (2 * uniform(*shape) - 1)
+        elif signal.shape:
+            fields[name] = 2 * uniform(*shape) - 1
+            if signal.unit == "1":
+                fields[name] /= torch.linalg.vector_norm(fields[name], dim=-1, keepdim=True)
+            else:
+                fields[name] *= _TURN
+        else:
+            fields[name] = (
+                uniform(*shape) if signal.unit == "1" else _TURN * (2 * uniform(count) - 1)
+            )
+    fields["joints"][:, 2] = 0.24 * uniform(count)
+    points = [name for name, signal in TABLE.items() if signal.unit == "m"]
+    for name in points:
+        fields[name][::8] = fields[points[0]][::8]
+    return Signals(**fields, batch_size=[count])
