@@ -44,12 +44,13 @@ class Session:
         return self.state is not None and self.state["update"] == self.job.updates
 
 
-def open_session(values: dict[str, Any], overrides: list[str]) -> Session:
+def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Session:
     """The run that a composed config asks for, its folder made.
 
     Args:
         values: the config.
         overrides: what was typed.
+        command: after what: ``python train.py`` or ``needlehoop train``.
 
     Raises:
         ValueError: settings that do not go together, or a run that is in the way.
@@ -83,7 +84,7 @@ def open_session(values: dict[str, Any], overrides: list[str]) -> Session:
     reward = rewards.text(rewards.load(job.env.reward))
     run = Run.create(folder, values, reward, overwrite)
     # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
-    run.note(command=["train.py", *overrides])
+    run.note(command=[*command.removeprefix("python ").split(), *overrides])
     return Session(job, run, values, None)
 
 

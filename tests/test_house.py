@@ -30,6 +30,8 @@ FLOORS = (
     "asking",
     "session",
     "sweep",
+    "foresight",
+    "train",
     "cli",
 )
 """Packages and modules of the top folder; each may import those before it."""

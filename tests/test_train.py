@@ -131,16 +131,22 @@ def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("sent", "engine"),
-    [(signal.SIGINT, "cpu"), (signal.SIGKILL, "cpu"), (signal.SIGKILL, "dm_control")],
+    ("sent", "engine", "command"),
+    [
+        (signal.SIGINT, "cpu", ["-m", "needlehoop.cli.main", "train"]),
+        (signal.SIGKILL, "cpu", [str(ROOT / "train.py")]),
+        (signal.SIGKILL, "dm_control", [str(ROOT / "train.py")]),
+    ],
 )
-def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch, sent, engine):
+def test_a_stopped_run_goes_on_to_the_same_bits(
+    finished, tmp_path, monkeypatch, sent, engine, command
+):
     values = (finished / "config.yaml").read_text().replace("kind: cpu", f"kind: {engine}")
     folder = tmp_path / "main/dep_front+seg_side/human/seed0"
     words = [f"engine={engine}", "cams=dep_front,seg_side", *TINY, "obs.frame_stack=2"]
     words += ["obs.proprio=true", f"results={tmp_path}", "evaluation.video_episodes=1"]
     process = subprocess.Popen(
-        [sys.executable, str(ROOT / "train.py"), *words],
+        [sys.executable, *command, *words],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -153,7 +159,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, monkeypatch,
     printed = process.communicate(timeout=120)[0].decode()
     if sent == signal.SIGINT:
         assert process.returncode == 0
-        assert f"resume={folder}" in printed
+        assert f"go on with: needlehoop train resume={folder}" in printed
     assert len(table(folder / "metrics.csv")) < 3
 
     run_train(monkeypatch, f"resume={folder}")

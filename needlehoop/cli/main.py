@@ -17,11 +17,20 @@ from needlehoop.cli.probe import add_commands as add_probe_commands
 from needlehoop.cli.study import add_commands as add_study_commands
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
 
+_TRAIN = "train"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if given[:1] == [_TRAIN]:
+        # Its flags are Hydra's, and so are its errors: a line, and exit status 1.
+        from needlehoop.cli.train import run
+
+        run(given[1:], f"needlehoop {_TRAIN}")
+        return 0
     parser = _parser()
-    options, rest = parser.parse_known_args(arguments)
+    options, rest = parser.parse_known_args(given)
     flags = [word for word in rest if word.startswith("-")]
     if flags:
         parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
@@ -39,6 +48,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="needlehoop", description="Needle through a hoop: simulate it, look at it, measure it."
     )
     commands = parser.add_subparsers(dest="command", required=True)
+    summary = "Train an agent: python train.py, for those who have no checkout."
+    commands.add_parser(_TRAIN, help=summary, add_help=False)
     add_commands(commands)
     add_bench_commands(commands)
     add_vlm_commands(commands)

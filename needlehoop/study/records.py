@@ -96,7 +96,10 @@ class Record:
     def command(self) -> str | None:
         """What makes this run alone, if the manifest knows."""
         words = self.manifest.get("command")
-        return " ".join(map(_quoted, ("python", *words))) if isinstance(words, list) else None
+        if not isinstance(words, list):
+            return None
+        script = ["python"] if words[:1] == ["train.py"] else []
+        return " ".join(map(_quoted, [*script, *words]))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
 
 import pytest
@@ -10,12 +9,11 @@ import torch
 
 import needlehoop
 from needlehoop import config, rewards
+from needlehoop import train as page
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
 from needlehoop.vlm.moments import random_signals
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -190,13 +188,11 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
 def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     """As far as the run's folder: what is trained is stubbed out."""
     place("rewards/dep_front/image.txt", 3)
-    module = runpy.run_path(str(ROOT / "train.py"), run_name="train")
-    start = module["start"]
     made = []
-    monkeypatch.setitem(start.__globals__, "train", lambda job, run, *_: made.append((job, run)))
+    monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
     values = config.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
     values.pop("hydra", None)
-    start(values, [])
+    page.start(values, [], "python train.py")
     (job, run), *_ = made
     assert run.folder == Path("results/s/dep_front/vlm_img/seed0")
     record = (run.folder / "reward.txt").read_text()

@@ -54,6 +54,21 @@ def test_whole_runs_are_read_in_order(study):
     assert found.left_out == ()
 
 
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (["train.py", "seed=0"], "python train.py seed=0"),
+        (["needlehoop", "train", "cams=[a,b]"], "needlehoop train 'cams=[a,b]'"),
+        ("train.py seed=0", None),
+    ],
+)
+def test_a_run_is_made_again_with_the_command_that_made_it(study, words, command):
+    manifest = study / "rgb_default/human/seed0/manifest.json"
+    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "command": words}))
+    (run,) = (one for one in read_study(study).runs if one.place.cameras == "rgb_default")
+    assert run.command == command
+
+
 def test_what_a_real_run_writes_is_read(tmp_path):
     folder = tmp_path / "main" / "seg_side" / "sparse" / "seed3"
     values = {"cams": ["seg_side"], "obs": {"signals": False}, "algo": {"horizon": 128}}

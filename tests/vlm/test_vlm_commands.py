@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import runpy
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +13,12 @@ from PIL import Image
 from vlm_server import KEY, Server, by_schema, serve
 
 from needlehoop import asking, config
+from needlehoop import train as page
 from needlehoop.cli.main import main
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.writing import Verdict, Workshop
 
-ROOT = Path(__file__).parents[2]
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"
 
@@ -350,12 +349,11 @@ def test_a_mistake_is_one_message_that_names_the_key(study, arguments, said, cap
 
 def trained(monkeypatch, *overrides: str) -> list[tuple]:
     """What ``train.py`` would train; as far as the run's folder."""
-    start = runpy.run_path(str(ROOT / "train.py"), run_name="train")["start"]
     made: list[tuple] = []
-    monkeypatch.setitem(start.__globals__, "train", lambda job, run, *_: made.append((job, run)))
+    monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
     values = config.compose([CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config")
     values.pop("hydra", None)
-    start(values, [])
+    page.start(values, [], "python train.py")
     return made
 
 
