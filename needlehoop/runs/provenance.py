@@ -28,7 +28,7 @@ _PACKAGES = (
 def provenance() -> dict[str, Any]:
     """Commit, versions, machine and time, as plain values for a manifest."""
     return {
-        "commit": _commit(),
+        "commit": commit(),
         "python": platform.python_version(),
         "versions": {name: version(name) for name in _PACKAGES},
         "platform": platform.platform(),
@@ -39,7 +39,7 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """The git commit, with ``+`` where the source differs from it; ``None`` outside git."""
     source = (".", "../train.py", "../conf")
     here = Path(__file__).parents[1]

@@ -16,7 +16,7 @@ from needlehoop.runs.run import Run
 from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.conversation import Attempt, Conversation, models, totals_of
-from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig
+from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig, transcripts
 from needlehoop.vlm.providers.factory import build_provider
 from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
@@ -71,11 +71,12 @@ class Inquiry(AbstractContextManager):
             self.transcript = Transcript(config.folder)
             self._recorder = Recorder(self.transcript, provider, vlm)
         else:
-            self.transcript = Transcript(Path(vlm.recording) if vlm.recording else config.folder)
+            self.transcript = Transcript(vlm.folder(config.folder))
             if not self.transcript.exchanges:
                 raise ValueError(
                     f"vlm.recording: nothing is recorded in {self.transcript.path}; ask a model"
-                    " with vlm=gemini or vlm=openai, or name another recording"
+                    " with vlm=gemini or vlm=openai, or name another recording: a folder, or"
+                    f" {', '.join(transcripts())}"
                 )
             self._recorder = Recorder(self.transcript)
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from needlehoop.vlm import edition
 from needlehoop.vlm.messages import Request
 from needlehoop.vlm.providers.contract import LiveConfig, Provider, ProviderError, Reply
 from needlehoop.vlm.providers.retries import persist
@@ -114,6 +115,7 @@ class Recorder:
                 time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
             )
             self.transcript.add(exchange, request)
+            edition.sign(self.transcript.folder)
             return exchange
 
         try:
@@ -156,6 +158,13 @@ def _miss(transcript: Transcript, request: Request) -> str:
         return (
             f"{transcript.path}: this request was answered {count} times, and they are used up;"
             f" it ends: {_lines(wanted)[-1]!r}"
+        )
+
+    made_with = edition.read(transcript.folder)
+    if made_with is not None and made_with.sha256 != edition.sha256():
+        return (
+            f"{transcript.path} was recorded with the prompts of {made_with}, and these are others:"
+            " replay it there, or ask anew with vlm=gemini or vlm=openai and another study="
         )
 
     def likeness(exchange: Exchange) -> float:

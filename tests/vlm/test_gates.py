@@ -176,6 +176,13 @@ def test_the_papers_own_rewards_are_seen_through(judge):
     assert ["rises to" in reason for reason in refused["dep_front+rgb_side/image"]] == [True]
 
 
+def test_the_recorded_models_rewards_pass(judge):
+    shipped = written.RECORDINGS / "claude" / "rewards"
+    found = {path.parent.name: judge(path.read_text()) for path in shipped.glob("*/*.txt")}
+    assert len(found) == 4
+    assert all(card.passed and not card.flags for card in found.values())
+
+
 def test_random_signals_are_wild_but_possible():
     signals = random_signals(4000, seed=0)
     for name, row in TABLE.items():

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from needlehoop.vlm import edition
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
 from needlehoop.vlm.forms import Program, Subtasks, choice, ranking
 from needlehoop.vlm.messages import Message, Picture, Request
@@ -152,6 +153,37 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     other = Request((Message("user", ("Something else altogether", Picture(b"x"))),), {})
     with pytest.raises(MissError, match=r"images: 1 recorded, 1 asked, 0 in both; the form"):
         replay(tmp_path).ask(other, "question")
+
+
+def test_a_miss_says_that_the_prompts_were_others(tmp_path):
+    live(tmp_path, reply("1")).ask(request("a"), "question")
+    noted = json.loads((tmp_path / "prompts.json").read_text())
+    assert noted["sha256"] == edition.sha256()
+    # As long as they are the same, what differs is shown.
+    with pytest.raises(MissError, match="differs in"):
+        replay(tmp_path).ask(request("b"), "question")
+    (tmp_path / "prompts.json").write_text('{"commit": "8210a798af59", "sha256": "beef"}')
+    with pytest.raises(MissError) as caught:
+        replay(tmp_path).ask(request("b"), "question")
+    assert "was recorded with the prompts of commit 8210a798af59" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert replay(tmp_path).ask(request("a"), "question").answer == "1"
+
+
+def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
+    live(tmp_path, reply("1")).ask(request("a"), "question")
+    note = tmp_path / "prompts.json"
+    first = note.read_text()
+    live(tmp_path, reply("2")).ask(request("b"), "question")
+    assert note.read_text() == first
+    assert not (tmp_path / "prompts.1.json").exists()
+    note.write_text('{"commit": null, "sha256": "beef"}')
+    live(tmp_path, reply("3")).ask(request("c"), "question")
+    assert edition.read(tmp_path).sha256 == edition.sha256()
+    assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
+    note.write_text("{")
+    with pytest.raises(ValueError, match="not the note of an edition"):
+        edition.read(tmp_path)
 
 
 def test_a_replay_without_a_recording_says_so(tmp_path):

@@ -6,8 +6,10 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
+from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.messages import Request
 
 OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")
@@ -50,13 +52,29 @@ class ProviderError(RuntimeError):
         return self.status == "timeout"
 
 
+def transcripts() -> dict[str, Path]:
+    """The shipped recordings that can be replayed, by name."""
+    return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob("*/transcript.jsonl"))}
+
+
 @dataclass(frozen=True)
 class ReplayConfig:
     """Values in ``conf/vlm/replay.yaml``."""
 
     kind: str
     recording: str | None
-    """Folder with the transcript; ``None`` is the study's own."""
+    """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own."""
+
+    def folder(self, own: Path) -> Path:
+        """Where the answers are.
+
+        Args:
+            own: the study's folder.
+        """
+        if self.recording is None:
+            return own
+        shipped = transcripts()
+        return shipped[self.recording] if self.recording in shipped else Path(self.recording)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,125 @@
+"""The shipped recordings: whole, in step with themselves, and of use."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from needlehoop import config
+from needlehoop.cli.main import main
+from needlehoop.rewards.written import find
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.vlm import edition
+from needlehoop.vlm.providers.contract import transcripts
+from needlehoop.vlm.totals import of_transcript
+from needlehoop.vlm.transcript import Transcript
+
+CLAUDE = RECORDINGS / "claude"
+COVERED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
+
+
+@pytest.fixture(scope="module")
+def transcript() -> Transcript:
+    return Transcript(CLAUDE)
+
+
+def test_the_recordings_that_can_be_replayed():
+    assert transcripts() == {"claude": CLAUDE}
+
+
+def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcript):
+    assert len(transcript.exchanges) == 28
+    shown = set()
+    for exchange in transcript.exchanges:
+        text = json.dumps(
+            exchange.request, sort_keys=True, separators=(",", ":"), ensure_ascii=False
+        )
+        assert hashlib.sha256(text.encode()).hexdigest() == exchange.sha256
+        parts = [part for m in exchange.request["messages"] for part in m["parts"]]
+        shown |= {part["image"] for part in parts if "image" in part}
+    index = json.loads((CLAUDE / "pictures.json").read_text())["pictures"]
+    assert shown <= {name for states in index.values() for name in states.values()}
+    for name in {name for states in index.values() for name in states.values()}:
+        assert transcript.picture(name).png.startswith(b"\x89PNG")
+
+
+def test_it_says_with_which_prompts_it_was_made():
+    made_with = edition.read(CLAUDE)
+    assert made_with is not None
+    assert made_with.commit == "8210a798af59"
+    assert made_with.commit[:7] in (CLAUDE / "README.md").read_text()
+
+
+def test_programs_are_those_that_were_answered(transcript):
+    answers = {
+        exchange.conversation: json.loads(exchange.answer)["program"]
+        for exchange in transcript.exchanges
+        if exchange.conversation.startswith("reward/")
+    }
+    files = {"reward/text": "any/text.txt"}
+    files |= {f"reward/{name}/image": f"{name}/image.txt" for name in COVERED}
+    assert set(answers) == set(files)
+    for name, file in files.items():
+        assert (CLAUDE / "rewards" / file).read_text().strip() == answers[name].strip()
+
+
+def test_tables_are_of_the_transcript(transcript):
+    with (CLAUDE / "totals.csv").open(newline="") as file:
+        rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
+    found = of_transcript(transcript.exchanges)
+    assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
+    ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
+    orders = [json.loads(e.answer).get("places") for e in ranked]
+    lists = json.loads((CLAUDE / "rankings.json").read_text())["lists"]
+    told = [[place["name"] for place in order] for order in orders if order is not None]
+    for entry in lists:
+        for ranking in entry["rankings"]:
+            assert [place["name"] for place in ranking] in told
+
+
+def test_the_readme_names_the_sets_that_it_covers():
+    said = (CLAUDE / "README.md").read_text()
+    for name in COVERED:
+        assert f"`{name}`" in said
+    assert sorted(COVERED) == sorted(
+        file.parent.name for file in (CLAUDE / "rewards").glob("*/image.txt")
+    )
+
+
+@pytest.mark.parametrize("cams", ["rgb_default", "dep_front,seg_side", "seg_default,rgb_side"])
+def test_its_text_reward_serves_any_cameras(cams):
+    words = ["reward=vlm_text", "reward.recording=claude", f"cams=[{cams}]", "study=nowhere"]
+    values = config.compose(words, "config")
+    source = find(cams.split(","), "text", "nowhere", "results", values["reward"]["recording"])
+    assert Path(source.origin) == CLAUDE / "rewards/any/text.txt"
+    assert config.structure(values).reward["recording"] == "claude"
+
+
+@pytest.mark.parametrize("name", COVERED)
+def test_its_image_rewards_are_of_their_cameras(name):
+    source = find(reversed(name.split("+")), "image", "nowhere", "results", "claude")
+    assert Path(source.origin) == CLAUDE / f"rewards/{name}/image.txt"
+
+
+def test_a_set_that_it_does_not_cover_is_told_which_it_does():
+    said = re.escape(f"(there is {', '.join(sorted(COVERED))})")
+    with pytest.raises(ValueError, match=said):
+        find(["rgb_default"], "image", "nowhere", "results", "claude")
+
+
+def test_it_replays_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["vlm", "rank", "vlm.recording=claude", "samples=3"]) == 0
+    for name in ("rankings.json", "rankings.csv", "questions.json", "agreement.csv", "totals.csv"):
+        assert (tmp_path / "results/main/vlm" / name).read_text() == (CLAUDE / name).read_text()
+
+
+def test_what_can_not_be_replayed_names_what_can(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["vlm", "rank", "vlm.recording=paper"]) == 2
+    assert "name another recording: a folder, or claude" in capsys.readouterr().err
