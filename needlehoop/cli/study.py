@@ -108,7 +108,7 @@ def _open(options: argparse.Namespace) -> tuple[Findings, Path]:
     from needlehoop.study.findings import paper_findings, study_findings
 
     if options.study == PAPER:
-        return paper_findings(), options.out or Path("results") / PAPER
+        return paper_findings(Path("results")), options.out or Path("results") / PAPER
     folder = Path(options.study)
     findings = study_findings(folder)
     if not findings.results:

@@ -10,7 +10,8 @@ from typing import Any
 from needlehoop.study.records import LeftOut
 from needlehoop.study.rows import UnreadableError, read_keys
 
-QUESTIONS, RANKINGS = Path("vlm/questions.json"), Path("vlm/rankings.json")
+QUESTIONS, RANKINGS = "questions.json", "rankings.json"
+VLM = "vlm"
 """Where a study keeps them."""
 
 
@@ -43,8 +44,12 @@ class Answers:
     rankings: tuple[Ranking, ...] = ()
 
 
-def read_answers(folder: Path) -> tuple[Answers | None, list[LeftOut]]:
+def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[LeftOut]]:
     """A study's answers, as ``needlehoop vlm question`` and ``rank`` write them.
+
+    Args:
+        folder: the study's.
+        within: the folder in it that has the files.
 
     Returns:
         The answers, or ``None`` where there are none that can be read; what was left out.
@@ -53,12 +58,12 @@ def read_answers(folder: Path) -> tuple[Answers | None, list[LeftOut]]:
     questions: tuple[Answer, ...] = ()
     rankings: tuple[Ranking, ...] = ()
     models: list[str] = []
-    for name in (QUESTIONS, RANKINGS):
+    for name in (Path(within) / QUESTIONS, Path(within) / RANKINGS):
         if not (folder / name).exists():
             continue
         try:
             found = read_keys(folder / name)
-            if name == QUESTIONS:
+            if name.name == QUESTIONS:
                 questions = as_rows(_part(found, "answers", dict))
             else:
                 rankings = tuple(_ranking(entry) for entry in _part(found, "lists", list))

@@ -13,6 +13,7 @@ from needlehoop.study.charts import final_values, success_and_cheats, time_to_th
 from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.findings import Findings
 from needlehoop.study.media import check_picture
+from needlehoop.study.rankings import ranking_chart
 from needlehoop.study.rows import UnreadableError
 from needlehoop.study.style import save, styled
 
@@ -36,6 +37,11 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
         final_values,
         "Combinations by final return, with success; interquartile means, and 95 % intervals: of"
         " returns over three seeds or more, of success over episodes where there are fewer.",
+    ),
+    "rankings": (
+        ranking_chart,
+        "Rankings side by side: places that were foretold and measured, in each list; darker is"
+        " better. The rows stand as measured.",
     ),
     "success_and_cheats": (
         success_and_cheats,

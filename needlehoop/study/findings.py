@@ -12,6 +12,7 @@ from needlehoop.study import paper
 from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import HUMAN
 from needlehoop.study.final import Final, final
+from needlehoop.study.predictions import Prediction, lists_of, predictions
 from needlehoop.study.records import LeftOut, Record, Study, read_study
 from needlehoop.study.statistics import Estimate, estimate, rate
 
@@ -47,6 +48,9 @@ class Findings:
     results: tuple[Result, ...]
     """The best final return first."""
     answers: Answers | None
+    """Of the study's own model."""
+    predictions: tuple[Prediction, ...]
+    """Of whoever ranked sets of cameras, the study's own model among them."""
     left_out: tuple[LeftOut, ...]
 
     @property
@@ -59,6 +63,11 @@ class Findings:
     def ranked(self) -> tuple[Result, ...]:
         """Results with the main reward, the best first."""
         return tuple(result for result in self.results if result.reward == self.main_reward)
+
+    @property
+    def lists(self) -> dict[str, tuple[str, ...]]:
+        """The paper's lists, then any others that the study's VLM ranked."""
+        return lists_of(self.answers)
 
     @property
     def seeds(self) -> int:
@@ -74,7 +83,10 @@ def study_findings(folder: Path) -> Findings:
     """
     study = read_study(folder)
     answers, unread = read_answers(folder)
-    left_out = list(study.left_out) + unread
+    foretold, unreadable = predictions(
+        answers, folder.resolve().parent, [*lists_of(answers).values()]
+    )
+    left_out = [*study.left_out, *unread, *unreadable]
     results = []
     for (cameras, reward), runs in groupby(
         study.runs, key=lambda run: (run.place.cameras, run.place.reward)
@@ -91,19 +103,25 @@ def study_findings(folder: Path) -> Findings:
             results.append(_result(cameras, reward, pairs))
     results.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
     title = folder.resolve().name
-    return Findings(title, study, tuple(results), answers, tuple(left_out))
+    return Findings(title, study, tuple(results), answers, foretold, tuple(left_out))
 
 
-def paper_findings() -> Findings:
-    """The paper's Table I, Table II and Figure 7, where they are in numbers."""
+def paper_findings(results: Path) -> Findings:
+    """The paper's Table I, Table II and Figure 7, where they are in numbers.
+
+    Args:
+        results: the folder of all studies, for what else predicts the paper's order.
+    """
+    own = paper.answers()
+    foretold, left_out = predictions(None, results, [*paper.lists().values()])
     values = {(name, HUMAN): value for name, value in paper.measured().items()}
     values |= {(row.cameras, row.reward): row.value for row in paper.rewards()}
-    results = [
+    found = [
         Result(cameras, reward, (), (), estimate([[value]]), None, None)
         for (cameras, reward), value in values.items()
     ]
-    results.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
-    return Findings("the paper's numbers", None, tuple(results), paper.answers(), ())
+    found.sort(key=lambda result: (-result.value.value, result.cameras, result.reward))
+    return Findings("the paper's numbers", None, tuple(found), own, foretold, tuple(left_out))
 
 
 def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:

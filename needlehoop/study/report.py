@@ -17,6 +17,7 @@ from needlehoop.study.combinations import LISTS, label, reward_label
 from needlehoop.study.figures import Drawn
 from needlehoop.study.final import final
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.records import Record
 from needlehoop.study.rows import UnreadableError, read_text
 from needlehoop.study.statistics import ENOUGH, no_interval
@@ -152,10 +153,19 @@ def _films(findings: Findings, folder: Path) -> list[dict[str, Any]]:
 
 
 def _reasons(findings: Findings) -> list[dict[str, Any]]:
-    """Each ranking with its reasons, and what the runs made of it."""
-    if findings.study is None or findings.answers is None:
+    """Each ranking with its reasons, and what the runs made of it.
+
+    Of the study's own model; where it asked none, of the shipped recordings'.
+    """
+    if findings.study is None:
         return []
-    return [_ranking(findings, findings.answers, i) for i in range(len(findings.answers.rankings))]
+    own = findings.answers
+    speakers = (own,) if own and own.rankings else recorded_answers()
+    return [
+        _ranking(findings, speaker, number)
+        for speaker in speakers
+        for number in range(len(speaker.rankings))
+    ]
 
 
 def _ranking(findings: Findings, answers: Answers, number: int) -> dict[str, Any]:
@@ -182,7 +192,8 @@ def _ranking(findings: Findings, answers: Answers, number: int) -> dict[str, Any
                 "happened": happened,
             }
         )
-    return {"name": names[0] if names else f"List {number + 1}", "places": places}
+    name = names[0] if names else f"List {number + 1}"
+    return {"name": f"{answers.source}: {name}", "places": places}
 
 
 def _settings(findings: Findings) -> dict[str, Any]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from needlehoop.study import paper
-from needlehoop.study.agreement import Agreement, agreement
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.predictions import recorded_answers
+from needlehoop.study.rankings import agreements, measured, rankings
 from needlehoop.study.statistics import (
     ENOUGH,
     OVER_EPISODES,
@@ -29,6 +29,7 @@ def all_tables(findings: Findings) -> list[Table]:
         results(findings),
         table_1(findings),
         table_2(findings),
+        rankings(findings),
         agreements(findings),
         rewards(findings),
         improvements(findings),
@@ -68,25 +69,25 @@ def results(findings: Findings) -> Table:
 
 
 def table_1(findings: Findings) -> Table:
-    """What the VLM answered, beside the paper's VLM."""
-    published = {answer.question: answer.answer for answer in paper.answers().questions}
-    head = ("question", f"{_PAPERS} VLM")
-    rows = tuple(published.items())
+    """What the VLM answered, beside the shipped recordings' models and the paper's."""
+    shown = [*recorded_answers(), Answers(f"{_PAPERS} VLM", paper.answers().questions)]
     if findings.study is not None and findings.answers and findings.answers.questions:
-        own = {answer.question: answer.answer for answer in findings.answers.questions}
-        head = ("question", findings.answers.source, f"{_PAPERS} VLM")
-        rows = tuple((question, own[question], published.get(question, "")) for question in own)
+        shown.insert(0, findings.answers)
+    said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
+    asked = said[-1] if findings.study is None else {q: None for one in said for q in one}
+    rows = tuple((question, *(one.get(question, "") for one in said)) for question in asked)
+    head = ("question", *(one.source for one in shown))
     return Table("table_1", "Table I: what the VLM answered", head, rows)
 
 
 def table_2(findings: Findings) -> Table:
     """Measured and predicted places in each list, ours and the paper's."""
-    measured, published = _measured(findings), paper.measured()
+    ours, published = measured(findings), paper.measured()
     said = _predicted(findings.answers) if findings.study is not None else {}
     papers = _predicted(paper.answers())
     rows = []
-    for name, members in _lists(findings).items():
-        own, theirs = _places(measured, members), _places(published, members)
+    for name, members in findings.lists.items():
+        own, theirs = _places(ours, members), _places(published, members)
         ordered = sorted(
             members, key=lambda cameras: (own.get(cameras, 99), theirs.get(cameras, 99))
         )
@@ -116,36 +117,6 @@ def table_2(findings: Findings) -> Table:
         rows = [tuple(row[i] for i in keep) for row in rows]
         title = "Table II, as published in the paper"
     return Table("table_2", title, head, tuple(rows))
-
-
-def agreements(findings: Findings) -> Table:
-    """How well each prediction fits what was measured, list by list."""
-    published = paper.measured()
-    papers = _predicted(paper.answers())
-    sides: list[tuple[str, Mapping[frozenset[str], Mapping[str, float]], Mapping[str, float]]] = []
-    if findings.study is not None:
-        ours = _measured(findings)
-        own = _predicted(findings.answers)
-        theirs = {frozenset(m): {c: published[c] for c in m} for m in paper.lists().values()}
-        sides += [
-            ("VLM against measured", own, ours),
-            (f"{_PAPERS} VLM against measured", papers, ours),
-            (f"{_PAPERS} measured against measured", theirs, ours),
-        ]
-    sides.append((f"{_PAPERS} VLM against {_PAPERS} measured", papers, published))
-    rows = []
-    for what, predicted, measured in sides:
-        for members, scores in predicted.items():
-            name = _list_name(members)
-            missing = [cameras for cameras in members if cameras not in measured]
-            if missing:
-                said = ("",) * 6 + (f"{len(missing)} of {len(members)} not measured",)
-            else:
-                said = _said(agreement(scores, {cameras: measured[cameras] for cameras in members}))
-            rows.append((what, name, *said))
-    head = ("what", "list", "tau-b", "p", "rho", "p", "best found", "worst found", "regret")
-    note = "Two-sided permutation p-values; regret is the return lost by taking the predicted best."
-    return Table("agreement", "Agreement of predictions", head, tuple(rows), note)
 
 
 def rewards(findings: Findings) -> Table:
@@ -221,23 +192,6 @@ def _chance(better: list[float], worse: list[float]) -> str:
     return f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
-def _said(found: Agreement) -> tuple[str, ...]:
-    return (
-        *(_number(value) for value in (found.tau, found.tau_p, found.rho, found.rho_p)),
-        "yes" if found.top_hit else "no",
-        "yes" if found.bottom_hit else "no",
-        f"{found.regret:.2f}",
-    )
-
-
-def _number(value: float) -> str:
-    return "undefined" if math.isnan(value) else f"{value:.2f}"
-
-
-def _measured(findings: Findings) -> dict[str, float]:
-    return {result.cameras: result.value.value for result in findings.ranked}
-
-
 def _result(findings: Findings, cameras: str) -> Result | None:
     return next((result for result in findings.ranked if result.cameras == cameras), None)
 
@@ -249,23 +203,6 @@ def _predicted(answers: Answers | None) -> dict[frozenset[str], dict[str, float]
         frozenset(ranking.places): {name: -place for name, place in ranking.places.items()}
         for ranking in rankings
     }
-
-
-def _lists(findings: Findings) -> dict[str, tuple[str, ...]]:
-    """The paper's lists, then any others that the study's VLM ranked."""
-    lists = dict(paper.lists())
-    known = {frozenset(members) for members in lists.values()}
-    for ranking in findings.answers.rankings if findings.answers else ():
-        if frozenset(ranking.places) not in known:
-            lists[f"list {len(lists) + 1}"] = tuple(ranking.places)
-    return lists
-
-
-def _list_name(members: frozenset[str]) -> str:
-    for name, own in paper.lists().items():
-        if frozenset(own) == members:
-            return LISTS[name]
-    return ", ".join(label(cameras) for cameras in sorted(members))
 
 
 def _places(values: Mapping[str, float], members: tuple[str, ...]) -> dict[str, float]:

@@ -17,7 +17,10 @@ from needlehoop.study.findings import paper_findings, study_findings
 from needlehoop.study.records import read_study
 from needlehoop.study.style import WIDTH, apart, styled
 
-DRAWN = {"learning_curves", "rewards", "final_values", "success_and_cheats", "time_to_threshold"}
+DRAWN = {
+    *("learning_curves", "rewards", "final_values", "rankings"),
+    *("success_and_cheats", "time_to_threshold"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +59,9 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
 
 def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
     (tmp_path / "rewards.png").write_text("old")
-    drawn = {figure.name: figure for figure in draw(paper_findings(), tmp_path)}
-    assert {path.name for path in tmp_path.iterdir()} == {"final_values.png", "final_values.svg"}
+    drawn = {figure.name: figure for figure in draw(paper_findings(Path("nowhere")), tmp_path)}
+    kept = {f"{name}.{kind}" for name in ("final_values", "rankings") for kind in ("png", "svg")}
+    assert {path.name for path in tmp_path.iterdir()} == kept
     assert drawn["learning_curves"].missing == "no learning curves"
     assert drawn["contact_sheet"].missing
     assert drawn["final_values"].missing is None
@@ -193,7 +197,7 @@ def test_the_papers_numbers_draw_before_a_single_run(tmp_path, capsys, monkeypat
     assert main(["plot", "paper"]) == 0
     assert "results/paper/figures/final_values.png" in capsys.readouterr().out
     with styled():
-        axes = final_values(paper_findings()).axes[0]
+        axes = final_values(paper_findings(Path("nowhere"))).axes[0]
     assert axes.get_title("left") == "As published in the paper"
     assert axes.get_xlabel() == "final return\n(one seed, no interval)"
     assert len(axes.patches) == 14

@@ -118,7 +118,7 @@ def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
     assert names == sorted(names)
     assert names[0] == "DEP (D)"
     images = browser.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 5
+    assert len(images) == 6
     assert all(image.get_property("naturalWidth") > 100 for image in images)
     browser.set_script_timeout(20)
     assert browser.execute_async_script(_PLAY) == "played"
@@ -156,6 +156,16 @@ def test_the_page_holds_reasons_settings_commands_and_what_was_left_out(study):
     assert "rgb_default/human/seed1" in page
     assert "&lt;notes&gt;.txt" in page
     assert not re.search(r'(?:src|href)="(?!data:)', page)
+
+
+def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(tmp_path):
+    write_run(tmp_path / "main", "rgb_default")
+    assert main(["report", str(tmp_path / "main")]) == 0
+    page = (tmp_path / "main" / "report.html").read_text()
+    assert "claude: RGB and depth" in page
+    assert "One colour picture from 45 degrees" in page
+    assert "Measured: place 1 of 1, return" in page
+    assert "Not run yet." in page
 
 
 def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 from pathlib import Path
 
 import pytest
@@ -12,9 +13,9 @@ from study_files import PAIRS, REWARDED, write_answers, write_study
 
 from needlehoop.study import paper
 from needlehoop.study.findings import Findings, paper_findings, study_findings
+from needlehoop.study.rankings import agreements, rankings
 from needlehoop.study.table import Table
 from needlehoop.study.tables import (
-    agreements,
     all_tables,
     improvements,
     results,
@@ -22,6 +23,9 @@ from needlehoop.study.tables import (
     table_1,
     table_2,
 )
+
+NOWHERE = Path("nowhere")
+"""A folder of studies without a probe."""
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +62,64 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = dicts(agreements(findings))
-    assert len(rows) == 4 * 3
+    # Of the paper's VLM and claude, here and in the paper, and of the paper's measured here;
+    # the study's own VLM has the paper's orders, and is the paper's.
+    assert len(rows) == (2 + 2 + 1) * 3
     papers = [r for r in rows if r["what"] == "the paper's VLM against the paper's measured"]
     assert [(r["tau-b"], r["best found"], r["worst found"]) for r in papers] == [
         ("0.60", "yes", "yes")
     ] * 3
+
+
+PROBE = (
+    "place,cameras,score\n1,RGB (F) + DEP (S),0.8\n2 to 3,RGB (F) + RGB (S),0.7\n"
+    "2 to 3,DEP (F) + RGB (S),0.7\n4,RGB (D) + DEP (D),0.6\n5,RGB (D),0.5\n,constant,0.0\n"
+)
+
+
+def test_rankings_stand_side_by_side(tmp_path):
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
+    table = rankings(study_findings(study))
+    who = ("the paper's VLM", "claude", "probe", "measured", "the paper's measured")
+    assert table.header == ("list", "cameras", *who)
+    rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
+    assert len(rows) == 16
+    best = rows["RGB and depth", "DEP (F) + RGB (S)"]
+    # Claude's first is the paper's second; the probe's tie shares its mean place.
+    assert [best[name] for name in who] == ["1", "2", "2.5", "", "1"]
+    assert rows["RGB and depth", "RGB (D)"]["measured"] == "1 of 1"
+    # The probe has not seen all of the other lists.
+    assert rows["Depth and segmentation", "DEP (F) + SEG (S)"]["probe"] == ""
+    said = {row["what"] for row in dicts(agreements(study_findings(study)))}
+    assert {f"{one} against the paper's measured" for one in who[:3]} <= said
+    assert "probe" not in rankings(paper_findings(NOWHERE)).header
+    assert "probe" in rankings(paper_findings(tmp_path)).header
+
+
+def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
+    study = write_study(tmp_path / "main", PAIRS, seeds=1)
+    write_answers(study)
+    path = study / "vlm" / "rankings.json"
+    found = json.loads(path.read_text())
+    for entry in found["lists"]:
+        entry["rankings"][0].reverse()
+    path.write_text(json.dumps(found))
+    table = rankings(study_findings(study))
+    assert table.header[2:5] == ("the paper's VLM", "claude", "VLM")
+    row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
+    assert row["VLM"] == "5"
+
+
+def test_a_probe_that_can_not_be_read_is_named(tmp_path):
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text("place,cameras\n1,x\n")
+    found = study_findings(study)
+    assert [str(one) for one in found.left_out] == [
+        "../probe/ranking.csv: is no ranking of a probe"
+    ]
 
 
 def test_what_was_not_run_is_said(tmp_path):
@@ -77,7 +134,7 @@ def test_what_was_not_run_is_said(tmp_path):
 
 
 def test_the_papers_own_tables(findings):
-    rows = dicts(table_2(paper_findings()))
+    rows = dicts(table_2(paper_findings(NOWHERE)))
     assert [row["the paper's return"] for row in rows][:5] == [
         "8.92", "8.05", "3.40", "2.41", "1.56",
     ]  # fmt: skip
@@ -86,10 +143,11 @@ def test_the_papers_own_tables(findings):
     assert said["Best view for subtask 2"] == {
         "question": "Best view for subtask 2",
         "test-model": "side",
+        "claude": "side",
         "the paper's VLM": "side",
     }
-    assert len(table_1(paper_findings()).rows) == 6
-    assert len(results(paper_findings()).rows) == 15
+    assert len(table_1(paper_findings(NOWHERE)).rows) == 6
+    assert len(results(paper_findings(NOWHERE)).rows) == 15
 
 
 def test_rewards_stand_together_with_the_papers(findings):
@@ -149,7 +207,7 @@ def test_markdown_and_latex_escape_what_they_must():
 
 def test_tables_are_written_three_ways(findings, tmp_path):
     written = [path for table in all_tables(findings) for path in table.write(tmp_path)]
-    names = {"results", "table_1", "table_2", "agreement", "rewards", "improvement"}
+    names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
     assert {path.name for path in written} == {
         f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
     }

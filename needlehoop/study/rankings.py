@@ -1,0 +1,166 @@
+"""Predicted orders beside the measured ones: who said what, and how far it held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from needlehoop.study import paper
+from needlehoop.study.agreement import Agreement, agreement
+from needlehoop.study.combinations import LISTS, label
+from needlehoop.study.curves import MissingDataError
+from needlehoop.study.findings import Findings
+from needlehoop.study.predictions import Prediction, scored
+from needlehoop.study.style import COLOURS, FAINT, INK, new_figure
+from needlehoop.study.table import Table
+
+MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
+
+_CELL = 4.2
+"""Height of a row, mm."""
+
+
+def rankings(findings: Findings) -> Table:
+    """The place that each prediction and each measurement gives to each set of each list."""
+    shown = _columns(findings)
+    rows = []
+    for name, members in findings.lists.items():
+        places = [one.places(members) for one in shown]
+        rows += [
+            (
+                LISTS.get(name, name),
+                label(cameras),
+                *(_place(own, cameras, len(members)) for own in places),
+            )
+            for cameras in _ordered(members, shown)
+        ]
+    note = (
+        "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
+        " by mean place. The probe cannot tell all of these apart: its own table has the intervals."
+    )
+    head = ("list", "cameras", *(one.who for one in shown))
+    return Table("rankings", "Rankings side by side", head, tuple(rows), note)
+
+
+def ranking_chart(findings: Findings) -> Figure:
+    """The same as a picture: a column for each ranking, darker where better.
+
+    Raises:
+        MissingDataError: nobody ranked anything.
+    """
+    shown = _columns(findings)
+    blocks = {n: m for n, m in findings.lists.items() if any(one.places(m) for one in shown)}
+    if not blocks:
+        raise MissingDataError("no rankings")
+    height = 20 + sum(5 + _CELL * len(members) for members in blocks.values())
+    figure, grid = new_figure(
+        height, len(blocks), sharex=True, height_ratios=[len(m) for m in blocks.values()]
+    )
+    for axes, (name, members) in zip(grid[:, 0], blocks.items(), strict=True):
+        ordered = _ordered(members, shown)
+        axes.set_xlim(-0.5, len(shown) - 0.5)
+        axes.set_ylim(len(ordered) - 0.5, -0.5)
+        for x, one in enumerate(shown):
+            _column(axes, x, one.places(members), ordered)
+        axes.set_yticks(range(len(ordered)), [label(cameras) for cameras in ordered])
+        axes.set_title(LISTS.get(name, name))
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+    heads = [one.who.replace("the paper's", "paper's") for one in shown]
+    turned = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
+    grid[-1, 0].set_xticks(range(len(shown)), heads, **turned)
+    return figure
+
+
+def agreements(findings: Findings) -> Table:
+    """How well each prediction fits what was measured, here and in the paper, list by list."""
+    published = paper.measured()
+    sides = []
+    if findings.study is not None:
+        ours = measured(findings)
+        theirs = scored(PAPERS_MEASURED, published, paper.lists().values())
+        sides += [(one, MEASURED, ours) for one in (*findings.predictions, theirs)]
+    sides += [(one, PAPERS_MEASURED, published) for one in findings.predictions]
+    rows = []
+    for one, against, values in sides:
+        for members, scores in one.lists.items():
+            if against == PAPERS_MEASURED and not members <= set(published):
+                continue
+            missing = [cameras for cameras in members if cameras not in values]
+            if missing:
+                said = ("",) * 6 + (f"{len(missing)} of {len(members)} not measured",)
+            else:
+                said = _said(agreement(scores, {cameras: values[cameras] for cameras in members}))
+            rows.append((f"{one.who} against {against}", list_name(members), *said))
+    head = ("what", "list", "tau-b", "p", "rho", "p", "best found", "worst found", "regret")
+    note = "Two-sided permutation p-values; regret is the return lost by taking the predicted best."
+    return Table("agreement", "Agreement of predictions", head, tuple(rows), note)
+
+
+def measured(findings: Findings) -> dict[str, float]:
+    """Final returns by combination, with the main reward."""
+    return {result.cameras: result.value.value for result in findings.ranked}
+
+
+def list_name(members: frozenset[str]) -> str:
+    """A list's name; that of one that is not the paper's is what is in it."""
+    for name, own in paper.lists().items():
+        if frozenset(own) == members:
+            return LISTS[name]
+    return ", ".join(label(cameras) for cameras in sorted(members))
+
+
+def _columns(findings: Findings) -> tuple[Prediction, ...]:
+    """Predictions, then measurements, of which the paper's is always there."""
+    lists = findings.lists.values()
+    found = [*findings.predictions]
+    if findings.study is not None:
+        found.append(scored(MEASURED, measured(findings), lists, whole=False))
+    return (*found, scored(PAPERS_MEASURED, paper.measured(), lists))
+
+
+def _place(places: Mapping[str, float], cameras: str, of: int) -> str:
+    """A place; among so many only, where not all of a list has one."""
+    if cameras not in places:
+        return ""
+    return f"{places[cameras]:g}" + (f" of {len(places)}" if len(places) < of else "")
+
+
+def _ordered(members: Iterable[str], shown: Iterable[Prediction]) -> list[str]:
+    """By the last column that has all of them: as measured here, else in the paper."""
+    chosen = tuple(members)
+    ranked = {one.who: places for one in shown if len(places := one.places(chosen)) == len(chosen)}
+    by = ranked.get(MEASURED) or next(iter(reversed(ranked.values())), {})
+    return sorted(chosen, key=lambda cameras: (by.get(cameras, math.inf), cameras))
+
+
+def _column(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[str]) -> None:
+    """The cells of one ranking, shaded from its best place to its worst."""
+    for y, cameras in enumerate(ordered):
+        if cameras not in places:
+            axes.text(x, y, "–", ha="center", va="center", fontsize=6, color=FAINT)
+            continue
+        # Of a single place nobody can say whether it is good.
+        last = len(places)
+        better = (last - places[cameras]) / (last - 1) if last > 1 else 0.0
+        left, right = x - 0.46, x + 0.46
+        axes.fill_between([left, right], y - 0.44, y + 0.44, color=COLOURS[0], linewidth=0,
+                          alpha=0.06 + 0.84 * better)  # fmt: skip
+        said, ink = _place(places, cameras, len(ordered)), "white" if better > 0.45 else INK
+        axes.text(x, y, said, ha="center", va="center", fontsize=6, color=ink)
+
+
+def _said(found: Agreement) -> tuple[str, ...]:
+    return (
+        *(_number(value) for value in (found.tau, found.tau_p, found.rho, found.rho_p)),
+        "yes" if found.top_hit else "no",
+        "yes" if found.bottom_hit else "no",
+        f"{found.regret:.2f}",
+    )
+
+
+def _number(value: float) -> str:
+    return "undefined" if math.isnan(value) else f"{value:.2f}"
