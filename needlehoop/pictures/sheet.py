@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,7 +49,7 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
         quality=1 if raw else 2,
         num_envs=1,
     )
-    states = list(start_and_goal(s))
+    states = list(stages(s, "start", "goal").values())
     return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
 
 
@@ -61,26 +61,44 @@ def _ordered(settings: Settings) -> list[str]:
     )
 
 
-def start_and_goal(settings: Settings) -> Iterable[dict[str, np.ndarray]]:
-    """The images of all cameras at the start, then once the expert has threaded."""
+def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]:
+    """The images of all cameras at moments of an episode of the expert's.
+
+    Args:
+        settings: environment and cameras.
+        wanted: of ``start``; ``grasped`` and ``lifted``, the first step at which that is so;
+            ``goal``, a few steps after the needle is through.
+
+    Raises:
+        RuntimeError: the expert did not get that far.
+    """
     simulation, imager = build(settings)
     act = expert(settings.task, settings.episode)
+    seen = {}
 
     def look() -> dict[str, np.ndarray]:
         images = imager(simulation.engine.render())
         return {name: image[0].numpy() for name, image in images.items()}
 
     moment = simulation.reset()
-    yield look()
-    for _ in range(settings.episode.max_steps):
-        moment = simulation.step(act(moment.signals))
-        if bool(moment.signals.threaded[0]):
+    if "start" in wanted:
+        seen["start"] = look()
+    since = 0
+    for _ in range(settings.episode.max_steps + _AFTER_SUCCESS):
+        if set(wanted) <= set(seen):
             break
-    else:
-        raise RuntimeError(f"the expert did not thread the needle with seed={settings.seed}")
-    for _ in range(_AFTER_SUCCESS):
         moment = simulation.step(act(moment.signals))
-    yield look()
+        facts = moment.facts()
+        since += bool(since or facts["threaded"][0])
+        now = {name: bool(facts[name][0]) for name in ("grasped", "lifted")}
+        now["goal"] = since > _AFTER_SUCCESS
+        for name in wanted:
+            if name not in seen and now[name]:
+                seen[name] = look()
+    if set(wanted) > set(seen):
+        missing = ", ".join(name for name in wanted if name not in seen)
+        raise RuntimeError(f"the expert did not get to {missing} with seed={settings.seed}")
+    return seen
 
 
 def _lay_out(

@@ -28,27 +28,41 @@ class Signal(NamedTuple):
 
 TABLE: dict[str, Signal] = {
     "tool_midpoint": Signal((3,), "m", "world", "sensor", "point between the jaws' tips"),
-    "tool_quat": Signal((4,), "1", "world", "sensor", "tool frame: z along the jaws, x their axis"),
+    "tool_quat": Signal(
+        (4,),
+        "1",
+        "world",
+        "sensor",
+        "tool frame: x along the jaws' hinge, y the way they open, z from the hinge to their tips",
+    ),
     "wrist_pos": Signal((3,), "m", "world", "sensor", "wrist-yaw joint"),
     "wrist_quat": Signal((4,), "1", "world", "sensor", "wrist-yaw link"),
     "pickup_point": Signal((3,), "m", "world", "sensor", "where the needle should be grasped"),
     "needle_tip": Signal((3,), "m", "world", "sensor", "the needle's sharp end"),
     "needle_quat": Signal(
-        (4,), "1", "world", "sensor", "needle frame: y along it at the pickup point"
+        (4,),
+        "1",
+        "world",
+        "sensor",
+        "needle frame at the pickup point: y towards the sharp end, x towards the arc's centre",
     ),
     "goal": Signal((3,), "m", "world", "sensor", "centre of the hoop's opening"),
-    "hoop_axis": Signal((3,), "1", "world", "sensor", "unit vector through the opening"),
+    "hoop_axis": Signal(
+        (3,), "1", "world", "sensor", "unit vector through the opening: the world's y"
+    ),
     "lift_position": Signal(
         (3,), "m", "world", "sensor", "above the pickup point's start, at the goal's height"
     ),
     "joints": Signal((6,), "rad, m", "joint", "sensor", ", ".join(JOINT_NAMES)),
-    "jaw": Signal((), "rad", "joint", "sensor", "angle between the jaws"),
+    "jaw": Signal((), "rad", "joint", "sensor", "angle between the jaws, 0 where they are closed"),
     "jaw_1_touch": Signal((), "bool", "-", "sensor", "first jaw touches the needle"),
     "jaw_2_touch": Signal((), "bool", "-", "sensor", "second jaw touches the needle"),
     "jaw_command": Signal((), "rad", "joint", "command", "commanded angle between the jaws"),
     "elapsed": Signal((), "1", "-", "command", "fraction of the episode's steps that is used up"),
     "grasped": Signal((), "bool", "-", "fact", "the needle is held"),
-    "lifted": Signal((), "bool", "-", "fact", "the held needle has reached the lift position"),
+    "lifted": Signal(
+        (), "bool", "-", "fact", "the held needle has reached the lift position; stays true"
+    ),
     "touched": Signal((), "bool", "-", "verdict", "the tip is within the goal's radius"),
     "threaded": Signal((), "bool", "-", "verdict", "the held needle passes through the opening"),
 }

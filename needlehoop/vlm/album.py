@@ -12,27 +12,35 @@ import numpy as np
 from PIL import Image
 
 from needlehoop.envs.settings import Settings
-from needlehoop.pictures.sheet import start_and_goal, to_rgb
+from needlehoop.pictures.sheet import stages
 from needlehoop.runs.run import Run
+from needlehoop.scene.cameras import Rendering
+from needlehoop.vlm import edition
 from needlehoop.vlm.messages import Part, Picture
 from needlehoop.vlm.transcript import Transcript
 
 PICTURES = "pictures.json"
-STATES = ("start", "goal")
+STATES = ("start", "grasped", "lifted", "goal")
+SEEN = "seen"
+"""The start once more, in the agent's own pixels."""
+
+_GAP = 48
+"""Two pictures in one are this share of their size apart."""
 
 
 class Album:
-    """All cameras' pictures of one episode's start and goal.
+    """All cameras' pictures of the stages of one episode.
 
     They are kept because their bytes are part of what is asked: another machine may draw
     a pixel differently, and would then find no recorded answer.
 
     Args:
-        pictures: by state (``start``, ``goal``) and camera.
+        pictures: by state (``STATES`` and ``SEEN``) and camera.
+        pixels: of the agent's images.
     """
 
-    def __init__(self, pictures: Mapping[str, Mapping[str, Picture]]):
-        self._pictures = pictures
+    def __init__(self, pictures: Mapping[str, Mapping[str, Picture]], pixels: int):
+        self._pictures, self._pixels = pictures, pixels
 
     def show(self, state: str, cameras: Sequence[str]) -> list[Part]:
         """Pictures, each after a line that says what it is."""
@@ -40,6 +48,12 @@ class Album:
         for camera in cameras:
             parts += [f"{camera}, {state}:", self._pictures[state][camera]]
         return parts
+
+    def show_seen(self, camera: str) -> list[Part]:
+        """The start in the agent's own pixels, enlarged."""
+        n = self._pixels
+        said = f"{camera}, start, as the agent sees it, {n} x {n} pixels (enlarged):"
+        return [said, self._pictures[SEEN][camera]]
 
 
 def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
@@ -68,9 +82,12 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
                 transcript.save(picture)
         text = json.dumps({"scene": scene, "pictures": names}, indent=2)
         Run(transcript.folder).write(PICTURES, text + "\n")
-        return Album(pictures)
+        return Album(pictures, settings.image_size)
     kept = json.loads(index.read_text())
     if kept["scene"] != scene:
+        others = edition.others(transcript.folder)
+        if others is not None:
+            raise ValueError(f"{transcript.path} {others}")
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
         raise ValueError(
             f"{index} shows another scene (its {', '.join(odd)} differs); give the settings it"
@@ -80,7 +97,8 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         {
             state: {camera: transcript.picture(sha256) for camera, sha256 in shown.items()}
             for state, shown in kept["pictures"].items()
-        }
+        },
+        settings.image_size,
     )
 
 
@@ -98,6 +116,7 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
         },
         "seed": s.seed,
         "quality": s.quality,
+        "image_size": s.image_size,
         "size": size,
     }
     return json.loads(json.dumps(values))
@@ -106,11 +125,31 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Picture]]:
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
     s = replace(settings, cams=cameras, image_size=size, num_envs=1)
-    depths = {camera.name: s.renderings[camera.rendering].depth for camera in s.cameras}
+    kinds = {camera.name: s.renderings[camera.rendering] for camera in s.cameras}
+    taken = stages(s, *STATES)
+    own = stages(replace(s, image_size=settings.image_size), "start")["start"]
+    # Whole pixels, as many as come nearest to the other pictures' size.
+    times = max(1, round(size / settings.image_size))
+    taken[SEEN] = {name: image.repeat(times, 1).repeat(times, 2) for name, image in own.items()}
     return {
-        state: {name: _png(to_rgb(image, depths[name])) for name, image in images.items()}
-        for state, images in zip(STATES, start_and_goal(s), strict=True)
+        state: {name: _png(all_channels(image, kinds[name])) for name, image in images.items()}
+        for state, images in taken.items()
     }
+
+
+def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
+    """An agent's image ``(channels, h, w)`` as a picture ``(h, w', 3)`` of all that is in it.
+
+    A depth channel stands in grey to the right of the colours.
+    """
+    flat = image.transpose(1, 2, 0)
+    if rendering.depth != "channel":
+        return flat
+    depth = np.repeat(flat[:, :, -1:], 3, axis=2)
+    if rendering.colour == "none":
+        return depth
+    gap = np.full((len(flat), max(1, len(flat) // _GAP), 3), 255, np.uint8)
+    return np.concatenate((flat[:, :, :3], gap, depth), axis=1)
 
 
 def _png(image: np.ndarray) -> Picture:

@@ -64,3 +64,14 @@ def read(folder: Path) -> Edition | None:
         return Edition(**json.loads(path.read_text()))
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: not the note of an edition: {error}") from error
+
+
+def others(folder: Path) -> str | None:
+    """What to say of a record that was made with other prompts; ``None`` if it was not."""
+    made_with = read(folder)
+    if made_with is None or made_with.sha256 == sha256():
+        return None
+    return (
+        f"was recorded with the prompts of {made_with}, and these are others: replay it there, or"
+        " ask anew into another study="
+    )

@@ -8,10 +8,13 @@ from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description
-from needlehoop.vlm.album import STATES, Album
+from needlehoop.vlm.album import Album
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Subtasks, choice, choices, ranking
 from needlehoop.vlm.prompts import fill
+
+_SHOWN = ("start", "grasped", "goal")
+"""Before the question of what suits the subtasks; what is lifted comes with its own."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +62,14 @@ def question(
         scene=description.scene(settings),
         cameras=description.cameras(settings, shown),
     )
-    first = album.show("start", cameras[: len(views)])
+    first = [*album.show("start", cameras[: len(views)]), *album.show_seen(cameras[0])]
     subtasks = conversation.ask([opening, *first], Subtasks)
-    everything = [part for state in STATES for part in album.show(state, cameras)]
+    everything = [part for state in _SHOWN for part in album.show(state, cameras)]
     suits = conversation.ask([fill("suits"), *everything], choices(views, shown))
     goal = conversation.ask([fill("goal")], choice(views, shown))
-    lifted = conversation.ask([fill("lifted")], choice(views, shown))
+    lifted = conversation.ask(
+        [fill("lifted"), *album.show("lifted", cameras)], choice(views, shown)
+    )
     layouts = conversation.ask(
         [fill("layouts", layouts=description.bullets(questions.layouts))],
         ranking(list(questions.layouts)),

@@ -160,12 +160,9 @@ def _miss(transcript: Transcript, request: Request) -> str:
             f" it ends: {_lines(wanted)[-1]!r}"
         )
 
-    made_with = edition.read(transcript.folder)
-    if made_with is not None and made_with.sha256 != edition.sha256():
-        return (
-            f"{transcript.path} was recorded with the prompts of {made_with}, and these are others:"
-            " replay it there, or ask anew with vlm=gemini or vlm=openai and another study="
-        )
+    others = edition.others(transcript.folder)
+    if others is not None:
+        return f"{transcript.path} {others}"
 
     def likeness(exchange: Exchange) -> float:
         return difflib.SequenceMatcher(None, _lines(exchange.request), _lines(wanted)).ratio()

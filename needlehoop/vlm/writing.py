@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.scene import vocabulary
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.conversation import Conversation
@@ -101,7 +100,7 @@ def reward_prompt(
         scene=description.scene(settings),
         lowest=f"{workshop.lowest:g}",
         highest=f"{workshop.highest:g}",
-        signals=vocabulary.describe(),
+        signals=description.signals(settings),
         language=description.language(workshop.functions, workshop.result),
     )
     if flavour == "text":
@@ -112,8 +111,9 @@ def reward_prompt(
         f" {description.rendering(settings.renderings[camera.rendering])}"
         for camera in settings.cameras
     }
-    text = fill("reward_images", reward=text, cameras=description.bullets(said))
-    return [text, *album.show("start", list(said))]
+    pixels, listed = settings.image_size, description.bullets(said)
+    text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
+    return [text, *album.show("start", list(said)), *album.show_seen(next(iter(said)))]
 
 
 def _bare(program: str) -> str:

@@ -15,7 +15,9 @@ from needlehoop.cli.main import main
 from needlehoop.rewards.written import find
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm import edition
+from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers.contract import transcripts
+from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.totals import of_transcript
 from needlehoop.vlm.transcript import Transcript
 
@@ -112,11 +114,32 @@ def test_a_set_that_it_does_not_cover_is_told_which_it_does():
         find(["rgb_default"], "image", "nowhere", "results", "claude")
 
 
-def test_it_replays_by_its_name(tmp_path, monkeypatch):
+@pytest.mark.parametrize("flavour", [None, "image", "text"])
+def test_what_the_present_prompts_ask_it_says_of_which_commit_it_is(
+    flavour, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
-    assert main(["vlm", "rank", "vlm.recording=claude", "samples=3"]) == 0
-    for name in ("rankings.json", "rankings.csv", "questions.json", "agreement.csv", "totals.csv"):
-        assert (tmp_path / "results/main/vlm" / name).read_text() == (CLAUDE / name).read_text()
+    words = ["rank"] if flavour is None else ["reward", "cams=[dep_front]", f"flavour={flavour}"]
+    quick = [] if flavour is None else ["gates.episodes=1", "gates.random_signals=10"]
+    assert main(["vlm", *words, *quick, "vlm.recording=claude"]) == 2
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if "needlehoop vlm" in line]
+    assert "was recorded with the prompts of commit 8210a798af59, and these are others" in said
+    assert not (tmp_path / "results").exists()
+
+
+def test_an_answered_request_is_found_by_its_name(transcript):
+    """What was said and shown then, said and shown again."""
+    exchange = transcript.exchanges[0]
+    (message,) = exchange.request["messages"]
+    parts = tuple(
+        transcript.picture(part["image"]) if "image" in part else part["text"]
+        for part in message["parts"]
+    )
+    request = Request((Message(message["role"], parts),), exchange.request["schema"])
+    recorder = Recorder(Transcript(transcripts()["claude"]))
+    first, second, third = (recorder.ask(request, "question").answer for _ in range(3))
+    assert first == exchange.answer
+    assert len({first, second, third}) == 3
 
 
 def test_what_can_not_be_replayed_names_what_can(tmp_path, monkeypatch, capsys):

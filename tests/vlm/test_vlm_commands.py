@@ -100,11 +100,15 @@ def test_question_leaves_answers_a_transcript_and_pictures(study):
     assert lines[0]["attempts"] == [429, 500, 200]
     assert lines[0]["sampling"] == {"temperature": 2.0, "max_output_tokens": 16384}
     pictures = json.loads((study / "pictures.json").read_text())["pictures"]
-    assert len(pictures["start"]) == len(pictures["goal"]) == 12
-    for shown in pictures.values():
-        for name in shown.values():
+    assert list(pictures) == ["start", "grasped", "lifted", "goal", "seen"]
+    for state, shown in pictures.items():
+        assert len(shown) == 12
+        for camera, name in shown.items():
             with Image.open(study / "images" / f"{name}.png") as image:
-                assert image.size == (16, 16)
+                # The agent's 64 pixels are more than these; none of them is left out.
+                side = 64 if state == "seen" else 16
+                wide = 2 * side + 1 if camera.startswith("dep_") else side
+                assert image.size == (wide, side)
     # Things moved, and a depth picture is no colour picture.
     assert pictures["start"]["rgb_front"] != pictures["goal"]["rgb_front"]
     assert pictures["start"]["rgb_front"] != pictures["start"]["dep_front"]
@@ -256,7 +260,8 @@ def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
         sum("inlineData" in part for part in body["contents"][0]["parts"])
         for body in server.requests
     ]
-    assert shown == [2, 0]
+    # The last of the three is as the agent sees it.
+    assert shown == [3, 0]
     folder = study / "rewards/dep_front+seg_side"
     assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
     (row,) = lines_of(folder / "image.attempts.jsonl")

@@ -10,15 +10,24 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 from vlm_server import by_schema
 
 from needlehoop import config
+from needlehoop.envs.build import build, compile_scene
+from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings
+from needlehoop.rewards import NONE
 from needlehoop.rewards.human import Human
+from needlehoop.rewards.language.expressions import MAX_EXPONENT
+from needlehoop.robot import geometry as geo
 from needlehoop.scene import vocabulary
+from needlehoop.task.crossing import centre_line
+from needlehoop.task.expert import expert
 from needlehoop.vlm import description, prompts
-from needlehoop.vlm.album import STATES, Album
+from needlehoop.vlm.album import SEEN, STATES, Album, all_channels
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
 from needlehoop.vlm.forms import Program
 from needlehoop.vlm.gates import Gates
@@ -57,7 +66,9 @@ class Obliging:
 
 def album(settings: Settings) -> Album:
     names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
-    return Album({s: {n: Picture(f"{s} {n}".encode()) for n in names} for s in STATES})
+    states = (*STATES, SEEN)
+    pictures = {s: {n: Picture(f"{s} {n}".encode()) for n in names} for s in states}
+    return Album(pictures, settings.image_size)
 
 
 def everything_said(settings: Settings, folder: Path) -> list[Request]:
@@ -107,8 +118,7 @@ BAD = (
 def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     """Requests for a reward of a model that never gets it right, with the real judge."""
     gates = config.as_type(config.compose([], "check")["gates"], Gates, "gates")
-    # The default margin of the audit is also the angle at which the jaws let go.
-    gates = replace(gates, episodes=1, random_signals=50, audit="refuse", audit_margin=0.75)
+    gates = replace(gates, episodes=1, random_signals=50, audit="refuse")
     quick = replace(settings, engine=replace(settings.engine, threads=1))
     workshop = open_workshop(quick, gates)
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
@@ -120,10 +130,11 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     return provider.asked
 
 
-def test_one_conversation_shows_three_pictures_then_eighteen(asked):
+def test_one_conversation_shows_every_stage(asked):
     counts = [sum(isinstance(p, Picture) for p in r.messages[-1].parts) for r in asked]
-    # Five questions, one list, a reward from text and one from text and pictures.
-    assert counts == [3, 18, 0, 0, 0, 0, 0, 2]
+    # Five questions, one list, a reward from text and one from text and pictures: three views
+    # and one as the agent sees it; nine cameras at three stages; nine with the needle lifted.
+    assert counts == [3 + 1, 3 * 9, 0, 9, 0, 0, 0, 2 + 1]
     for before, after in pairwise(asked[:6]):
         assert after.messages[: len(before.messages)] == before.messages
     assert all(len(request.messages) == 1 for request in asked[6:])
@@ -131,15 +142,39 @@ def test_one_conversation_shows_three_pictures_then_eighteen(asked):
 
 def test_pictures_come_after_a_line_that_names_them(asked, settings):
     parts = asked[1].messages[-1].parts
-    at = parts.index("dep_side, goal:")
-    assert parts[at + 1] == Picture(b"goal dep_side")
-    assert asked[0].messages[0].parts[-2:] == ("rgb_side, start:", Picture(b"start rgb_side"))
-    assert asked[7].messages[0].parts[-4::2] == ("dep_front, start:", "seg_side, start:")
+    for state in ("start", "grasped", "goal"):
+        at = parts.index(f"dep_side, {state}:")
+        assert parts[at + 1] == Picture(f"{state} dep_side".encode())
+    lifted = asked[3].messages[-1].parts
+    assert lifted[lifted.index("seg_front, lifted:") + 1] == Picture(b"lifted seg_front")
+    views, seen = asked[0].messages[0].parts[-4:-2], asked[0].messages[0].parts[-2:]
+    assert views == ("rgb_side, start:", Picture(b"start rgb_side"))
+    assert seen == (
+        "rgb_default, start, as the agent sees it, 64 x 64 pixels (enlarged):",
+        Picture(b"seen rgb_default"),
+    )
+    assert asked[7].messages[0].parts[-6:-2:2] == ("dep_front, start:", "seg_side, start:")
+    assert asked[7].messages[0].parts[-1] == Picture(b"seen dep_front")
+
+
+def test_a_picture_has_all_that_the_agent_is_given(settings):
+    """A depth channel stands beside the colours, not in their place."""
+    colours = np.arange(3 * 96 * 96).reshape(3, 96, 96).astype(np.uint8)
+    depth = np.full((1, 96, 96), 77, np.uint8)
+    kinds = settings.renderings
+    both = all_channels(np.concatenate((colours, depth)), kinds["dep"])
+    assert both.shape == (96, 96 + 2 + 96, 3)
+    assert (both[:, :96] == colours.transpose(1, 2, 0)).all()
+    assert (both[:, 96:98] == 255).all()
+    assert (both[:, 98:] == 77).all()
+    assert all_channels(depth, replace(kinds["dep"], colour="none")).shape == (96, 96, 3)
+    for name in ("rgb", "seg", "segdep"):
+        assert (all_channels(colours, kinds[name]) == colours.transpose(1, 2, 0)).all()
 
 
 def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     said = text_of(asked[:1])
-    for value in ("18 mm", "145 degrees", "3.8 mm", "9 mm", "36 mm"):
+    for value in ("18 mm", "145 degrees", "3.8 mm", "9 mm", "36 mm", "39 mm", "64 pixels"):
         assert value in said
     for view in settings.views:
         assert f"- {view}: " in said
@@ -147,14 +182,97 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     assert vocabulary.describe() in reward
     assert "distance(a, b): between two points" in reward
     assert "between 0 and 9" in reward
-    changed = replace(settings, task=replace(settings.task, needle_radius=0.021))
-    assert "21 mm" in description.scene(changed)
+    for fact in ("60 % of its length", "between 0 and 1.35 rad", "starts at 1.3 rad", "1/100"):
+        assert fact in reward
+    assert f"of at most {MAX_EXPONENT}." in reward
+
+
+@pytest.mark.parametrize(
+    ("where", "change", "said"),
+    [
+        ("task", {"needle_radius": 0.021}, "21 mm"),
+        ("task", {"tool_position": (0.012, -0.034, 0.0519)}, "about 50 mm from where"),
+        ("task", {"needle_pickup": 0.25}, "25 % of its length"),
+        ("task", {"jaw_open": 1.1}, "between 0 and 1.1 rad"),
+        ("task", {"tool_jaw": 0.9}, "starts at 0.9 rad"),
+        ("task", {"needle_yaw": 0.733 + np.pi}, "the one that is farther from the hoop"),
+        ("task", {"needle_position": (0.0, 0.08)}, "the needle lies behind the hoop"),
+        ("task", {"timestep": 0.001}, "100 steps of 20 ms"),
+        ("episode", {"max_steps": 77}, "77 steps of 40 ms"),
+        ("episode", {"max_steps": 77}, "1/77"),
+        ("episode", {"translation": 0.0045}, "up to 4.5 mm"),
+        ("episode", {"rotation": 0.17}, "up to 0.17 rad"),
+        ("episode", {"jaw": 0.29}, "up to 0.29 rad"),
+        ("episode", {"control": "pose"}, "about each of them"),
+        ("episode", {"close_below": 0.21}, "below 0.21 rad"),
+        ("episode", {"release_above": 0.61}, "above 0.61 rad"),
+        ("episode", {"grasp": "friction"}, "may flicker"),
+        ("episode", {"lift_radius": 0.0123}, "within 12.3 mm of lift_position"),
+    ],
+)
+def test_numbers_come_from_the_settings(settings, where, change, said):
+    changed = replace(settings, **{where: replace(getattr(settings, where), **change)})
+
+    def told(s: Settings) -> str:
+        return description.scene(s) + description.signals(s)
+
+    assert said in told(changed)
+    assert said not in told(settings)
+
+
+def test_the_agents_image_size_is_told(settings):
+    assert "84 pixels wide" in description.cameras(replace(settings, image_size=84), ["rgb", "seg"])
+
+
+def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
+    """At the start of many episodes, and while the expert carries the needle."""
+    s = replace(settings, num_envs=32, cams=(), reward=NONE)
+    simulation, _ = build(s)
+    act = expert(s.task, s.episode)
+    moment = simulation.reset()
+    start = moment.signals
+    tail = centre_line(s.task, start.pickup_point, start.needle_quat)[:, 0]
+    nearer = geo.distance(start.needle_tip, start.goal) < geo.distance(tail, start.goal)
+    assert bool(nearer.all()) == description.sharp_end_is_nearer(s.task)
+    assert float(start.jaw[0]) == pytest.approx(s.task.tool_jaw, abs=0.05)
+    assert start.hoop_axis.tolist() == pytest.approx(np.array([[0.0, 1.0, 0.0]] * 32))
+    along = float(s.task.needle_arc * s.task.needle_pickup)
+    for _ in range(40):
+        now = moment.signals
+        to_tip = geo.rotate(geo.conjugate(now.needle_quat), now.needle_tip - now.pickup_point)
+        r = s.task.needle_radius
+        wanted = torch.tensor([r * (1 - np.cos(along)), r * np.sin(along), 0.0])
+        torch.testing.assert_close(to_tip, wanted.double().expand(32, 3), rtol=0, atol=1e-6)
+        to_tips = geo.rotate(geo.conjugate(now.tool_quat), now.tool_midpoint - now.wrist_pos)
+        assert bool((to_tips[:, 2] > 0.9 * s.task.grip).all())
+        moment = simulation.step(act(now))
+    # It is latched: long after the lift, wherever the needle is.
+    assert bool(moment.signals.lifted.all())
+
+
+def test_what_the_text_says_of_flat_colours_is_so_in_the_scene(settings):
+    s = replace(settings, cams=("seg_front",), num_envs=1)
+    model = compile_scene(s)
+    palette = _palette(model, settings.renderings["seg"])
+    colours = settings.renderings["seg"].colours
+    for geom, kind in (("hoop_shape", "hoop"), ("hoop_rod", "hoop"), ("needle_shape", "needle")):
+        assert palette[:, model.geom(geom).id].tolist() == list(colours[kind])
+    for geom in ("stand_base", "stand_sleeve", "table"):
+        assert palette[:, model.geom(geom).id].tolist() == [0, 0, 0]
+
+
+def test_renderings_are_described_and_not_praised(settings):
+    said = " ".join(description.rendering(one) for one in settings.renderings.values())
+    for praise in ("strong", "important", "clear", "best", "as well"):
+        assert praise not in said
+    assert "the agent is given both" in description.rendering(settings.renderings["dep"])
 
 
 def leaks(text: str, settings: Settings) -> list[str]:
     """What a text says of the human reward and of the success test."""
     said = text.lower()
     words = {"touched", "touching", "threaded", "threading", "verdict", "cheat", "human"}
+    words |= {"success", "succeeds", "beyond the", "radius of the goal", "goal's radius"}
     words |= {f.name for f in fields(Human)} | {f.name for f in fields(settings.episode)}
     # Plain words that the task can't be told without.
     words -= {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "jaw", "rotation"}
@@ -163,8 +281,9 @@ def leaks(text: str, settings: Settings) -> list[str]:
     lines = [line.strip().lower() for line in inspect.getsource(Human.__call__).splitlines()[2:]]
     found += [line for line in lines if len(line) >= 4 and line in said]
     episode, reward = settings.episode, settings.reward
-    near = [episode.lift_radius, episode.goal_radius, episode.thread_depth]
-    limits = [*near, episode.close_below, episode.release_above]
+    # When the needle is held and lifted is what signals mean; when the task is done is not told.
+    near = [episode.goal_radius, episode.thread_depth]
+    limits = [*near]
     limits += [float(reward[name]) for name in ("tolerance", "rate", "closed_below")]
     values = [f"{1000 * value:g} mm" for value in near] + [str(value) for value in limits]
     values += [str(float(reward[name])) for name in ("grasp", "lift", "hoop", "closed")]
@@ -189,6 +308,10 @@ def test_all_prompts_are_among_those_searched(asked, corrected):
         "it is done once threaded",
         "touching the goal",
         "when the tip is within 5 mm",
+        "with the tip 2 mm past the plane",
+        "and 0.002 further",
+        "success is decided so",
+        "the goal's radius",
         "distance < 0.005",
         "exp(-80.0 * d)",
         "a term closed_below",
@@ -208,17 +331,12 @@ def test_refused_programs_go_back_with_every_kind_of_reason(corrected):
     assert "an episode that fails at the task ends" in said
 
 
-def test_nothing_said_depends_on_rewards_or_thresholds(asked, settings, tmp_path):
+def test_nothing_said_depends_on_rewards_or_on_what_success_is(asked, settings, tmp_path):
     odd = replace(
         settings,
         reward={**settings.reward, "grasp": 7.123, "tolerance": 0.0777, "closed_below": 0.0555},
         episode=replace(
-            settings.episode,
-            lift_radius=0.0123,
-            goal_radius=0.00456,
-            thread_depth=0.00789,
-            close_below=0.321,
-            release_above=0.654,
+            settings.episode, goal_radius=0.00456, thread_depth=0.00789, end_on_success=False
         ),
     )
     other = everything_said(odd, tmp_path)
@@ -258,6 +376,7 @@ def test_lists_and_questions_that_make_no_sense(settings):
 def test_renderings_in_words(settings):
     kinds = settings.renderings
     assert "shades of grey" in description.rendering(kinds["dep"])
+    assert "the colours on the left" in description.rendering(kinds["dep"])
     assert "needle (255, 230, 0)" in description.rendering(kinds["seg"])
     assert "darker with distance" in description.rendering(kinds["segdep"])
     alone = replace(kinds["dep"], colour="none")
