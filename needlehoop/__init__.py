@@ -2,6 +2,7 @@
 
 >>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
 >>> dm = needlehoop.load(cams=["rgb_default"])
+>>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from needlehoop.runs.files import listed
+from needlehoop.registration import register
 
 if TYPE_CHECKING:
     import dm_env
@@ -40,11 +41,10 @@ def make_env(
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    from needlehoop.config import settings
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.making import settings
 
-    given = [f"reward={reward}", f"num_envs={num_envs}", f"seed={seed}", _list("cams", cams)]
-    return NeedleHoopEnv(settings([*given, *overrides]))
+    return NeedleHoopEnv(settings(cams, reward, overrides, num_envs=num_envs, seed=seed))
 
 
 def load(
@@ -54,11 +54,10 @@ def load(
     overrides: Iterable[str] = (),
 ) -> dm_env.Environment:
     """A dm_control Environment; arguments as in ``make_env``."""
-    from needlehoop.config import settings
     from needlehoop.envs import dm_control_env as interface
+    from needlehoop.making import settings
 
-    given = [f"reward={reward}", f"seed={seed}", _list("cams", cams)]
-    return interface.load(settings([*given, *overrides]))
+    return interface.load(settings(cams, reward, overrides, seed=seed))
 
 
 def __getattr__(name: str) -> ModuleType:
@@ -68,5 +67,4 @@ def __getattr__(name: str) -> ModuleType:
     raise AttributeError(f"module 'needlehoop' has no attribute {name!r}")
 
 
-def _list(key: str, names: Iterable[str]) -> str:
-    return f"{key}=[{','.join(listed(names))}]"
+register()

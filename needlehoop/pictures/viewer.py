@@ -23,11 +23,7 @@ def view(settings: Settings, who: str) -> None:
         RuntimeError: this machine has no display.
         ValueError: an unknown controller.
     """
-    if sys.platform.startswith("linux") and not _has_display():
-        raise RuntimeError(
-            "view: no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without"
-            " one, `needlehoop expert --video out.mp4` writes a video instead"
-        )
+    check_display("`needlehoop expert --video out.mp4` writes a video")
     act = controller(who, settings)
     environment = load(settings)
     task = environment.task
@@ -35,10 +31,7 @@ def view(settings: Settings, who: str) -> None:
     model, data = environment.physics.model.ptr, environment.physics.data.ptr
     period = settings.task.timestep * settings.episode.substeps
     step = environment.reset()
-    with mujoco.viewer.launch_passive(
-        model, data, show_left_ui=False, show_right_ui=False
-    ) as window:
-        _stand_at(window.cam, settings.picture, model.vis.global_.fovy)
+    with open_window(model, data, settings.picture) as window:
         while window.is_running():
             began = time.monotonic()
             if step.last():
@@ -50,6 +43,34 @@ def view(settings: Settings, who: str) -> None:
             time.sleep(max(0.0, period - (time.monotonic() - began)))
 
 
+def has_display() -> bool:
+    """Whether this machine can show a window."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(named) or not sys.platform.startswith("linux")
+
+
+def check_display(instead: str) -> None:
+    """Raises ``RuntimeError`` where there is no display, with what there is ``instead``."""
+    if not has_display():
+        raise RuntimeError(
+            "view: no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without"
+            f" one, {instead} instead"
+        )
+
+
+def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.viewer.Handle:
+    """A window on ``data`` that stands at a view and runs beside the caller's program.
+
+    Args:
+        model: the scene.
+        data: shown at each ``sync``; changed under ``lock`` alone.
+        view: where to look from at first.
+    """
+    window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    _stand_at(window.cam, view, model.vis.global_.fovy)
+    return window
+
+
 def _stand_at(camera: mujoco.MjvCamera, view: View, fovy: float) -> None:
     """Put the free camera where pictures are taken from; it can be moved from there."""
     camera.lookat[:] = view.target
@@ -57,7 +78,3 @@ def _stand_at(camera: mujoco.MjvCamera, view: View, fovy: float) -> None:
     camera.azimuth, camera.elevation = 90.0 - view.azimuth, -view.elevation
     zoom = np.tan(np.deg2rad(view.fovy) / 2) / np.tan(np.deg2rad(fovy) / 2)
     camera.distance = view.distance * zoom
-
-
-def _has_display() -> bool:
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,105 @@
+"""The task as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.gym.screen import MODES, Picture, Window, check_mode, rate
+from needlehoop.gym.stage import Stage, info, row
+from needlehoop.pictures.viewer import has_display
+
+METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
+"""Frames per second are those of the default control step, 40 ms; an environment's own count."""
+
+
+class GymnasiumEnv(gymnasium.Env):
+    """One environment; observations are a ``Dict``.
+
+    By camera: uint8 ``(h, w, frame_stack * channels)``, or channels first; ``proprio`` float32
+    ``(8,)`` and ``signals`` float32 ``(29,)`` where asked for. Actions: ``Box(-1, 1)``, five
+    numbers (seven with ``control=pose``). ``info``: ``facts`` and ``terms`` by name,
+    ``success`` (threaded), ``cheat``, ``potential``, ``steps``. Success terminates; the time
+    limit truncates.
+
+    ``reset(seed=s)`` begins the first episode of environment 0 of the seed ``s``, which is that
+    of ``needlehoop.load(seed=s)``; ``reset()`` begins the next. If no seed is ever given, one
+    comes from the operating system; ``np_random_seed`` tells it.
+
+    Args:
+        settings: what to build; ``num_envs`` and ``seed`` are ignored.
+        channels: of images: ``last`` or ``first``.
+        render_mode: ``rgb_array`` (the scene for people), ``human`` (a window), or ``None``.
+        render_size: height and width of what ``render`` returns, px.
+
+    Raises:
+        ValueError: settings that do not go together, by key.
+        RuntimeError: ``human`` without a display.
+    """
+
+    metadata = METADATA
+
+    def __init__(
+        self,
+        settings: Settings,
+        channels: str = "last",
+        render_mode: str | None = None,
+        render_size: int = 480,
+    ):
+        check_mode(render_mode, MODES, render_size)
+        self.settings, self.render_mode = replace(settings, num_envs=1), render_mode
+        self._stage = Stage(self.settings, channels)
+        self._picture = self._window = None
+        if render_mode == "rgb_array":
+            self._picture = Picture(self.simulation, render_size)
+        elif render_mode == "human":
+            self._window = Window(self.simulation, self.settings)
+        self.observation_space = self._stage.observation_space
+        self.action_space = self._stage.action_space
+        # What can be had here, where METADATA has what can be asked for.
+        modes = [mode for mode in MODES if mode != "human" or has_display()]
+        self.metadata = {"render_modes": modes, "render_fps": rate(settings)}
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation inside: signals, state, engine."""
+        return self._stage.simulation
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode; there are no options."""
+        super().reset(seed=seed)
+        if seed is None and self.simulation.state is None:
+            seed = self.np_random_seed
+        moment = self._stage.reset(seed)
+        return self._seen(moment)
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """One control step."""
+        moment = self._stage.step(np.asarray(action)[None])
+        seen, known = self._seen(moment)
+        ends = bool(moment.terminated[0]), bool(moment.truncated[0])
+        return seen, float(moment.reward[0]), *ends, known
+
+    def render(self) -> np.ndarray | None:
+        """The scene ``(size, size, 3)`` uint8; nothing in the mode ``human``."""
+        return None if self._picture is None else self._picture(0)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _seen(self, moment: Moment) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        if self._window is not None:
+            self._window.show()
+        seen = {name: value[0] for name, value in self._stage.look(moment).items()}
+        return seen, row(info(moment), 0)

@@ -1,0 +1,131 @@
+"""Simulation and observer with numpy on the outside: what Env and VectorEnv share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from torch import Tensor
+
+from needlehoop.envs.observer import STATE_SIZE, Observer
+from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.simulation import Moment
+from needlehoop.scene.signals import PROPRIO_SIZE
+
+CHANNELS = ("last", "first")
+"""Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
+
+
+class Stage:
+    """``num_envs`` environments that take and give numpy arrays.
+
+    Args:
+        settings: what to build; the seed is given to ``reset``.
+        channels: one of ``CHANNELS``.
+
+    Raises:
+        ValueError: settings that do not go together, or nothing to observe; names the key.
+    """
+
+    def __init__(self, settings: Settings, channels: str):
+        if channels not in CHANNELS:
+            raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
+        if not (settings.cams or settings.obs.proprio or settings.obs.signals):
+            raise ValueError(
+                "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"
+                " obs=signals or obs.proprio=true"
+            )
+        self.simulation, imager = build(settings)
+        self._observer = Observer(settings, self.simulation, imager)
+        self._last = channels == "last"
+        self.observation_space = self._space(settings)
+        self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
+
+    def _space(self, settings: Settings) -> spaces.Dict:
+        size = settings.image_size
+        found: dict[str, spaces.Space] = {}
+        for name, count in settings.image_channels.items():
+            shape = (size, size, count) if self._last else (count, size, size)
+            found[name] = spaces.Box(0, 255, shape, np.uint8)
+        for name, asked, length in (
+            ("proprio", settings.obs.proprio, PROPRIO_SIZE),
+            ("signals", settings.obs.signals, STATE_SIZE),
+        ):
+            if asked:
+                found[name] = spaces.Box(-np.inf, np.inf, (length,), np.float32)
+        return spaces.Dict(found)
+
+    def reset(self, seed: int | None = None, mask: np.ndarray | None = None) -> Moment:
+        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
+
+        With a seed, everywhere that seed's first.
+        """
+        if seed is not None:
+            self.simulation.reseed(seed)
+        if self.simulation.state is None:
+            self._observer.forget()
+        return self.simulation.reset(None if mask is None else torch.from_numpy(mask))
+
+    def step(self, action: np.ndarray) -> Moment:
+        """One control step of every environment under ``action`` ``(n, action_size)``."""
+        # A copy: torch would warn of arrays that it may not write to.
+        return self.simulation.step(torch.from_numpy(np.array(action, dtype=np.float64)))
+
+    def look(self, moment: Moment, ids: Tensor | None = None) -> dict[str, np.ndarray]:
+        """What all ``n`` environments observe, as new arrays by name.
+
+        Args:
+            moment: the present one.
+            ids: environments whose images are new; all by default.
+        """
+        seen = self._observer(moment.signals, ids)
+        pixels: Any = seen.pop("pixels", {})
+        turned = {
+            name: image.permute(0, 2, 3, 1) if self._last else image
+            for name, image in pixels.items()
+        }
+        # The observer keeps its images; what is handed out may be written to.
+        vectors: dict[str, Any] = seen
+        return {name: _array(value) for name, value in (turned | vectors).items()}
+
+
+def info(moment: Moment) -> dict[str, Any]:
+    """What is known beside the observation, ``(n,)`` each: facts and terms by name, verdicts."""
+    return {
+        "facts": {name: _array(fact) for name, fact in moment.facts().items()},
+        "terms": {name: _array(term) for name, term in moment.terms.items()},
+        "success": _array(moment.signals.threaded),
+        "cheat": _array(moment.cheat),
+        "potential": _array(moment.potential),
+        "steps": _array(moment.steps),
+    }
+
+
+def row(values: dict[str, Any], env: int) -> dict[str, Any]:
+    """One environment's part of ``info``, as plain values."""
+    return {
+        name: row(value, env) if isinstance(value, dict) else value[env].item()
+        for name, value in values.items()
+    }
+
+
+def masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """Batched ``info`` as Gymnasium's vector environments give it.
+
+    Each name comes with ``_<name>``, which says whose values are there; the others' are zero.
+    """
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            found[name] = masked(value, mask)
+        else:
+            found[name] = np.where(mask, value, np.zeros_like(value))
+        found[f"_{name}"] = mask.copy()
+    return found
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    """A copy, contiguous."""
+    return np.array(tensor.numpy(), order="C")

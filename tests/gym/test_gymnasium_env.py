@@ -1,0 +1,219 @@
+"""One environment for Gymnasium: its contract, and the same bits as the other faces."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+import needlehoop
+from needlehoop import config
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.settings import build
+from needlehoop.gym import screen
+from needlehoop.gym.env import GymnasiumEnv
+
+ID = "needlehoop:needlehoop/NeedleHoop-v0"
+
+
+def expert_actions(seed, steps):
+    """What the expert does in a seed's first episode, as Gymnasium's float32 ``(steps, 5)``."""
+    settings = config.settings(["num_envs=1", f"seed={seed}"])
+    simulation, _ = build(settings)
+    act = controller("expert", settings)
+    moment, actions = simulation.reset(), []
+    for _ in range(steps):
+        actions.append(act(moment.signals).float())
+        moment = simulation.step(actions[-1])
+    return torch.cat(actions).numpy()
+
+
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"render_mode": "rgb_array", "render_size": 64},
+        {"cams": ["rgb_default"], "channels": "first", "overrides": ["obs.frame_stack=2"]},
+        {"cams": [], "obs": "signals", "overrides": ["obs.proprio=true", "episode.control=pose"]},
+    ],
+)
+def test_gymnasium_and_stable_baselines_find_nothing_wrong(kwargs):
+    env = gymnasium.make(ID, **kwargs).unwrapped
+    with warnings.catch_warnings():
+        if "obs" in kwargs:
+            # The state has no bounds; MuJoCo's own environments get the same warning.
+            warnings.filterwarnings("ignore", message=".*infinity")
+        check_env(env)
+    check_env_for_sb3(env)
+
+
+def test_it_can_be_made_from_its_own_spec():
+    env = gymnasium.make(ID, cams=["seg_side"], reward="sparse", task="wide")
+    again = env.spec.make()
+    assert again.observation_space == env.observation_space
+    for one in (env, again):
+        assert one.unwrapped.settings.reward["kind"] == "sparse"
+        assert one.unwrapped.settings.task == config.settings(["task=wide"]).task
+
+
+def test_without_a_word_it_sees_the_first_run_s_cameras_channels_last():
+    seen, _ = gymnasium.make(ID).reset(seed=0)
+    assert {name: image.shape for name, image in seen.items()} == {
+        "dep_front": (64, 64, 4),
+        "seg_side": (64, 64, 3),
+    }
+    assert all(image.flags.c_contiguous and image.dtype == np.uint8 for image in seen.values())
+
+
+def test_it_gives_the_bits_of_dm_control_and_of_torchrl():
+    cams, seed, words = ["dep_front", "seg_side"], 5, ["obs.proprio=true", "obs.signals=true"]
+    env = gymnasium.make(ID, cams=cams, overrides=words)
+    dm = needlehoop.load(cams=cams, seed=seed, overrides=words)
+    batch = needlehoop.make_env(cams=cams, seed=seed, num_envs=2, overrides=words)
+    (seen, _), step, now = env.reset(seed=seed), dm.reset(), batch.reset()
+    ended = False
+    for action in expert_actions(seed, 60):
+        for name, value in seen.items():
+            assert np.array_equal(value, step.observation[name]), name
+        for name in cams:
+            assert np.array_equal(seen[name], now["pixels", name][0].permute(1, 2, 0)), name
+        if ended:
+            break
+        seen, reward, terminated, truncated, info = env.step(action)
+        step = dm.step(action)
+        now["action"] = torch.from_numpy(np.stack([action, action]))
+        now = batch.step(now)["next"]
+        assert reward == step.reward
+        assert np.float32(reward) == now["reward"][0]
+        assert terminated == (step.last() and step.discount == 0) == bool(now["terminated"][0])
+        assert truncated == bool(now["truncated"][0])
+        for name, fact in info["facts"].items():
+            assert fact == bool(now["facts", name][0]), name
+        for name, term in info["terms"].items():
+            assert np.float32(term) == now["terms", name][0], name
+        ended = terminated or truncated
+    assert terminated
+    assert info["success"]
+    assert not info["cheat"]
+
+
+def test_a_seed_begins_over_and_the_next_episode_is_another():
+    env = gymnasium.make(ID, cams=[], obs="signals")
+    first, second = env.reset(seed=7)[0]["signals"], env.reset()[0]["signals"]
+    assert not np.array_equal(first, second)
+    assert np.array_equal(env.reset(seed=7)[0]["signals"], first)
+    assert np.array_equal(env.reset()[0]["signals"], second)
+
+
+def test_without_a_seed_episodes_differ_and_can_be_had_again():
+    one, two = (gymnasium.make(ID, cams=[], obs="signals") for _ in range(2))
+    seen = one.reset()[0]["signals"]
+    assert not np.array_equal(seen, two.reset()[0]["signals"])
+    again = two.reset(seed=one.unwrapped.np_random_seed)[0]["signals"]
+    assert np.array_equal(seen, again)
+
+
+def test_the_time_limit_truncates():
+    env = gymnasium.make(ID, cams=[], obs="signals", overrides=["episode.max_steps=3"])
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(5, np.float32))[2:4] for _ in range(3)]
+    assert ends == [(False, False), (False, False), (False, True)]
+
+
+def test_the_picture_is_the_scene_of_now():
+    env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array", render_size=80)
+    env.reset(seed=0)
+    before = env.render()
+    assert before.shape == (80, 80, 3)
+    assert before.dtype == np.uint8
+    for _ in range(8):
+        env.step(np.array([-1, 0, 0, 0, 0], np.float32))
+    assert (env.render() != before).any(-1).mean() > 0.01
+
+
+def test_lists_of_pictures_are_gymnasium_s_own():
+    env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array_list", render_size=32)
+    env.reset(seed=0)
+    env.step(np.zeros(5, np.float32))
+    assert [frame.shape for frame in env.render()] == [(32, 32, 3)] * 2
+
+
+class Viewer:
+    """Stands in for MuJoCo's window."""
+
+    def __init__(self, model, data, view):
+        self.data, self.seen, self.is_open = data, [], True
+
+    def is_running(self):
+        return self.is_open
+
+    def lock(self):
+        return warnings.catch_warnings()
+
+    def sync(self):
+        self.seen.append(self.data.qpos.copy())
+
+    def close(self):
+        self.is_open = False
+
+
+def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
+    opened = []
+    monkeypatch.setenv("DISPLAY", ":7")
+    monkeypatch.setattr(
+        screen, "open_window", lambda *given: opened.append(Viewer(*given)) or opened[-1]
+    )
+    env = gymnasium.make(ID, cams=["seg_side"], render_mode="human")
+    assert env.metadata["render_modes"] == ["human", "rgb_array"]
+    env.reset(seed=0)
+    env.step(np.ones(5, np.float32))
+    assert env.render() is None
+    (viewer,) = opened
+    assert len(viewer.seen) == 2
+    assert not np.array_equal(*viewer.seen)
+    qpos = env.unwrapped.simulation.engine.qpos[0]
+    assert np.array_equal(viewer.seen[-1], qpos)
+    viewer.close()
+    env.step(np.ones(5, np.float32))
+    assert len(viewer.seen) == 2
+    env.close()
+
+
+def test_no_window_without_a_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(RuntimeError, match=r"no display.*rgb_array"):
+        gymnasium.make(ID, cams=["seg_side"], render_mode="human")
+    env = gymnasium.make(ID, cams=["seg_side"])
+    assert env.metadata["render_modes"] == ["rgb_array"]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"channels": "middle"}, "channels: 'middle' is unknown; choose from last, first"),
+        ({"render_mode": "depth"}, "render_mode: 'depth' is unknown; choose from human, rgb_array"),
+        ({"render_size": 0}, "render_size: 0 must be at least 1"),
+        ({"cams": []}, "cams: nothing is observed"),
+        ({"cams": ["xray_front"]}, "'xray' is unknown; choose from dep, rgb, seg, segdep"),
+        ({"task": "huge"}, "task"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*The environment is being initialised with render_mode")
+def test_a_mistake_is_told_by_its_key(kwargs, message):
+    with pytest.raises(ValueError, match=message) as raised:
+        gymnasium.make(ID, **kwargs)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_bad_action_is_refused():
+    env = GymnasiumEnv(config.settings(["cams=[seg_side]"]))
+    with pytest.raises(RuntimeError, match="reset"):
+        env.step(np.zeros(5))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action: shape"):
+        env.step(np.zeros(4))
+    with pytest.raises(ValueError, match="action: not finite"):
+        env.step(np.full(5, np.nan))

@@ -1,0 +1,202 @@
+"""Environments in lockstep for Gymnasium: its three ways of resetting, and TorchRL's bits."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+import needlehoop
+from needlehoop.gym.vector import GymnasiumVectorEnv
+
+ID = "needlehoop:needlehoop/NeedleHoop-v0"
+NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
+
+
+def make(n=3, mode=NEXT, cams=("seg_side",), words=("obs.signals=true",), max_steps=4):
+    overrides = [*words, f"episode.max_steps={max_steps}", "image_size=32"]
+    return gymnasium.make_vec(
+        ID, num_envs=n, cams=list(cams), overrides=overrides, autoreset_mode=mode
+    )
+
+
+def actions(steps, n, seed=0):
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, n, 5)).astype(np.float32)
+
+
+def test_make_vec_gives_one_engine():
+    env = make(5)
+    assert isinstance(env, GymnasiumVectorEnv)
+    assert env.simulation.num_envs == 5
+    assert env.metadata["autoreset_mode"] == NEXT
+    seen, infos = env.reset(seed=0)
+    assert seen in env.observation_space
+    assert env.single_action_space.shape == (5,)
+    assert infos["success"].shape == (5,)
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+@pytest.mark.parametrize("stack", [1, 3])
+def test_one_environment_gives_what_gymnasium_s_own_vector_environment_gives(mode, stack):
+    words = ["obs.signals=true", f"obs.frame_stack={stack}"]
+    ours = make(1, mode, words=words)
+    kwargs = {
+        "cams": ["seg_side"],
+        "overrides": [*words, "episode.max_steps=4", "image_size=32"],
+    }
+    theirs = SyncVectorEnv([lambda: gymnasium.make(ID, **kwargs)], autoreset_mode=mode)
+    assert ours.observation_space == theirs.observation_space
+    assert data_equivalence(ours.reset(seed=3), theirs.reset(seed=3), exact=True)
+    for action in actions(11, 1):
+        one, other = ours.step(action), theirs.step(action)
+        assert data_equivalence(one, other, exact=True)
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED])
+def test_it_gives_the_bits_of_torchrl_whatever_the_mode(mode):
+    words = ["obs.signals=true", "obs.frame_stack=2"]
+    env = make(3, mode, cams=["dep_front"], words=words, max_steps=5)
+    reference = needlehoop.make_env(
+        cams=["dep_front"],
+        num_envs=3,
+        seed=8,
+        overrides=[*words, "episode.max_steps=5", "image_size=32"],
+    )
+    seen, _ = env.reset(seed=8)
+    now = reference.reset()
+    for step, action in enumerate(actions(12, 3), 1):
+        compare(seen, now)
+        now["action"] = torch.from_numpy(action)
+        whole, now = reference.step_and_maybe_reset(now)
+        seen, rewards, terminated, truncated, infos = env.step(action)
+        assert np.array_equal(rewards.astype(np.float32), whole["next", "reward"][:, 0])
+        assert np.array_equal(truncated, whole["next", "truncated"][:, 0])
+        assert not terminated.any()
+        if not truncated.any():
+            continue
+        assert step % 5 == 0
+        if mode == SAME:
+            final = {k: np.stack([one[k] for one in infos["final_obs"]]) for k in seen}
+            compare(final, whole["next"])
+            potential = infos["final_info"]["potential"].astype(np.float32)
+            assert np.array_equal(potential, whole["next", "potential"][:, 0])
+            assert infos["_final_obs"].all()
+            continue
+        compare(seen, whole["next"])
+        if mode == NEXT:
+            # The action of this step is nobody's, whatever it is.
+            seen, rewards, terminated, truncated, _ = env.step(np.full((3, 5), np.nan))
+            assert not any(value.any() for value in (rewards, terminated, truncated))
+        else:
+            with pytest.raises(ResetNeeded, match=r"\[0, 1, 2\]"):
+                env.step(action)
+            seen, _ = env.reset(options={"reset_mask": truncated})
+
+
+def compare(seen, tensordict):
+    assert np.array_equal(seen["signals"], tensordict["signals"])
+    pixels = tensordict["pixels", "dep_front"].permute(0, 2, 3, 1)
+    assert np.array_equal(seen["dep_front"], pixels)
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME, DISABLED])
+def test_environments_that_end_at_different_times_do_not_disturb_each_other(mode):
+    """One that is reset beside others steps on as if it were alone."""
+    env, alone = make(2, mode, max_steps=6), make(2, DISABLED, max_steps=6)
+    seen, _ = env.reset(seed=1)
+    calm, _ = alone.reset(seed=1)
+    given = actions(5, 2)
+    for action in given[:2]:
+        seen, *_ = env.step(action)
+        calm, *_ = alone.step(action)
+    # Environment 0 begins anew; environment 1 is two steps ahead of it from here on.
+    mask = np.array([True, False])
+    seen, infos = env.reset(options={"reset_mask": mask})
+    assert infos["_steps"].tolist() == [True, False]
+    assert np.array_equal(seen["seg_side"][1], calm["seg_side"][1])
+    assert not np.array_equal(seen["seg_side"][0], calm["seg_side"][0])
+    ends = []
+    for action in given[2:]:
+        seen, rewards, _, truncated, _ = env.step(action)
+        calm, paid, *_ = alone.step(action)
+        assert rewards[1] == paid[1]
+        assert np.array_equal(seen["signals"][1], calm["signals"][1])
+        assert np.array_equal(seen["seg_side"][1], calm["seg_side"][1])
+        ends.append(truncated.tolist())
+    assert ends == [[False, False]] * 3
+    *_, truncated, infos = env.step(given[0])
+    assert truncated.tolist() == [False, True]
+    if mode == SAME:
+        assert infos["steps"].tolist() == [4, 0]
+        assert infos["final_info"]["steps"].tolist() == [0, 6]
+        assert infos["final_obs"][0] is None
+        assert infos["final_obs"][1] in env.single_observation_space
+    elif mode == NEXT:
+        *_, infos = env.step(given[0])
+        assert infos["steps"].tolist() == [5, 0]
+    else:
+        with pytest.raises(ResetNeeded, match=r"\[1\]"):
+            env.step(given[0])
+
+
+def test_what_is_handed_out_is_the_caller_s():
+    env, twin = make(2, SAME), make(2, SAME)
+    for e in (env, twin):
+        e.reset(seed=0)
+    for action in actions(9, 2):
+        seen, _, _, _, infos = env.step(action)
+        for value in seen.values():
+            value[:] = 0
+        for value in infos["facts"].values():
+            value[:] = True
+        same = twin.step(action)
+    last = env.step(actions(1, 2)[0])
+    assert data_equivalence(last, twin.step(actions(1, 2)[0]), exact=True)
+    assert same[0]["seg_side"].any()
+
+
+def test_gymnasium_s_wrappers_count_episodes():
+    env = RecordEpisodeStatistics(make(3, SAME, max_steps=3))
+    env.reset(seed=0)
+    for action in actions(3, 3):
+        *_, infos = env.step(action)
+    assert infos["episode"]["l"].tolist() == [3, 3, 3]
+    np.testing.assert_allclose(
+        infos["episode"]["r"], infos["final_info"]["potential"], rtol=1e-6, atol=1e-7
+    )
+
+
+def test_pictures_are_of_each_environment():
+    env = gymnasium.make_vec(
+        ID, num_envs=2, cams=["seg_side"], render_mode="rgb_array", render_size=48
+    )
+    env.reset(seed=0)
+    one, two = env.render()
+    assert one.shape == two.shape == (48, 48, 3)
+    assert not np.array_equal(one, two)
+
+
+def test_a_mistake_is_told_by_its_key():
+    for kwargs, message in (
+        ({"autoreset_mode": "Never"}, "'Never' is unknown; choose from NextStep, SameStep"),
+        ({"render_mode": "human"}, "render_mode: 'human' is unknown; choose from rgb_array"),
+        ({"num_envs": 0}, "num_envs: 0 must be at least 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            gymnasium.make_vec(ID, **{"num_envs": 2, "cams": ["seg_side"], **kwargs})
+    env = make(2)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros((2, 5)))
+    with pytest.raises(ResetNeeded):
+        env.reset(options={"reset_mask": np.array([True, False])})
+    env.reset(seed=0)
+    for mask in ([True], [0, 1], [False, False]):
+        with pytest.raises(ValueError, match="reset_mask"):
+            env.reset(options={"reset_mask": np.array(mask)})
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=1, options={"reset_mask": np.array([True, False])})
