@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import dm_env
 
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
 __version__ = "0.1.0"
 
@@ -58,6 +59,20 @@ def load(
     from needlehoop.making import settings
 
     return interface.load(settings(cams, reward, overrides, seed=seed))
+
+
+def make_sb3(
+    cams: Iterable[str] = ("dep_front", "seg_side"),
+    reward: str = "human",
+    num_envs: int = 8,
+    seed: int = 0,
+    overrides: Iterable[str] = (),
+) -> StableBaselinesVecEnv:
+    """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``."""
+    from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
+    from needlehoop.making import settings
+
+    return StableBaselinesVecEnv(settings(cams, reward, overrides, num_envs=num_envs, seed=seed))
 
 
 def __getattr__(name: str) -> ModuleType:

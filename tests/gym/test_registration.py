@@ -46,6 +46,8 @@ def test_importing_needlehoop_imports_nothing_heavy():
     ("package", "call", "extra"),
     [
         ("gymnasium", "from needlehoop.gym.env import GymnasiumEnv", "gym"),
+        ("gymnasium", "needlehoop.make_sb3()", "gym"),
+        ("stable_baselines3", "needlehoop.make_sb3()", "sb3"),
     ],
 )
 def test_a_forgotten_extra_is_one_line_with_the_command(package, call, extra):

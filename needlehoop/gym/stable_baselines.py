@@ -1,0 +1,127 @@
+"""The batched engine as Stable-Baselines3's VecEnv. Extra ``sb3``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from needlehoop.envs.settings import Settings
+from needlehoop.gym.stage import row
+from needlehoop.gym.vector import GymnasiumVectorEnv, Observation
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+except ImportError as error:
+    raise ImportError(
+        f"make_sb3 needs stable-baselines3 ({error});"
+        " install it with: pip install 'needlehoop[sb3]'"
+    ) from error
+
+
+class StableBaselinesVecEnv(VecEnv):
+    """``num_envs`` environments for an algorithm of Stable-Baselines3.
+
+    Observations and actions are those of ``GymnasiumVectorEnv``, images channels first, as
+    torch takes them. An episode that is over begins anew in the same step. Its last info
+    has ``terminal_observation`` and ``TimeLimit.truncated``; every info has ``is_success``,
+    which SB3 logs as ``rollout/success_rate`` under a ``VecMonitor``, and what
+    ``GymnasiumEnv`` tells.
+
+    Episodes are those of ``NeedleHoopEnv`` with the same seed: that of the settings until
+    ``seed`` is called, as SB3 does where ``seed=`` is given to the algorithm.
+
+    Args:
+        settings: what to build.
+        render_mode: ``rgb_array`` or ``None``.
+
+    Raises:
+        ValueError: settings that do not go together, by key.
+    """
+
+    def __init__(self, settings: Settings, render_mode: str | None = None):
+        self.env = GymnasiumVectorEnv(
+            settings, "first", render_mode, autoreset_mode=AutoresetMode.SAME_STEP
+        )
+        spaces = self.env.single_observation_space, self.env.single_action_space
+        super().__init__(settings.num_envs, *spaces)
+        self._seeds[0] = settings.seed
+        self._actions: np.ndarray | None = None
+
+    def reset(self) -> Observation:
+        """Begin an episode everywhere."""
+        if any(self._options):
+            raise ValueError("options: there are none")
+        seen, infos = self.env.reset(seed=self._seeds[0])
+        self.reset_infos = self._rows(infos)
+        self._reset_seeds()
+        return seen
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Note the actions ``(n, action_size)`` of the step."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take it: observations, rewards float32 ``(n,)``, dones ``(n,)``, an info for each."""
+        assert self._actions is not None
+        seen, rewards, terminated, truncated, infos = self.env.step(self._actions)
+        dones = terminated | truncated
+        rows = self._rows(infos)
+        if dones.any():
+            finals = self._rows(infos["final_info"])
+            for env in dones.nonzero()[0]:
+                self.reset_infos[env] = rows[env]
+                rows[env] = {
+                    **finals[env],
+                    "terminal_observation": infos["final_obs"][env],
+                    "TimeLimit.truncated": bool(truncated[env] and not terminated[env]),
+                }
+        return seen, rewards.astype(np.float32), dones, rows
+
+    def close(self) -> None:
+        """Nothing is left open."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """The scene in each environment ``(size, size, 3)`` uint8."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of the vector environment, once for each of ``indices``."""
+        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Not possible: the environments are one object."""
+        raise NotImplementedError(f"{attr_name}: environments in one batch share their attributes")
+
+    def env_method(
+        self,
+        method_name: str,
+        *method_args: Any,
+        indices: VecEnvIndices = None,
+        **method_kwargs: Any,
+    ) -> list[Any]:
+        """Not possible: the environments are one object."""
+        raise NotImplementedError(f"{method_name}: environments in one batch have no own methods")
+
+    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
+        """No environment is."""
+        return [False] * len(list(self._get_indices(indices)))
+
+    def _rows(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
+        """Batched infos, one by one."""
+        plain = _unmasked(infos)
+        rows = [row(plain, env) for env in range(self.num_envs)]
+        return [{**one, "is_success": one["success"]} for one in rows]
+
+
+def _unmasked(infos: dict[str, Any]) -> dict[str, Any]:
+    """Without Gymnasium's masks and final values."""
+    return {
+        name: _unmasked(value) if isinstance(value, dict) else value
+        for name, value in infos.items()
+        if not name.startswith(("_", "final_"))
+    }

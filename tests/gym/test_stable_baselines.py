@@ -1,0 +1,90 @@
+"""The batched engine under Stable-Baselines3."""
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+import needlehoop
+from needlehoop import config
+from needlehoop.gym.env import GymnasiumEnv
+from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
+
+WORDS = ["episode.max_steps=5", "image_size=36"]
+
+
+def actions(steps, n):
+    return np.random.default_rng(0).uniform(-1, 1, (steps, n, 5)).astype(np.float32)
+
+
+def test_one_environment_gives_what_their_own_wrapper_gives():
+    settings = config.settings(["cams=[dep_front]", *WORDS])
+    theirs = DummyVecEnv([lambda: GymnasiumEnv(settings, "first")])
+    ours = needlehoop.make_sb3(["dep_front"], num_envs=1, overrides=WORDS)
+    assert ours.observation_space == theirs.observation_space
+    for env in (ours, theirs):
+        env.seed(4)
+    assert np.array_equal(ours.reset()["dep_front"], theirs.reset()["dep_front"])
+    assert {**theirs.reset_infos[0], "is_success": False} == ours.reset_infos[0]
+    for step, action in enumerate(actions(12, 1), 1):
+        seen, reward, done, (info,) = ours.step(action)
+        other_seen, other_reward, other_done, (other,) = theirs.step(action)
+        assert np.array_equal(seen["dep_front"], other_seen["dep_front"])
+        assert np.array_equal(reward, other_reward)
+        assert reward.dtype == other_reward.dtype
+        assert np.array_equal(done, other_done)
+        assert done[0] == (step % 5 == 0)
+        last, other_last = (i.pop("terminal_observation", {}) for i in (info, other))
+        assert last.keys() == other_last.keys()
+        assert all(np.array_equal(last[name], other_last[name]) for name in last)
+        assert info.pop("is_success") is info["success"]
+        assert info.pop("TimeLimit.truncated", False) is other.pop("TimeLimit.truncated")
+        assert info == other
+
+
+def test_episodes_are_those_of_torchrl():
+    env = needlehoop.make_sb3(["seg_side"], num_envs=3, seed=6, overrides=WORDS)
+    reference = needlehoop.make_env(["seg_side"], num_envs=3, seed=6, overrides=WORDS)
+    seen, now = env.reset(), reference.reset()
+    for action in actions(7, 3):
+        assert np.array_equal(seen["seg_side"], now["pixels", "seg_side"])
+        seen, _, _, infos = env.step(action)
+        now["action"] = torch.from_numpy(action)
+        whole, now = reference.step_and_maybe_reset(now)
+        facts = [info["facts"]["grasped"] for info in infos]
+        assert facts == whole["next", "facts", "grasped"][:, 0].tolist()
+
+
+def test_ppo_learns_on_it_and_its_monitor_counts():
+    env = VecMonitor(needlehoop.make_sb3(["seg_side"], num_envs=4, overrides=WORDS))
+    model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0)
+    before = [parameter.clone() for parameter in model.policy.parameters()]
+    model.learn(64)
+    assert any(
+        not torch.equal(one, other)
+        for one, other in zip(before, model.policy.parameters(), strict=True)
+    )
+    assert {episode["l"] for episode in model.ep_info_buffer} == {5}
+    assert list(model.ep_success_buffer) == [False] * 12
+    action, _ = model.predict(env.reset(), deterministic=True)
+    assert action.shape == (4, 5)
+
+
+def test_what_a_batch_cannot_do_is_said():
+    env = needlehoop.make_sb3(["seg_side"], num_envs=2, overrides=WORDS)
+    assert env.get_attr("render_mode") == [None, None]
+    assert env.env_is_wrapped(object, [0]) == [False]
+    for call in (lambda: env.set_attr("reward", 1), lambda: env.env_method("close")):
+        with pytest.raises(NotImplementedError):
+            call()
+    env.set_options({"start": "here"})
+    with pytest.raises(ValueError, match="options"):
+        env.reset()
+
+
+def test_its_pictures_stand_in_one():
+    settings = config.settings(["cams=[seg_side]", "num_envs=2"])
+    env = StableBaselinesVecEnv(settings, "rgb_array")
+    env.reset()
+    assert env.render().shape == (960, 480, 3)
