@@ -2,6 +2,7 @@
 
 >>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
 >>> dm = needlehoop.load(cams=["rgb_default"])
+>>> policy = needlehoop.load_policy("results/main/dep_front+seg_side/human/seed0")
 >>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
+    from needlehoop.learning.policy import Policy
 
 __version__ = "0.1.0"
 
@@ -73,6 +76,38 @@ def make_sb3(
     from needlehoop.making import settings
 
     return StableBaselinesVecEnv(settings(cams, reward, overrides, num_envs=num_envs, seed=seed))
+
+
+def make_env_of(run: str | Path, num_envs: int = 8, seed: int | None = None) -> NeedleHoopEnv:
+    """The environment that a run was trained on, as ``make_env`` gives it.
+
+    Args:
+        run: the run's folder.
+        num_envs: environments in lockstep.
+        seed: decides every episode; by default those of the run's final evaluation.
+
+    Raises:
+        ValueError: no run there.
+    """
+    from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.making import settings_of
+
+    return NeedleHoopEnv(settings_of(run, num_envs, seed))
+
+
+def load_policy(run: str | Path, device: str = "auto") -> Policy:
+    """A run's trained policy: ``policy(observation)`` is the action.
+
+    Args:
+        run: the run's folder, or a ``policy.safetensors`` alone.
+        device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
+
+    Raises:
+        ValueError: no trained policy there.
+    """
+    from needlehoop.trained import policy_of
+
+    return policy_of(run, device)
 
 
 def __getattr__(name: str) -> ModuleType:

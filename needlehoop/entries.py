@@ -3,38 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+from needlehoop.envs.settings import Settings
 from needlehoop.gym.env import METADATA, GymnasiumEnv
 from needlehoop.gym.vector import GymnasiumVectorEnv
-from needlehoop.making import settings
+from needlehoop.making import settings, settings_of
 
 PAIR = ("dep_front", "seg_side")
 """What is seen if nothing is said: the cameras of the README's first run."""
 
 
 def single(
-    cams: str | Iterable[str] = PAIR,
-    reward: str = "human",
+    cams: str | Iterable[str] | None = None,
+    reward: str | None = None,
     task: str | None = None,
     obs: str | None = None,
     overrides: Iterable[str] = (),
+    run: str | Path | None = None,
     **kwargs: Any,
 ) -> GymnasiumEnv:
     """One environment.
 
     Args:
-        cams: cameras, each ``<rendering>_<view>``.
-        reward: an option of ``conf/reward``.
+        cams: cameras, each ``<rendering>_<view>``; by default ``dep_front`` and ``seg_side``.
+        reward: an option of ``conf/reward``; by default ``human``.
         task: an option of ``conf/task``.
         obs: an option of ``conf/obs``.
         overrides: any other setting, as on the command line: ``["obs.frame_stack=3"]``.
+        run: a run's folder: the environment that it was trained on, with no other settings.
         kwargs: as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    return GymnasiumEnv(settings(cams, reward, overrides, task=task, obs=obs), **kwargs)
+    return GymnasiumEnv(_settings(1, cams, reward, task, obs, overrides, run), **kwargs)
 
 
 # Gymnasium reads it before the call, to wrap environments for modes that they do not have.
@@ -43,13 +47,33 @@ single.metadata = METADATA  # pyright: ignore[reportFunctionMemberAccess]
 
 def batch(
     num_envs: int,
-    cams: str | Iterable[str] = PAIR,
-    reward: str = "human",
+    cams: str | Iterable[str] | None = None,
+    reward: str | None = None,
     task: str | None = None,
     obs: str | None = None,
     overrides: Iterable[str] = (),
+    run: str | Path | None = None,
     **kwargs: Any,
 ) -> GymnasiumVectorEnv:
     """``num_envs`` environments; arguments as in ``single``, and ``autoreset_mode``."""
-    built = settings(cams, reward, overrides, task=task, obs=obs, num_envs=num_envs)
-    return GymnasiumVectorEnv(built, **kwargs)
+    return GymnasiumVectorEnv(
+        _settings(num_envs, cams, reward, task, obs, overrides, run), **kwargs
+    )
+
+
+def _settings(
+    num_envs: int,
+    cams: str | Iterable[str] | None,
+    reward: str | None,
+    task: str | None,
+    obs: str | None,
+    overrides: Iterable[str],
+    run: str | Path | None,
+) -> Settings:
+    words = list(overrides)
+    if run is None:
+        chosen, paid = PAIR if cams is None else cams, reward or "human"
+        return settings(chosen, paid, words, task=task, obs=obs, num_envs=num_envs)
+    if words or any(value is not None for value in (cams, reward, task, obs)):
+        raise ValueError("run: its environment has settings of its own; give no others with it")
+    return settings_of(run, num_envs, None)

@@ -1,13 +1,16 @@
-"""From names to an environment's settings: what ``make_env`` and ``gymnasium.make`` share."""
+"""From names, or from a run, to an environment's settings: for ``make_env`` and its kin."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from needlehoop import config
 from needlehoop.envs.settings import Settings
 from needlehoop.runs.files import listed
+from needlehoop.runs.run import Run
 
 
 def settings(
@@ -27,3 +30,19 @@ def settings(
     given = [f"{key}={value}" for key, value in more.items() if value is not None]
     words = [f"cams=[{','.join(listed(cams))}]", f"reward={reward}", *given, *overrides]
     return config.settings(words)
+
+
+def settings_of(run: str | Path, num_envs: int, seed: int | None) -> Settings:
+    """The settings of a run's environment.
+
+    Args:
+        run: its folder.
+        num_envs: environments in lockstep.
+        seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
+
+    Raises:
+        ValueError: no run there.
+    """
+    job = config.job(Run.open(Path(run)).config())
+    chosen = job.evaluation.seed + 1 if seed is None else seed
+    return replace(job.env, num_envs=num_envs, seed=chosen)

@@ -17,7 +17,7 @@ _EXISTING = ("auto", "stop", "resume")
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "results", "engine", "logger", "checkpoint_every"),
-    *("vlm", "asking", "gates"),
+    *("vlm", "asking", "gates", "weights"),
 )
 """Settings that a run may be gone on with others of: its results are the same."""
 

@@ -18,6 +18,7 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger, build_logger
 from needlehoop.learning.metrics import episode_columns, peak_memory
+from needlehoop.learning.weights import actor_of, write_weights
 from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.runs.interruption import Interruption
 from needlehoop.runs.run import Run
@@ -72,6 +73,7 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print what the run gave."""
     agent = load_agent(run, job, job.torch_device)
+    write_weights(run.folder, actor_of(agent), run.config(), job.weights)
     own = job.evaluation
     found = assess(run, agent, job, own.final_episodes, own.seed + 1)
     if own.video_episodes:

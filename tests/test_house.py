@@ -29,6 +29,7 @@ FLOORS = (
     "groups",
     "config",
     "making",
+    "trained",
     "entries",
     "registration",
     "asking",

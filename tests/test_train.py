@@ -75,6 +75,7 @@ def test_a_run_is_a_folder_of_plain_files(finished):
         "evaluations.csv",
         "evaluation.json",
         "checkpoint.pt",
+        "policy.safetensors",
         "video.mp4",
     }
     manifest = json.loads((finished / "manifest.json").read_text())

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.images import Imager
-from needlehoop.envs.settings import Settings
+from needlehoop.envs.settings import Observations, Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.scene.signals import Signals, proprio
+from needlehoop.scene.signals import PROPRIO_SIZE, Signals, proprio
 
 STATE_SIGNALS = (
     "tool_midpoint",
@@ -27,6 +27,12 @@ STATE_SIGNALS = (
 
 STATE_SIZE = 29
 """Their numbers."""
+
+
+def vectors(obs: Observations) -> dict[str, int]:
+    """Lengths of the observed vectors by name."""
+    lengths = {"proprio": PROPRIO_SIZE, "signals": STATE_SIZE}
+    return {name: length for name, length in lengths.items() if getattr(obs, name)}
 
 
 class Observer:

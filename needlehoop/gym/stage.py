@@ -9,10 +9,10 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from needlehoop.envs.observer import STATE_SIZE, Observer
-from needlehoop.envs.settings import Settings, build
+from needlehoop.envs.build import build
+from needlehoop.envs.observer import Observer, vectors
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment
-from needlehoop.scene.signals import PROPRIO_SIZE
 
 CHANNELS = ("last", "first")
 """Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
@@ -49,12 +49,8 @@ class Stage:
         for name, count in settings.image_channels.items():
             shape = (size, size, count) if self._last else (count, size, size)
             found[name] = spaces.Box(0, 255, shape, np.uint8)
-        for name, asked, length in (
-            ("proprio", settings.obs.proprio, PROPRIO_SIZE),
-            ("signals", settings.obs.signals, STATE_SIZE),
-        ):
-            if asked:
-                found[name] = spaces.Box(-np.inf, np.inf, (length,), np.float32)
+        for name, length in vectors(settings.obs).items():
+            found[name] = spaces.Box(-np.inf, np.inf, (length,), np.float32)
         return spaces.Dict(found)
 
     def reset(self, seed: int | None = None, mask: np.ndarray | None = None) -> Moment:

@@ -25,8 +25,9 @@ from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
+from needlehoop.learning.weights import actor_of, read_weights
 from needlehoop.pictures.film import record
-from needlehoop.runs.files import EVALUATION
+from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
 
@@ -111,14 +112,22 @@ def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[s
 
 
 def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
-    """The agent of a run's last checkpoint.
+    """The agent of a run's last checkpoint; without one, the policy of ``policy.safetensors``.
+
+    With the latter its value function is untrained.
 
     Raises:
-        ValueError: no checkpoint.
+        ValueError: neither of them.
     """
-    state = run.load()
+    weights = run.folder / POLICY
+    state = None
+    if (run.folder / CHECKPOINT).exists() or not weights.exists():
+        state = run.load()
     agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), device)
-    agent.load_state_dict(state["learner"]["ppo"]["agent"])
+    if state is None:
+        read_weights(weights, actor_of(agent))
+    else:
+        agent.load_state_dict(state["learner"]["ppo"]["agent"])
     return agent
 
 

@@ -15,6 +15,7 @@ from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import check_name, seen
 
 LOGGERS = ("csv", "wandb")
+WEIGHTS = ("float32", "bfloat16")
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ class Job:
     precision: str
     checkpoint_every: int
     """Buffers between checkpoints."""
+    weights: str = WEIGHTS[0]
+    """What ``policy.safetensors`` keeps its numbers in; runs older than it have none."""
 
     def __post_init__(self) -> None:
         if not self.env.cams and not self.env.obs.signals:
@@ -95,6 +98,9 @@ class Job:
             raise ValueError(f"checkpoint_every: {self.checkpoint_every} must be at least 1")
         if self.evaluation.seed == self.env.seed:
             raise ValueError(f"evaluation.seed: {self.env.seed} is the training's; choose another")
+        if self.weights not in WEIGHTS:
+            valid = ", ".join(WEIGHTS)
+            raise ValueError(f"weights: {self.weights!r} is unknown; choose from {valid}")
         for key in ("study", "reward_name"):
             check_name(key, getattr(self, key))
         convolution_dtype(self.precision, self.torch_device)

@@ -11,8 +11,8 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import needlehoop
 from needlehoop import config
+from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.settings import build
 from needlehoop.gym import screen
 from needlehoop.gym.env import GymnasiumEnv
 

@@ -1,0 +1,203 @@
+"""Weights in a file, and a policy out of it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+from tensordict import TensorDict
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+import needlehoop
+from needlehoop import config
+from needlehoop.cli.main import main
+from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.learning.learner import build_agent
+from needlehoop.learning.weights import actor_of, write_weights
+from needlehoop.runs.run import Run
+
+WORDS = [
+    "cams=[dep_front,seg_side]",
+    "obs.proprio=true",
+    "image_size=32",
+    "precision=fp32",
+    "episode.max_steps=8",
+    "num_envs=4",
+]
+
+
+def trained(folder, *words, weights="float32"):
+    """A run whose agent is no longer what it began as, its checkpoint and weights."""
+    values = config.compose([*WORDS, *words], "config")
+    job = config.job(values)
+    run = Run.create(folder, values, "", overwrite=False)
+    torch.manual_seed(3)
+    agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), torch.device("cpu"))
+    with torch.no_grad():
+        for parameter in agent.parameters():
+            parameter += 0.1 * torch.randn_like(parameter)
+    for module in agent.modules():
+        if hasattr(module, "learn"):
+            module.learn(torch.randn(50, len(module.mean)))
+    run.save({"learner": {"ppo": {"agent": agent.state_dict()}}, "update": 1})
+    write_weights(folder, actor_of(agent), values, weights)
+    return agent
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    return folder, trained(folder)
+
+
+def act(agent, seen):
+    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+        return agent.actor(seen.clone())["action"].clamp(-1, 1)
+
+
+def test_a_loaded_policy_acts_as_its_agent(run):
+    folder, agent = run
+    seen = needlehoop.make_env_of(folder, num_envs=3).reset()
+    policy = needlehoop.load_policy(folder)
+    assert torch.equal(policy(seen), act(agent, seen))
+    # Without policy.safetensors it is the checkpoint that is read; alone the former is enough.
+    alone = needlehoop.load_policy(folder / "policy.safetensors")
+    assert torch.equal(alone(seen), policy(seen))
+    (folder / "policy.safetensors").rename(folder / "kept")
+    try:
+        assert torch.equal(needlehoop.load_policy(folder)(seen), policy(seen))
+    finally:
+        (folder / "kept").rename(folder / "policy.safetensors")
+
+
+def test_numpy_or_torch_one_or_many_channels_first_or_last(run):
+    folder, _ = run
+    policy = needlehoop.load_policy(folder)
+    seen = needlehoop.make_env_of(folder, num_envs=3).reset()
+    many = policy(seen)
+    assert many.dtype == torch.float32
+    assert many.shape == (3, 5)
+    flat = {**seen["pixels"].to_dict(), "proprio": seen["proprio"]}
+    assert torch.equal(policy(flat), many)
+    last = {n: v.movedim(1, -1).numpy() if v.ndim == 4 else v.numpy() for n, v in flat.items()}
+    assert np.array_equal(policy(last), many)
+    one = policy({name: value[1] for name, value in last.items()})
+    assert isinstance(one, np.ndarray)
+    np.testing.assert_allclose(one, many[1], atol=1e-5)
+    nested = policy(TensorDict({"pixels": seen["pixels"], "proprio": seen["proprio"]}, [3])[None])
+    assert torch.equal(nested[0], many)
+
+
+def test_it_flies_gymnasium_s_environment_of_the_run(run):
+    import gymnasium
+
+    folder, _ = run
+    policy = needlehoop.load_policy(folder)
+    env = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", run=folder)
+    seen, _ = env.reset(seed=1)
+    for _ in range(8):
+        action = policy(seen)
+        assert action in env.action_space
+        seen, *_, truncated, _ = env.step(action)
+    assert truncated
+    with pytest.raises(ValueError, match="run: its environment has settings of its own"):
+        gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", run=folder, reward="sparse")
+
+
+def test_the_environment_is_the_run_s_on_unseen_episodes(run):
+    env = needlehoop.make_env_of(run[0], num_envs=2)
+    assert env.settings.cams == ("dep_front", "seg_side")
+    assert env.settings.image_size == 32
+    assert env.settings.seed == 1_000_001
+    assert needlehoop.make_env_of(run[0], seed=4).settings.seed == 4
+
+
+def test_weights_hold_the_policy_alone(run):
+    folder, agent = run
+    kept = load_file(folder / "policy.safetensors")
+    assert not [name for name in kept if "value" in name]
+    assert {name.split(".")[0] for name in kept} == {"trunk", "head"}
+    assert sum(one.numel() for one in kept.values()) < sum(
+        one.numel() for one in agent.state_dict().values()
+    )
+
+
+def test_bfloat16_halves_them_and_hardly_moves_the_actions(run, tmp_path):
+    folder, _ = run
+    trained(tmp_path / "half", weights="bfloat16")
+    full, half = (f / "policy.safetensors" for f in (folder, tmp_path / "half"))
+    assert half.stat().st_size < 0.55 * full.stat().st_size
+    seen = needlehoop.make_env_of(folder, num_envs=3).reset()
+    one, other = needlehoop.load_policy(full)(seen), needlehoop.load_policy(half)(seen)
+    assert not torch.equal(one, other)
+    assert (one - other).abs().mean() < 0.05
+
+
+def test_a_value_function_of_its_own_is_left_behind(tmp_path):
+    agent = trained(tmp_path / "run", "algo.network.shared=false", "cams=[seg_side]")
+    seen = needlehoop.make_env_of(tmp_path / "run", num_envs=2).reset()
+    assert torch.equal(needlehoop.load_policy(tmp_path / "run")(seen), act(agent, seen))
+
+
+def test_signals_alone_do(tmp_path):
+    agent = trained(tmp_path / "run", "cams=[]", "obs=signals", "obs.proprio=false")
+    env = needlehoop.make_env_of(tmp_path / "run", num_envs=2)
+    seen = env.reset()
+    policy = needlehoop.load_policy(tmp_path / "run")
+    assert torch.equal(policy({"signals": seen["signals"]}), act(agent, seen))
+
+
+def test_evaluate_takes_weights_for_a_checkpoint(run, tmp_path, capsys):
+    found = []
+    for kept in ("checkpoint.pt", "policy.safetensors"):
+        folder = tmp_path / kept
+        trained(folder)
+        for name in {"checkpoint.pt", "policy.safetensors"} - {kept}:
+            (folder / name).unlink()
+        assert main(["evaluate", str(folder), "episodes=3", "--json"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0] == found[1]
+
+
+def test_what_is_no_policy_is_told_in_a_line(run, tmp_path):
+    folder, _ = run
+    bad = tmp_path / "policy.safetensors"
+    for content, message in ((None, "no such file"), (b"\x80\x04cos\nsystem\n", "is damaged")):
+        if content:
+            bad.write_bytes(content)
+        refused(bad, message)
+    save_file({"a": torch.zeros(1)}, bad)
+    refused(bad, "no config in it")
+    values = json.dumps(Run.open(folder).config())
+    save_file({"a": torch.zeros(1)}, bad, {"config": values})
+    refused(bad, "does not fit its config")
+    (tmp_path / "empty").mkdir()
+    refused(tmp_path / "empty", "is no run")
+
+
+def refused(path, message):
+    with pytest.raises(ValueError, match=message) as raised:
+        needlehoop.load_policy(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_an_observation_that_does_not_fit_is_told_by_its_key(run):
+    policy = needlehoop.load_policy(run[0])
+    fit = {
+        "dep_front": np.zeros((32, 32, 4), np.uint8),
+        "seg_side": np.zeros((32, 32, 3), np.uint8),
+        "proprio": np.zeros(8),
+    }
+    assert policy(fit).shape == (5,)
+    for change, message in (
+        ({"seg_side": np.zeros((64, 64, 3), np.uint8)}, r"seg_side: .*\(64, 64, 3\); expected"),
+        ({"seg_side": np.zeros((32, 32, 3))}, "seg_side: torch.float64"),
+        ({"proprio": np.zeros(7)}, r"proprio: shape \(7,\); expected \(…, 8\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            policy({**fit, **change})
+    del fit["dep_front"]
+    with pytest.raises(ValueError, match="dep_front missing; the policy sees dep_front, seg_side"):
+        policy(fit)
