@@ -9,6 +9,8 @@ from needlehoop.engines.factory import build_engine
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
+from needlehoop.envs.workers import Workers
+from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.spec import build_spec
 
 PICTURE = "picture"
@@ -34,7 +36,8 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     """
     s, cameras = settings, settings.cameras
     model = compile_scene(s)
-    imager = Imager(model, cameras, s.views, s.renderings)
+    workers = Workers(s.engine.threads or available_cpus())
+    imager = Imager(model, cameras, s.views, s.renderings, workers)
     views = channels_of(cameras, s.renderings)
     engine = build_engine(
         model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine

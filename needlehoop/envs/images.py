@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.engines.contract import Channels, Frame
+from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View
 
 CLASSES = {"needle": ("needle",), "hoop": ("hoop",), "robot": ("psm_base",)}
@@ -16,6 +17,9 @@ CLASSES = {"needle": ("needle",), "hoop": ("hoop",), "robot": ("psm_base",)}
 
 _DARKEST = 0.15
 """Brightness at the far end of a depth-shaded image; 1 at the near end."""
+
+_PART = 5
+"""Environments whose images a thread composes at a time."""
 
 
 class Imager:
@@ -26,6 +30,7 @@ class Imager:
         cameras: what to show.
         views: by name.
         renderings: by name.
+        workers: to share environments.
 
     Raises:
         ValueError: a flat rendering names a class that is not in ``CLASSES``.
@@ -37,7 +42,9 @@ class Imager:
         cameras: tuple[Camera, ...],
         views: Mapping[str, View],
         renderings: Mapping[str, Rendering],
+        workers: Workers | None = None,
     ):
+        self._workers = workers or Workers(1)
         self._jobs = [
             (camera, views[camera.view], renderings[camera.rendering]) for camera in cameras
         ]
@@ -49,10 +56,19 @@ class Imager:
 
     def __call__(self, frames: Mapping[str, Frame]) -> dict[str, Tensor]:
         """Images ``(n, channels, h, w)`` uint8 by camera name."""
-        return {
-            camera.name: self._image(camera, view, rendering, frames[camera.view])
-            for camera, view, rendering in self._jobs
+        images = {
+            camera.name: _room(rendering, frames[camera.view])
+            for camera, _, rendering in self._jobs
         }
+
+        def compose(rows: slice) -> None:
+            for camera, view, rendering in self._jobs:
+                frame = Frame(*(x if x is None else x[rows] for x in frames[camera.view]))
+                images[camera.name][rows] = self._image(camera, view, rendering, frame)
+
+        count = max(map(len, images.values()), default=0)
+        self._workers.map(compose, [slice(at, at + _PART) for at in range(0, count, _PART)])
+        return images
 
     def _image(self, camera: Camera, view: View, rendering: Rendering, frame: Frame) -> Tensor:
         parts = []
@@ -69,7 +85,7 @@ class Imager:
             else:
                 shade = _DARKEST + (1 - _DARKEST) * nearness
                 parts = [(parts[0] * shade).round().to(torch.uint8)]
-        return torch.cat(parts, 1).contiguous()
+        return torch.cat(parts, 1)
 
 
 def channels_of(
@@ -86,6 +102,12 @@ def channels_of(
         )
         asked[camera.view] = asked.get(camera.view, Channels(False, False, False)) | needs
     return asked
+
+
+def _room(rendering: Rendering, frame: Frame) -> Tensor:
+    """For all images of a view in a rendering, not filled yet."""
+    count, height, width = next(x.shape[:3] for x in frame if x is not None)
+    return torch.empty(count, rendering.channels, height, width, dtype=torch.uint8)
 
 
 def _nearness(frame: Frame, view: View) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -49,7 +51,12 @@ class Observer:
         self._simulation, self._imager = simulation, imager
         self._pixels: dict[str, Tensor] = {}
 
-    def __call__(self, signals: Signals, ids: Tensor | None = None) -> dict[str, object]:
+    def __call__(
+        self,
+        signals: Signals,
+        ids: Tensor | None = None,
+        images: Callable[[], dict[str, Tensor]] | None = None,
+    ) -> dict[str, object]:
         """The observation of all ``n`` environments, as nested tensors by name.
 
         ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
@@ -58,10 +65,11 @@ class Observer:
         Args:
             signals: current.
             ids: environments whose images are new; all by default.
+            images: gives what ``look`` returned for them; by default they are made now.
         """
         seen: dict[str, object] = {}
         if self._has_eyes:
-            self._look(ids)
+            self._take(ids, images or (lambda: self.look(ids)))
             seen["pixels"] = dict(self._pixels)
         if self._obs.proprio:
             seen["proprio"] = proprio(signals)
@@ -81,10 +89,16 @@ class Observer:
         """Go on from a ``snapshot``."""
         self._pixels = dict(snapshot)
 
-    def _look(self, ids: Tensor | None) -> None:
+    def look(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """The present images of environments (all by default), by camera; none without eyes."""
+        if not self._has_eyes or (ids is not None and not len(ids)):
+            return {}
+        return self._imager(self._simulation.engine.render(ids))
+
+    def _take(self, ids: Tensor | None, look: Callable[[], dict[str, Tensor]]) -> None:
+        images = look()
         if ids is not None and not len(ids):
             return
-        images = self._imager(self._simulation.engine.render(ids))
         if self._obs.frame_stack > 1:
             images = {name: self._stack(name, image, ids) for name, image in images.items()}
         if ids is None:

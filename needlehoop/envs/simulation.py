@@ -100,6 +100,11 @@ class Simulation:
         self.state: State | None = None
 
     def reset(self, mask: Tensor | None = None, stagger: bool = False) -> Moment:
+        """``begin``, then ``look``."""
+        self.begin(mask, stagger)
+        return self.look()
+
+    def begin(self, mask: Tensor | None = None, stagger: bool = False) -> None:
         """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
 
         With ``stagger`` a seed's first episodes begin with a share of their steps used up,
@@ -113,8 +118,8 @@ class Simulation:
                 draws(self._seed, self._first_env + env, int(self._episodes[env]))
                 for env in ids.tolist()
             ]
-            begun = start(self.layout, torch.from_numpy(np.stack(rows)))
-            fresh = begin(self.episode, begun)
+            starts = start(self.layout, torch.from_numpy(np.stack(rows)))
+            fresh = begin(self.episode, starts)
             if self.state is None:
                 if stagger:
                     spread = torch.arange(self.num_envs) * self.episode.max_steps
@@ -123,10 +128,9 @@ class Simulation:
             else:
                 self.state = self.state.clone()
                 self.state[ids] = fresh
-            self.engine.reset(ids, begun)
+            self.engine.reset(ids, starts)
             self._potential[ids] = 0.0
             self._episodes[ids.numpy()] += 1
-        return self._moment(pays=False)
 
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, 7)``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -14,6 +15,8 @@ from needlehoop.envs.build import build
 from needlehoop.envs.observer import STATE_SIZE, Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.workers import Workers
+from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.signals import PROPRIO_SIZE
 
 
@@ -42,6 +45,7 @@ class NeedleHoopEnv(EnvBase):
         self.settings, self._stagger = settings, stagger
         self._simulation, imager = build(settings, first_env)
         self._observer = Observer(settings, self._simulation, imager)
+        self._workers = Workers(settings.engine.threads or available_cpus())
         self._is_restored = False
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
@@ -114,12 +118,17 @@ class NeedleHoopEnv(EnvBase):
         first = self._simulation.state is None
         if first:
             self._observer.forget()
-        moment = self._simulation.reset(mask, stagger=self._stagger)
+        self._simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
-        return self._tensordict(moment, ends, fresh)
+        images = self._workers.begin(lambda: self._observer.look(fresh))
+        return self._tensordict(self._simulation.look(), ends, fresh, images)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        moment = self._simulation.step(tensordict["action"])
+        simulation = self._simulation
+        simulation.engine.step(simulation.act(tensordict["action"]))
+        # Images and facts are of the same moment: one need not wait for the other.
+        images = self._workers.begin(self._observer.look)
+        moment = simulation.observe()
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
             "done": terminated | truncated,
@@ -127,7 +136,7 @@ class NeedleHoopEnv(EnvBase):
             "truncated": truncated,
             "reward": moment.reward.unsqueeze(-1).float(),
         }
-        return self._tensordict(moment, ends, None)
+        return self._tensordict(moment, ends, None, images)
 
     def step_and_reset(self, action: Tensor) -> tuple[TensorDict, TensorDict]:
         """A step of every environment, and new episodes where it ended theirs.
@@ -146,14 +155,20 @@ class NeedleHoopEnv(EnvBase):
         if seed is not None:
             self._simulation.reseed(seed)
 
-    def _tensordict(self, moment: Moment, rest: dict[str, Any], ids: Tensor | None) -> TensorDict:
+    def _tensordict(
+        self,
+        moment: Moment,
+        rest: dict[str, Any],
+        ids: Tensor | None,
+        images: Callable[[], dict[str, Tensor]] | None = None,
+    ) -> TensorDict:
         """All keys; images are renewed in environments ``ids`` (in all by default)."""
         out = {
             "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts().items()},
             "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},
             "potential": moment.potential.unsqueeze(-1).float(),
             "steps": moment.steps.unsqueeze(-1),
-            **self._observer(moment.signals, ids),
+            **self._observer(moment.signals, ids, images),
             **rest,
         }
         return TensorDict(out, batch_size=self.batch_size)

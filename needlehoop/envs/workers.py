@@ -23,9 +23,18 @@ class Workers:
     def __init__(self, threads: int):
         self.threads = threads
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        # Work that was begun may share out parts of its own: it must not wait in their queue.
+        self._aside = ThreadPoolExecutor(1) if threads > 1 else None
 
     def map(self, work: Callable[..., T], *items: Iterable[Any]) -> list[T]:
         """``work`` on the items side by side; what it returns, in their order."""
         if self._pool is None:
             return [work(*parts) for parts in zip(*items, strict=True)]
         return list(self._pool.map(work, *items))
+
+    def begin(self, work: Callable[[], T]) -> Callable[[], T]:
+        """Begin ``work`` beside what the caller does next; call what is returned to wait for it."""
+        if self._aside is None:
+            done = work()
+            return lambda: done
+        return self._aside.submit(work).result
