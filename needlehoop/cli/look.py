@@ -31,7 +31,7 @@ def add_commands(commands: Any) -> None:
         "expert",
         _expert,
         "Run a scripted controller and print what came of it.",
-        "episodes=200 controller=expert|cheat|random grasps=[weld,friction] video_episodes=3"
+        "episodes=200 controller=expert|smooth|cheat|random grasps=[weld,friction] video_episodes=3"
         " overwrite=false",
     )
     run.add_argument("--json", action="store_true", help="print one line of JSON")
@@ -40,7 +40,7 @@ def add_commands(commands: Any) -> None:
         "view",
         _view,
         "Watch in MuJoCo's interactive viewer.",
-        "controller=expert|cheat|random",
+        "controller=expert|smooth|cheat|random",
     )
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])

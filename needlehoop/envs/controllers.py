@@ -5,8 +5,11 @@ from __future__ import annotations
 from needlehoop.envs.rollout import Controller, random_controller
 from needlehoop.envs.settings import Settings
 from needlehoop.task.expert import cheat, expert
+from needlehoop.task.smooth import smooth
 
-CONTROLLERS = ("expert", "cheat", "random")
+_SCRIPTS = {"expert": expert, "smooth": smooth, "cheat": cheat}
+
+CONTROLLERS = (*_SCRIPTS, "random")
 
 
 def controller(name: str, settings: Settings) -> Controller:
@@ -19,4 +22,4 @@ def controller(name: str, settings: Settings) -> Controller:
         return random_controller(settings.episode.action_size, settings.seed)
     if name not in CONTROLLERS:
         raise ValueError(f"controller: {name!r} is unknown; choose from {', '.join(CONTROLLERS)}")
-    return {"expert": expert, "cheat": cheat}[name](settings.task, settings.episode)
+    return _SCRIPTS[name](settings.task, settings.episode)

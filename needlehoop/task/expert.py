@@ -16,11 +16,11 @@ from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Signals
 from needlehoop.task.episode import Episode
 
-_GAIN = 0.4
+GAIN = 0.4
 """Share of the remaining error that an action asks for; the servos lag behind."""
-_HOVER = 0.012
+HOVER = 0.012
 """Height above the pickup point at which the open jaws line up, m."""
-_STANDOFF = 0.010
+STANDOFF = 0.010
 """Distance before the hoop's plane at which the tip lines up with the opening, m."""
 
 
@@ -51,8 +51,8 @@ class Script:
         aligned = self._needle_turn(s)
         move = torch.where(held, self._carry(s), self._approach(s, aligned))
         turn = torch.where(s.grasped, self._insertion_turn(s) * s.lifted, aligned)
-        translation = (_GAIN * move / self.episode.translation).clamp(-1, 1)
-        rotation = (_GAIN * turn / self.episode.rotation).clamp(-1, 1)
+        translation = (GAIN * move / self.episode.translation).clamp(-1, 1)
+        rotation = (GAIN * turn / self.episode.rotation).clamp(-1, 1)
         jaw = self._jaw(s)
         return torch.cat((translation, rotation.unsqueeze(-1), jaw.unsqueeze(-1)), -1)
 
@@ -63,7 +63,7 @@ class Script:
         lined_up = (aside < 0.0012) & (misaligned.abs() < 0.12)
         low = away[:, 2].abs() < 0.006
         descend = lined_up | (low & (aside < 0.0025))
-        away[:, 2] = torch.where(descend, away[:, 2], away[:, 2] + _HOVER)
+        away[:, 2] = torch.where(descend, away[:, 2], away[:, 2] + HOVER)
         return away
 
     def _carry(self, s: Signals) -> Tensor:
@@ -75,9 +75,9 @@ class Script:
         radial = offset - depth * s.hoop_axis
         aside = torch.sqrt(geo.dot(radial, radial)).unsqueeze(-1)
         through = (aside < 0.25 * self.layout.hoop_opening) | (
-            (depth > -_STANDOFF / 2) & (aside < 0.5 * self.layout.hoop_opening)
+            (depth > -STANDOFF / 2) & (aside < 0.5 * self.layout.hoop_opening)
         )
-        ahead = torch.where(through, self.past - depth, -_STANDOFF - depth)
+        ahead = torch.where(through, self.past - depth, -STANDOFF - depth)
         insert = ahead * s.hoop_axis - radial
         move = torch.where(s.lifted.unsqueeze(-1), insert, lift)
         return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
