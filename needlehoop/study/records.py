@@ -22,7 +22,7 @@ _OUTCOME = ("episodes", "success", "cheat", "touched", "return")
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|metrics\.csv|evaluations\.csv|checkpoint\.pt"
-    r"|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
+    r"|policy\.safetensors|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
 _STUDY_FILES = {"report.html", "contact_sheet.png", "README.md"}

@@ -125,8 +125,6 @@ def test_bench_train_says_where_the_time_goes():
     assert found["steps_per_second"] > 0
     assert sum(found["share_of_time"].values()) == pytest.approx(1.0, abs=0.01)
     assert set(found["share_of_time"]) == {"physics", "rendering", "inference", "update", "rest"}
-    assert all(ms > 0 for kinds in found["core_ms_per_image"].values() for ms in kinds.values())
-    assert set(found["core_ms_per_image"]) == {"rgb", "dep", "seg", "segdep"}
     # Either the ratio was measured, or the report says why it could not be.
     assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
 

@@ -256,9 +256,9 @@ def test_what_the_text_says_of_flat_colours_is_so_in_the_scene(settings):
     palette = _palette(model, settings.renderings["seg"])
     colours = settings.renderings["seg"].colours
     for geom, kind in (("hoop_shape", "hoop"), ("hoop_rod", "hoop"), ("needle_shape", "needle")):
-        assert palette[:, model.geom(geom).id].tolist() == list(colours[kind])
+        assert palette[:, 1 + model.geom(geom).id].tolist() == list(colours[kind])
     for geom in ("stand_base", "stand_sleeve", "table"):
-        assert palette[:, model.geom(geom).id].tolist() == [0, 0, 0]
+        assert palette[:, 1 + model.geom(geom).id].tolist() == [0, 0, 0]
 
 
 def test_renderings_are_described_and_not_praised(settings):
