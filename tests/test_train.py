@@ -201,7 +201,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side"]),
         (["cams=rgb_front", "reward=nope"], ["reward/nope", "human", "sparse"]),
         (["cams=rgb_front", "stpes=9"], ["stpes", "unknown", "steps"]),
-        (["cams=rgb_front", "image_size=22"], ["image_size", "22", "resnet"]),
+        (["cams=rgb_front", "image_size=22"], ["image_size", "22", "strided_s4d"]),
     ],
 )
 def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):

@@ -8,20 +8,25 @@ tool-tip offset: z along the jaws, x along the axis the jaws turn about.
 Sources: jhu-dvrk/sawIntuitiveResearchKit ``share/kinematic/PSM.json`` and
 ``share/tool/LARGE_NEEDLE_DRIVER_400006.json`` (Denavit-Hartenberg rows, limits,
 efforts). Modified (Craig) convention throughout.
+
+Forward and inverse kinematics are pytorch-kinematics', on a chain made from the rows. It is
+imported at the first call: it brings matplotlib along, and a tool that is moved by its tip
+(``straight_wrist``) never calls it.
 """
 
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pytorch_kinematics as pk
 import torch
-from pytorch_kinematics.frame import Frame, Link
-from pytorch_kinematics.frame import Joint as ChainJoint
 from torch import Tensor
 
 from needlehoop.robot.joints import JOINT_NAMES, JOINTS, Joint
+
+if TYPE_CHECKING:
+    import pytorch_kinematics as pk
 
 JAW_LOWER, JAW_UPPER = -0.698, 1.396
 """Limits of the jaw's opening angle, rad (0: blades parallel)."""
@@ -90,6 +95,10 @@ def _chain() -> pk.SerialChain:
     pytorch-kinematics' own MJCF reader does not know MuJoCo 3.17's joint enum, and
     MjSpec.to_xml rounds to six digits, which would cost a micrometre at the tip.
     """
+    import pytorch_kinematics as pk
+    from pytorch_kinematics.frame import Frame, Link
+    from pytorch_kinematics.frame import Joint as ChainJoint
+
     child = Frame("tool", link=Link("tool", offset=_offset(TOOL_OFFSET, np.zeros(3))))
     for joint in reversed(JOINTS):
         pose = dh_transform(joint)
@@ -113,6 +122,8 @@ def _chain() -> pk.SerialChain:
 
 
 def _offset(rotation: np.ndarray, position: np.ndarray) -> pk.Transform3d:
+    import pytorch_kinematics as pk
+
     return pk.Transform3d(
         rot=torch.as_tensor(rotation, dtype=torch.float64),
         pos=torch.as_tensor(position, dtype=torch.float64),
@@ -200,6 +211,8 @@ def joint_limits() -> tuple[Tensor, Tensor]:
 
 def _rotation_error(now: Tensor, goal: Tensor) -> Tensor:
     """Rotation vector ``(n, 3)`` that turns ``now`` to ``goal``, base frame, rad."""
+    import pytorch_kinematics as pk
+
     turn = goal[:, :3, :3] @ now[:, :3, :3].mT
     return pk.matrix_to_axis_angle(turn)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from pytorch_kinematics import matrix_to_quaternion
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
@@ -33,4 +32,7 @@ def pose_joints(layout: Layout, tool: Tensor, quat: Tensor, nearby: Tensor) -> T
 
 def tool_quat(joints: Tensor) -> Tensor:
     """Orientation ``(n, 4)`` of the tool frame."""
+    # Imported where the wrist is turned: see ``psm``.
+    from pytorch_kinematics import matrix_to_quaternion
+
     return matrix_to_quaternion(psm.forward_kinematics(joints)[:, :3, :3])

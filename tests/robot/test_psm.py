@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -85,6 +88,17 @@ def test_forward_kinematics_agrees_with_the_compiled_model(model: mujoco.MjModel
         site = data.site("tool")
         np.testing.assert_allclose(site.xpos - layout.rcm, pose[:3, 3], atol=1e-6)
         np.testing.assert_allclose(site.xmat.reshape(3, 3), pose[:3, :3], atol=1e-6)
+
+
+def test_moving_the_tip_does_not_wait_for_pytorch_kinematics():
+    """It brings matplotlib along, and such a step has no use for either."""
+    script = (
+        "import sys, needlehoop; env = needlehoop.make_env(num_envs=1); env.rollout(2);"
+        "found = {'pytorch_kinematics', 'matplotlib'} & {*sys.modules}; assert not found, found;"
+        "env = needlehoop.make_env(num_envs=1, overrides=['episode.control=pose']);"
+        "env.rollout(2); assert 'pytorch_kinematics' in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
 
 
 @pytest.mark.parametrize("leading", [(), (1,), (4,), (2, 3), (0,)])
