@@ -5,8 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from needlehoop.robot.parallelogram import linkage_ratios
-from needlehoop.robot.psm import JOINT_NAMES
+from needlehoop.robot.posture import Posture
 from needlehoop.task.start import Start
 
 WELD = "grasp"
@@ -34,15 +33,9 @@ class Addresses:
     """
 
     def __init__(self, model: mujoco.MjModel):
-        def qpos_address(name: str) -> int:
-            return int(model.joint(name).qposadr[0])
-
         self._qpos0 = model.qpos0.copy()
-        self._joints = [qpos_address(name) for name in JOINT_NAMES]
-        self._jaws = [qpos_address("jaw_1"), qpos_address("jaw_2")]
-        self._needle = qpos_address("needle")
-        self._linkage = {qpos_address(name): r for name, r in linkage_ratios(model).items()}
-        self._pitch = JOINT_NAMES.index("pitch")
+        self._posture = Posture(model)
+        self._needle = int(model.joint("needle").qposadr[0])
         mocap = {
             name: int(model.body(name).mocapid[0]) for name in ("stand", "hoop", "lift_position")
         }
@@ -52,11 +45,7 @@ class Addresses:
     def qpos(self, start: Start) -> np.ndarray:
         """Generalised positions ``(k, nq)``."""
         qpos = np.tile(self._qpos0, (len(start), 1))
-        joints, jaw = start.joints.numpy(), start.jaw.numpy()
-        qpos[:, self._joints] = joints
-        for address, ratio in self._linkage.items():
-            qpos[:, address] = ratio * joints[:, self._pitch]
-        qpos[:, self._jaws[0]], qpos[:, self._jaws[1]] = jaw / 2, -jaw / 2
+        self._posture.write(qpos, start.joints.numpy(), start.jaw.numpy())
         qpos[:, self._needle : self._needle + 7] = start.needle.numpy()
         return qpos
 

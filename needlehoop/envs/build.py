@@ -17,11 +17,15 @@ PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""
 
 
-def compile_scene(settings: Settings) -> mujoco.MjModel:
+def scene_spec(settings: Settings) -> mujoco.MjSpec:
     """The scene with every view's camera, and ``picture``."""
     s = settings
-    views = {**s.views, PICTURE: s.picture}
-    return build_spec(s.task, s.psm, s.episode.grasp, views).compile()
+    return build_spec(s.task, s.psm, s.episode.grasp, {**s.views, PICTURE: s.picture})
+
+
+def compile_scene(settings: Settings) -> mujoco.MjModel:
+    """The scene of the settings, compiled."""
+    return scene_spec(settings).compile()
 
 
 def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:

@@ -28,6 +28,10 @@ from needlehoop.robot.joints import JOINT_NAMES, JOINTS, Joint
 if TYPE_CHECKING:
     import pytorch_kinematics as pk
 
+
+HOME = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
+"""Joint positions of the arm at rest: hanging, half inserted, rad and m."""
+
 JAW_LOWER, JAW_UPPER = -0.698, 1.396
 """Limits of the jaw's opening angle, rad (0: blades parallel)."""
 JAW_EFFORT = 0.16

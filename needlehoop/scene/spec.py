@@ -14,21 +14,25 @@ import mujoco
 import numpy as np
 
 from needlehoop.robot.arm import add_arm
+from needlehoop.robot.joints import JOINT_NAMES
 from needlehoop.robot.link import collision
 from needlehoop.robot.meshes import Mesh, torus, tube
-from needlehoop.robot.psm import JOINT_NAMES
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.scene.layout import Layout
 
 NEEDLE_SEGMENTS = 7
 HOOP_SEGMENTS = 16
 
-_MATERIALS = {
-    # name: (rgb, specular, shininess)
+Materials = Mapping[str, tuple[tuple[float, float, float], float, float]]
+"""RGB, specular and shininess by name."""
+
+_MATERIALS: Materials = {
     "table": ((0.13, 0.36, 0.40), 0.05, 0.1),
     "needle": ((0.93, 0.94, 0.97), 0.9, 0.7),
     "hoop": ((0.93, 0.47, 0.13), 0.4, 0.4),
     "stand": ((0.88, 0.88, 0.90), 0.2, 0.3),
+}
+_ARM_MATERIALS: Materials = {
     "arm_light": ((0.80, 0.81, 0.83), 0.3, 0.4),
     "arm_dark": ((0.27, 0.29, 0.33), 0.3, 0.4),
     "instrument": ((0.50, 0.53, 0.60), 0.3, 0.4),
@@ -77,12 +81,7 @@ def build_spec(layout: Layout, psm: str, grasp: str, views: Mapping[str, View]) 
             ``friction`` has contacts only.
         views: cameras to add, by name.
     """
-    spec = mujoco.MjSpec()
-    spec.modelname = "needlehoop"
-    spec.compiler.degree = False
-    _set_physics(spec, layout)
-    for name, (rgb, specular, shininess) in _MATERIALS.items():
-        spec.add_material(name=name, rgba=[*rgb, 1.0], specular=specular, shininess=shininess)
+    spec = _begin("needlehoop", layout, {**_MATERIALS, **_ARM_MATERIALS})
     _add_table(spec)
     add_arm(spec, layout.rcm, psm, layout.grip)
     _add_needle(spec, layout)
@@ -102,6 +101,32 @@ def build_spec(layout: Layout, psm: str, grasp: str, views: Mapping[str, View]) 
         position, quaternion = pose_of(view)
         spec.worldbody.add_camera(name=name, pos=position, quat=quaternion, fovy=view.fovy)
     _add_sensors(spec)
+    return spec
+
+
+def build_arm(layout: Layout, psm: str) -> mujoco.MjSpec:
+    """The arm alone, ready to compile; its RCM is the world's origin.
+
+    Args:
+        layout: the physics' step, and where ``tool_midpoint`` is.
+        psm: arm variant, see ``arm.VARIANTS``.
+    """
+    spec = _begin("psm", layout, _ARM_MATERIALS)
+    add_arm(spec, np.zeros(3), psm, layout.grip)
+    # All of it, from the tip to the motors.
+    spec.stat.extent = 1.0
+    spec.stat.center = [0.0, 0.35, 0.15]
+    return spec
+
+
+def _begin(name: str, layout: Layout, materials: Materials) -> mujoco.MjSpec:
+    """A scene with physics, a lamp and materials, and nothing in it."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    _set_physics(spec, layout)
+    for material, (rgb, specular, shininess) in materials.items():
+        spec.add_material(name=material, rgba=[*rgb, 1.0], specular=specular, shininess=shininess)
     return spec
 
 

@@ -1,0 +1,316 @@
+"""``needlehoop export``: what was written is the scene, for those who have MuJoCo alone."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
+import pytest
+import pytorch_kinematics as pk
+import torch
+
+from needlehoop import config
+from needlehoop.cli.main import main
+from needlehoop.engines.addresses import weld_data
+from needlehoop.envs.build import compile_scene
+from needlehoop.robot import psm
+from needlehoop.robot.arm import VARIANTS
+from needlehoop.robot.posture import Posture
+from needlehoop.scene import export, mjcf
+from needlehoop.scene.spec import build_arm
+
+ROOT = Path(export.__file__).parents[2]
+FILES = {"arm": "psm.xml", "scene": "scene.xml"}
+
+ALONE = """
+import sys
+sys.modules["needlehoop"] = None
+try:
+    import needlehoop
+except ImportError:
+    pass
+else:
+    sys.exit("needlehoop can be imported here")
+import mujoco, numpy as np
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data = mujoco.MjData(model)
+given = np.load(sys.argv[2])
+assert model.nq == given["poses"].shape[1], (model.nq, given["poses"].shape)
+poses, path = [], []
+for qpos in given["poses"]:
+    data.qpos = qpos
+    mujoco.mj_kinematics(model, data)
+    poses.append(np.concatenate([getattr(data, n).ravel() for n in given["fields"]]))
+mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+for ctrl in given["ctrl"]:
+    data.ctrl = ctrl
+    mujoco.mj_step(model, data)
+    path.append(data.qpos.copy())
+np.savez(sys.argv[3], poses=poses, path=path)
+"""
+FIELDS = ("xpos", "xmat", "site_xpos", "site_xmat", "geom_xpos", "geom_xmat")
+
+
+def compiled(what: str, variant: str) -> mujoco.MjModel:
+    settings = config.settings([f"psm={variant}"])
+    if what == "scene":
+        return compile_scene(settings)
+    return build_arm(settings.task, variant).compile()
+
+
+@pytest.fixture(scope="module", params=[(w, v) for w in FILES for v in VARIANTS], ids="-".join)
+def exported(request, tmp_path_factory) -> tuple[Path, mujoco.MjModel]:
+    """An exported file, and the model that it has to be."""
+    what, variant = request.param
+    out = tmp_path_factory.mktemp(what) / variant
+    assert main(["export", f"out={out}", f"what={what}", f"psm={variant}"]) == 0
+    return out / FILES[what], compiled(what, variant)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("arms")
+    for variant in VARIANTS:
+        assert main(["export", f"out={folder / variant}", f"psm={variant}"]) == 0
+    return {variant: folder / variant / "psm.xml" for variant in VARIANTS}
+
+
+def drawn(model: mujoco.MjModel, count: int) -> np.ndarray:
+    """Random poses of every joint of a model, its linkage open, the needle anywhere."""
+    generator = np.random.default_rng(0)
+    poses = generator.uniform(-0.3, 0.3, (count, model.nq))
+    for joint in range(model.njnt):
+        if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            turn = slice(model.jnt_qposadr[joint] + 3, model.jnt_qposadr[joint] + 7)
+            poses[:, turn] /= np.linalg.norm(poses[:, turn], axis=1, keepdims=True)
+    return poses
+
+
+def test_mujoco_alone_opens_it_and_it_moves_the_same(exported, tmp_path):
+    path, model = exported
+    again = mujoco.MjModel.from_xml_path(str(path))
+    poses, data = drawn(model, 20), mujoco.MjData(model)
+    waves = np.sin(np.outer(np.arange(100), 0.02 * np.arange(1, model.nu + 1)))
+    home = again.key("home")
+    controls = home.ctrl + 0.02 * waves
+    np.savez(tmp_path / "given.npz", poses=poses, ctrl=controls, fields=FIELDS)
+    command = [sys.executable, "-I", "-c", ALONE, path, tmp_path / "given.npz", tmp_path / "seen"]
+    subprocess.run(command, check=True, cwd=tmp_path)
+    seen = np.load(tmp_path / "seen.npz")
+    for qpos, pose in zip(poses, seen["poses"], strict=True):
+        data.qpos = qpos
+        mujoco.mj_kinematics(model, data)
+        expected = np.concatenate([getattr(data, name).ravel() for name in FIELDS])
+        np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-9)
+    mujoco.mj_resetData(model, data)
+    data.qpos, data.ctrl = home.qpos, home.ctrl
+    data.mocap_pos[:] = home.mpos.reshape(-1, 3)
+    begun = data.qpos.copy()
+    for control, qpos in zip(controls, seen["path"], strict=True):
+        data.ctrl = control
+        mujoco.mj_step(model, data)
+        np.testing.assert_allclose(qpos, data.qpos, rtol=0, atol=1e-9)
+    assert np.abs(data.qpos - begun).max() > 0.01
+
+
+BY_THE_WAY = {
+    "eq_data": "torquescale of a joint's equality, which has none",
+    "site_size": "the second and third number of a ball",
+}
+"""What MuJoCo compiles otherwise, and does not use."""
+
+
+def test_nothing_is_lost_but_the_last_bits(exported):
+    path, model = exported
+    again = mujoco.MjModel.from_xml_path(str(path))
+    compared = 0
+    # The keyframe and the files' names are new.
+    new = ("_sizes", "key_", "name_", "names_map", "mesh_pathadr")
+    for name in set(dir(model)) - {*BY_THE_WAY}:
+        one, other = getattr(model, name), getattr(again, name)
+        if isinstance(one, np.ndarray) and not name.startswith(new):
+            scale = np.abs(one).max(initial=1e-9)
+            np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * scale, err_msg=name)
+            compared += 1
+    assert compared > 200
+    width = {mujoco.mjtEq.mjEQ_CONNECT: 3, mujoco.mjtEq.mjEQ_JOINT: 5, mujoco.mjtEq.mjEQ_WELD: 11}
+    for row, kind in enumerate(model.eq_type):
+        used = slice(0, width[mujoco.mjtEq(kind)])
+        np.testing.assert_allclose(again.eq_data[row, used], model.eq_data[row, used], atol=1e-12)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_arms_tool_is_where_the_chain_says(arms, variant):
+    model = mujoco.MjModel.from_xml_path(str(arms[variant]))
+    data, posture = mujoco.MjData(model), Posture(model)
+    lower, upper = (limit.numpy() for limit in psm.joint_limits())
+    joints = np.random.default_rng(1).uniform(lower, upper, (50, 6))
+    qpos = np.tile(model.qpos0, (50, 1))
+    posture.write(qpos, joints, np.zeros(50))
+    poses = psm.forward_kinematics(torch.from_numpy(joints)).numpy()
+    for row, pose in zip(qpos, poses, strict=True):
+        data.qpos = row
+        mujoco.mj_kinematics(model, data)
+        site = data.site("tool")
+        np.testing.assert_allclose(site.xpos, pose[:3, 3], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(site.xmat.reshape(3, 3), pose[:3, :3], rtol=0, atol=1e-9)
+
+
+def test_pytorch_kinematics_reads_the_serial_arm_as_the_same_chain(arms, monkeypatch):
+    # Its own reader looks joints up by an enum that MuJoCo 3.17 gives as a number.
+    kinds = {int(kind): name for kind, name in pk.mjcf.JOINT_TYPE_MAP.items()}
+    monkeypatch.setattr(pk.mjcf, "JOINT_TYPE_MAP", kinds)
+    path = arms["serial"]
+    assets = {f"assets/{mesh.name}": mesh.read_bytes() for mesh in path.parent.glob("assets/*")}
+    read = pk.build_chain_from_mjcf(path.read_text(), assets=assets)
+    chain = pk.SerialChain(read, "tool")
+    assert tuple(chain.get_joint_parameter_names()) == psm.JOINT_NAMES
+    joints = torch.rand(20, 6, generator=torch.Generator().manual_seed(0))
+    found = chain.forward_kinematics(joints).get_matrix().double()
+    torch.testing.assert_close(found, psm.forward_kinematics(joints), rtol=0, atol=1e-5)
+
+
+def test_the_arm_rests_at_home(arms):
+    for path in arms.values():
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+        mujoco.mj_kinematics(model, data)
+        place = data.site("tool").xpos.copy()
+        np.testing.assert_allclose(place, [0, 0, -0.12 - 0.0091 + 0.0156], atol=1e-9)
+        mujoco.mj_step(model, data, nstep=500)
+        assert np.linalg.norm(data.site("tool").xpos - place) < 1e-5
+
+
+def test_the_scenes_weld_holds_the_needle_as_told(tmp_path):
+    assert main(["export", f"out={tmp_path / 'out'}", "what=scene", "psm=serial"]) == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "scene.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
+    mujoco.mj_forward(model, data)
+    wrist, needle = data.body("wrist_yaw"), data.body("needle")
+    turn = wrist.xmat.reshape(3, 3)
+    offset, inverse, relative = turn.T @ (needle.xpos - wrist.xpos), np.zeros(4), np.zeros(4)
+    mujoco.mju_negQuat(inverse, wrist.xquat)
+    mujoco.mju_mulQuat(relative, inverse, needle.xquat)
+    pose = np.concatenate((offset, relative))
+    weld = model.equality("grasp").id
+    model.eq_data[weld, :10] = np.concatenate((np.zeros(3), pose))
+    np.testing.assert_array_equal(model.eq_data[weld, :10], weld_data(pose[None])[0])
+    data.eq_active[weld] = 1
+    data.ctrl[2] -= 0.02
+    mujoco.mj_step(model, data, nstep=200)
+    mujoco.mj_kinematics(model, data)
+    assert needle.xpos[2] > 0.015
+    now = wrist.xmat.reshape(3, 3).T @ (needle.xpos - wrist.xpos)
+    np.testing.assert_allclose(now, offset, atol=5e-4)
+
+
+def test_a_folder_that_exists_is_refused_and_left_alone(tmp_path, capsys):
+    out = tmp_path / "mine"
+    out.mkdir()
+    (out / "notes.txt").write_text("precious")
+    assert main(["export", f"out={out}"]) == 2
+    assert "overwrite=true" in capsys.readouterr().err
+    assert [file.name for file in out.iterdir()] == ["notes.txt"]
+
+
+def test_overwriting_leaves_what_no_export_has_written(tmp_path, capsys):
+    out = tmp_path / "mine"
+    assert main(["export", f"out={out}"]) == 0
+    (out / "notes.txt").write_text("precious")
+    (out / "psm.xml").write_text("old")
+    assert main(["export", f"out={out}", "what=scene", "overwrite=true"]) == 0
+    assert main(["export", f"out={out}", "overwrite=true"]) == 0
+    assert (out / "psm.xml").read_text().startswith("<mujoco")
+    assert (out / "notes.txt").read_text() == "precious"
+    names = {str(file.relative_to(out)) for file in out.rglob("*") if file.is_file()}
+    recorded = set(json.loads((out / export.RECORD).read_text())["files"])
+    assert names == recorded | {"notes.txt", export.RECORD}
+    assert {"psm.xml", "scene.xml", "assets/needle.obj", "LICENSE", "README.md"} <= recorded
+
+
+def test_a_file_of_the_same_name_is_not_overwritten(tmp_path, capsys):
+    out = tmp_path / "mine"
+    out.mkdir()
+    (out / "README.md").write_text("precious")
+    assert main(["export", f"out={out}", "overwrite=true"]) == 2
+    assert "README.md" in capsys.readouterr().err
+    assert {file.name: file.read_text() for file in out.iterdir()} == {"README.md": "precious"}
+    (out / export.RECORD).write_text("[]")
+    assert main(["export", f"out={out}", "overwrite=true"]) == 2
+    assert "no record" in capsys.readouterr().err
+
+
+def test_a_file_is_no_folder(tmp_path, capsys):
+    (tmp_path / "psm").write_text("precious")
+    assert main(["export", f"out={tmp_path / 'psm'}", "overwrite=true"]) == 2
+    assert "is a file" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_nothing_half_made(tmp_path, monkeypatch, capsys):
+    whole, calls = Path.write_text, []
+
+    def fill(self, *arguments, **options):
+        calls.append(self)
+        if len(calls) == 3:
+            raise OSError("no space left on device")
+        return whole(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "write_text", fill)
+    assert main(["export", f"out={tmp_path / 'psm'}"]) == 2
+    assert "no space" in capsys.readouterr().err
+    assert len(calls) == 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_not_what_was_compiled_is_an_error():
+    body = Element("body", name="hand", pos="1 2 3")
+    with pytest.raises(RuntimeError, match="body hand pos"):
+        mjcf._sharpen(body, "pos", np.array([1.0, 2.0, 3.1]))
+    model = compiled("arm", "serial")
+    text = mjcf.write(build_arm(config.settings().task, "serial"), "psm")
+    moved = text["psm.xml"].replace("0.0091 0 0", "0.0092 0 0", 1)
+    assert moved != text["psm.xml"]
+    meshes = {name: mesh for name, mesh in text.items() if name != "psm.xml"}
+    with pytest.raises(RuntimeError, match="xpos"):
+        mjcf._compare(model, moved, meshes)
+
+
+def rows(readme: str, first: str) -> list[list[str]]:
+    """Cells of the table of a Markdown text whose head begins with ``first``."""
+    lines = readme.partition(f"| {first} |")[2].partition("\n\n")[0].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("| ").split("|")] for line in lines]
+
+
+def test_the_readmes_tables_are_the_models():
+    readme = (ROOT / "needlehoop/robot/README.md").read_text()
+    table = {cells[0]: cells[1:] for cells in rows(readme, "joint")}
+    assert tuple(table) == (*psm.JOINT_NAMES, "jaw")
+    angles = {np.pi / 2: "π/2", -np.pi / 2: "-π/2", 0.0: "0"}
+    turns = {np.pi / 2: "q + π/2", -np.pi / 2: "q - π/2", 0.0: "q"}
+    for joint in psm.JOINTS:
+        alpha, a, d, theta, *limits = table[joint.name]
+        assert (alpha, float(a)) == (angles[joint.alpha], joint.a)
+        if joint.prismatic:
+            assert (d, theta) == (f"q - {-joint.d}", "0")
+        else:
+            assert (float(d), theta) == (joint.d, turns[joint.theta])
+        assert [float(limit) for limit in limits] == [joint.lower, joint.upper, joint.effort]
+    jaw = [float(limit) for limit in table["jaw"][-3:]]
+    assert jaw == [psm.JAW_LOWER, psm.JAW_UPPER, psm.JAW_EFFORT]
+    golden = np.array([[float(cell) for cell in cells] for cells in rows(readme, "yaw | pitch")])
+    assert golden.shape == (2, 9)
+    found = psm.forward_kinematics(torch.from_numpy(golden[:, :6]))[:, :3, 3]
+    np.testing.assert_allclose(found, golden[:, 6:], atol=1e-6)
+
+
+def test_the_licence_is_the_projects():
+    if not (ROOT / "LICENSE").exists():
+        pytest.skip("not a checkout")
+    assert export.papers()["LICENSE"] == (ROOT / "LICENSE").read_text()
