@@ -10,7 +10,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import written
 from needlehoop.vlm.gates import Gates
 from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
-from needlehoop.vlm.providers.contract import LiveConfig
+from needlehoop.vlm.providers.contract import config_of
 from needlehoop.vlm.workshop import open_workshop
 from needlehoop.vlm.writing import Workshop
 
@@ -34,7 +34,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
         return
     where = {name: values[name] for name in ("results", "study")}
     asked = InquiryConfig(**where, **values["asking"], overwrite=False)
-    provider = config.as_type(values["vlm"], LiveConfig, "vlm")
+    provider = config.as_type(values["vlm"], config_of(values["vlm"]["kind"]), "vlm")
     try:
         with Inquiry(settings, asked, provider) as inquiry:
             path, _ = inquiry.reward(written.FLAVOURS[reward["kind"]], workshop(values))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +14,21 @@ from needlehoop.cli.command import add_command
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
 
-_SHARED = "vlm=replay|gemini|openai study=main overwrite=false attempts=3 size=384 vlm.recording=…"
+_SHARED = (
+    "vlm=replay|gemini|openai|manual study=main overwrite=false attempts=3 size=384 vlm.recording=…"
+)
+
+
+_STOPPED = 130
+"""Exit status of a command that Ctrl-C stopped."""
 
 
 def add_ask_commands(commands: Any) -> None:
     """Add the commands that ask to the subparsers of ``needlehoop vlm``."""
-    add = partial(add_command, commands)
+
+    def add(name: str, run: Callable[[argparse.Namespace], None], summary: str, keys: str) -> None:
+        add_command(commands, name, partial(_stoppable, run), summary, keys)
+
     summary = "Ask which views and renderings suit the task's parts."
     add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
     summary = "Ask for rankings of sets of cameras."
@@ -27,6 +37,17 @@ def add_ask_commands(commands: Any) -> None:
     summary = "Ask for a reward program for a set of cameras."
     own = "cams=[dep_front,seg_side] flavour=image|text gates.margin=2"
     add("reward", _reward, summary, f"{own} {_SHARED}")
+
+
+def _stoppable(
+    run: Callable[[argparse.Namespace], None], options: argparse.Namespace
+) -> int | None:
+    """Ctrl-C loses nothing: what was answered is recorded."""
+    try:
+        return run(options)
+    except KeyboardInterrupt:
+        print("needlehoop vlm: stopped; the same command goes on", file=sys.stderr)
+        return _STOPPED
 
 
 def _question(options: argparse.Namespace) -> None:
@@ -81,13 +102,12 @@ def _reward(options: argparse.Namespace) -> None:
 def _open(values: dict[str, Any]) -> Inquiry:
     from needlehoop import config
     from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
-    from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig
+    from needlehoop.vlm.providers.contract import config_of
 
-    kind = ReplayConfig if values["vlm"]["kind"] == "replay" else LiveConfig
     inquiry = Inquiry(
         config.structure(values),
         config.as_type(values, InquiryConfig),
-        config.as_type(values["vlm"], kind, "vlm"),
+        config.as_type(values["vlm"], config_of(values["vlm"]["kind"]), "vlm"),
     )
     if inquiry.transcript.torn is not None:
         print(f"needlehoop vlm: {inquiry.transcript.torn}", file=sys.stderr)

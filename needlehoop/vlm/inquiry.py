@@ -16,7 +16,7 @@ from needlehoop.runs.run import Run
 from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.conversation import Attempt, Conversation, models, totals_of
-from needlehoop.vlm.providers.contract import LiveConfig, ReplayConfig, transcripts
+from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
 from needlehoop.vlm.providers.factory import build_provider
 from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
@@ -62,12 +62,12 @@ class Inquiry(AbstractContextManager):
         RuntimeError: the provider's package is not installed.
     """
 
-    def __init__(self, settings: Settings, config: InquiryConfig, vlm: LiveConfig | ReplayConfig):
+    def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
         self._settings, self._config = settings, config
         self._files = Run(config.folder)
-        self._live = isinstance(vlm, LiveConfig)
-        if isinstance(vlm, LiveConfig):
-            provider = build_provider(vlm)
+        self._live = not isinstance(vlm, ReplayConfig)
+        if not isinstance(vlm, ReplayConfig):
+            provider = build_provider(vlm, config.folder)
             self.transcript = Transcript(config.folder)
             self._recorder = Recorder(self.transcript, provider, vlm)
         else:
@@ -75,7 +75,7 @@ class Inquiry(AbstractContextManager):
             if not self.transcript.exchanges:
                 raise ValueError(
                     f"vlm.recording: nothing is recorded in {self.transcript.path}; ask a model"
-                    " with vlm=gemini or vlm=openai, or name another recording: a folder, or"
+                    " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
             self._recorder = Recorder(self.transcript)

@@ -10,7 +10,7 @@ from typing import Any
 
 from needlehoop.vlm import edition
 from needlehoop.vlm.messages import Request
-from needlehoop.vlm.providers.contract import LiveConfig, Provider, ProviderError, Reply
+from needlehoop.vlm.providers.contract import AskingConfig, Provider, ProviderError, Reply
 from needlehoop.vlm.providers.retries import persist
 from needlehoop.vlm.transcript import Exchange, Transcript
 
@@ -44,7 +44,7 @@ class Recorder:
         self,
         transcript: Transcript,
         provider: Provider | None = None,
-        config: LiveConfig | None = None,
+        config: AskingConfig | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ):
         self.transcript = transcript
@@ -128,7 +128,7 @@ class Recorder:
         return exchange
 
 
-def _check_same(transcript: Transcript, config: LiveConfig) -> None:
+def _check_same(transcript: Transcript, config: AskingConfig) -> None:
     for exchange in transcript.exchanges:
         if exchange.asked != config.asked:
             raise ValueError(
@@ -151,7 +151,9 @@ def _miss(transcript: Transcript, request: Request) -> str:
     """What is not recorded, and what is that comes nearest."""
     answered = [exchange for exchange in transcript.exchanges if exchange.outcome != "failed"]
     if not answered:
-        return f"{transcript.path}: nothing is recorded; ask a model with vlm=gemini or vlm=openai"
+        return (
+            f"{transcript.path}: nothing is recorded; ask a model with vlm=gemini, openai or manual"
+        )
     wanted = request.canonical()
     if any(exchange.sha256 == request.sha256 for exchange in answered):
         count = sum(exchange.sha256 == request.sha256 for exchange in answered)

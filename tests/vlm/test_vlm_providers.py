@@ -8,6 +8,7 @@ import json
 import logging
 import traceback
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from vlm_server import KEY, Server, by_schema, serve
@@ -37,6 +38,8 @@ REQUEST = Request(
     ),
     SCHEMA,
 )
+
+NOWHERE = Path("nowhere")
 
 
 @pytest.fixture(params=["gemini", "openai"])
@@ -68,7 +71,7 @@ def config_of(kind: str, server: Server | None, **changes) -> LiveConfig:
 
 @pytest.fixture
 def provider(kind: str, server: Server) -> Iterator[Provider]:
-    provider = build_provider(config_of(kind, server))
+    provider = build_provider(config_of(kind, server), NOWHERE)
     yield provider
     provider.close()
 
@@ -136,7 +139,7 @@ def test_other_errors_are_final(provider, kind, server, status):
 def test_a_time_out_is_tried_again(kind, server):
     config = config_of(kind, server, timeout=0.3)
     server.script = [{"sleep": 1.0, "text": "late"}]
-    with_time_out = build_provider(config)
+    with_time_out = build_provider(config, NOWHERE)
     with pytest.raises(ProviderError, match=r"timeout: no answer within 0.3 s") as caught:
         with_time_out.ask(REQUEST)
     assert caught.value.passing
@@ -145,7 +148,7 @@ def test_a_time_out_is_tried_again(kind, server):
 
 def test_a_server_that_is_not_there_is_final(kind, monkeypatch):
     monkeypatch.setenv("TEST_KEY", KEY)
-    provider = build_provider(config_of(kind, None, base_url="http://127.0.0.1:9/v1"))
+    provider = build_provider(config_of(kind, None, base_url="http://127.0.0.1:9/v1"), NOWHERE)
     with pytest.raises(ProviderError, match="unreachable") as caught:
         provider.ask(REQUEST)
     assert not caught.value.passing
@@ -183,11 +186,11 @@ def test_an_empty_answer_is_an_outcome_of_its_own(provider, server):
 def test_a_missing_key_is_an_error_before_any_work(kind, monkeypatch):
     monkeypatch.delenv("TEST_KEY", raising=False)
     with pytest.raises(ValueError, match=r"vlm.key: the environment variable TEST_KEY is not set"):
-        build_provider(config_of(kind, None))
+        build_provider(config_of(kind, None), NOWHERE)
 
 
 def test_a_server_without_keys_is_asked_without_one(kind, server):
-    provider = build_provider(config_of(kind, server, key=None))
+    provider = build_provider(config_of(kind, server, key=None), NOWHERE)
     assert provider.ask(REQUEST).outcome == "answered"
     provider.close()
 
@@ -203,7 +206,7 @@ def test_a_missing_package_says_what_to_install(kind, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(RuntimeError, match=r"pip install 'needlehoop\[vlm\]'"):
-        build_provider(config_of(kind, None))
+        build_provider(config_of(kind, None), NOWHERE)
 
 
 def test_the_key_is_sent_and_goes_nowhere_else(provider, kind, server, caplog):
@@ -229,9 +232,9 @@ def test_a_key_in_place_of_its_variable_is_refused_unrepeated(kind):
 def test_unknown_kinds_and_settings_name_the_valid_ones(monkeypatch):
     monkeypatch.setenv("TEST_KEY", KEY)
     with pytest.raises(ValueError, match="choose from replay, gemini, openai"):
-        build_provider(config_of("bard", None))
+        build_provider(config_of("bard", None), NOWHERE)
     with pytest.raises(ValueError, match=r"vlm.sampling: unknown key 'heat'"):
-        build_provider(config_of("gemini", None, sampling={"heat": 2}))
+        build_provider(config_of("gemini", None, sampling={"heat": 2}), NOWHERE)
     with pytest.raises(ValueError, match=r"vlm.tries: 0"):
         config_of("gemini", None, tries=0)
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.messages import Request
@@ -116,6 +116,11 @@ class LiveConfig:
         return {"provider": self.kind, "model": self.model, "sampling": self.sent}
 
     @property
+    def arrived(self) -> int:
+        """The status of a try that brought a reply."""
+        return 200
+
+    @property
     def sent(self) -> dict[str, Any]:
         """The sampling settings that are sent."""
         return {name: value for name, value in self.sampling.items() if value is not None}
@@ -135,6 +140,59 @@ class LiveConfig:
                 " or replay a recording with vlm=replay"
             )
         return value
+
+
+@dataclass(frozen=True)
+class ManualConfig:
+    """Values in ``conf/vlm/manual.yaml``."""
+
+    kind: str
+    model: str
+    wait: float | None
+    """Seconds to wait for an answer; ``None``: for ever."""
+    poll: float
+    """Seconds between two looks for it."""
+
+    tries: ClassVar[int] = 1
+    first_wait: ClassVar[float] = 0.0
+    longest_wait: ClassVar[float] = 0.0
+    arrived: ClassVar[str] = "by hand"
+
+    def __post_init__(self) -> None:
+        if not self.model.strip():
+            raise ValueError("vlm.model: say who answers, for the record")
+        if self.wait is not None and self.wait < 0:
+            raise ValueError(f"vlm.wait: {self.wait} is negative")
+        if not self.poll > 0:
+            raise ValueError(f"vlm.poll: {self.poll} must be positive")
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """Who is asked, for the record."""
+        return {"provider": self.kind, "model": self.model, "sampling": {}}
+
+
+AskingConfig = LiveConfig | ManualConfig
+"""Of those who answer anew."""
+
+KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
+    "replay": ReplayConfig,
+    "gemini": LiveConfig,
+    "openai": LiveConfig,
+    "manual": ManualConfig,
+}
+"""The config of each ``vlm.kind``."""
+
+
+def config_of(kind: str) -> type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]:
+    """Raises ``ValueError`` for a kind that there is not."""
+    if kind not in KINDS:
+        raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
+    return KINDS[kind]
+
+
+class UnansweredError(RuntimeError):
+    """Nobody answered in the time given; nothing is lost, and nothing is recorded."""
 
 
 class Provider(Protocol):

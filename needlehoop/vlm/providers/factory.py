@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from needlehoop.vlm.providers.contract import LiveConfig, Provider
+from pathlib import Path
+
+from needlehoop.vlm.providers.contract import KINDS, AskingConfig, ManualConfig, Provider
 
 
-def build_provider(config: LiveConfig) -> Provider:
+def build_provider(config: AskingConfig, folder: Path) -> Provider:
     """A provider by its kind; nothing is sent yet.
+
+    Args:
+        config: whom to ask and how.
+        folder: of the study's record, for those who ask by files.
 
     Raises:
         ValueError: an unknown kind, or no key.
         RuntimeError: its package is not installed.
     """
+    if isinstance(config, ManualConfig):
+        from needlehoop.vlm.providers.manual import Manual
+
+        return Manual(config, folder)
     if config.kind == "gemini":
         from needlehoop.vlm.providers.gemini import Gemini
 
@@ -20,4 +30,4 @@ def build_provider(config: LiveConfig) -> Provider:
         from needlehoop.vlm.providers.compatible import Compatible
 
         return Compatible(config)
-    raise ValueError(f"vlm.kind: {config.kind!r} is unknown; choose from replay, gemini, openai")
+    raise ValueError(f"vlm.kind: {config.kind!r} is unknown; choose from {', '.join(KINDS)}")

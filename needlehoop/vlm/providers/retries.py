@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
+from needlehoop.vlm.providers.contract import AskingConfig, ProviderError, Reply
 
 
 def persist(
-    ask: Callable[[], Reply], config: LiveConfig, sleep: Callable[[float], None]
+    ask: Callable[[], Reply], config: AskingConfig, sleep: Callable[[float], None]
 ) -> tuple[Reply, tuple[int | str, ...]]:
     """Try until there is a reply, the failure will not pass, or the tries are used up.
 
@@ -26,7 +26,7 @@ def persist(
     attempts: tuple[int | str, ...] = ()
     while True:
         try:
-            return ask(), (*attempts, 200)
+            return ask(), (*attempts, config.arrived)
         except ProviderError as error:
             attempts = (*attempts, error.status)
             if error.passing and len(attempts) < config.tries:

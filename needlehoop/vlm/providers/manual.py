@@ -1,0 +1,158 @@
+"""Questions put into folders, for those who have a chat window and no key."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import time
+from itertools import count
+from pathlib import Path
+
+from needlehoop.runs.files import write_whole
+from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
+
+ASKED, ANSWERED = "asked", "answered"
+"""Folders of questions: those that wait, one at a time, and those that are done."""
+
+ANSWERS = ("answer.json", "answer.md", "answer.txt")
+"""What an answer may be called."""
+
+_GUIDE = """\
+Give a vision-language model what stands below the line, with each picture at the place that
+names it. Save what it answers in this folder: as answer.json, or all that it said as answer.md.
+"""
+
+
+class Manual:
+    """Writes each request into a folder and waits for an answer beside it.
+
+    Args:
+        config: who answers, and how long to wait.
+        folder: a study's, for the folders of questions.
+    """
+
+    def __init__(self, config: ManualConfig, folder: Path):
+        self._config, self._folder = config, folder
+        self._done: Path | None = None
+
+    def ask(self, request: Request) -> Reply:
+        """The answer, once it is there; a request that waits already goes on waiting.
+
+        Raises:
+            UnansweredError: the time to wait is over.
+        """
+        self.close()
+        place = self._folder / ASKED / request.sha256[:16]
+        if not (place / "request.md").exists():
+            write_request(request, place)
+        answer = self._wait(place)
+        self._done = place
+        return Reply("answered", find_json(answer), "", self._config.model, None, None)
+
+    def close(self) -> None:
+        """Put away the question that was answered last: asked once more, it is a new one."""
+        if self._done is not None:
+            done = self._folder / ANSWERED
+            done.mkdir(parents=True, exist_ok=True)
+            names = (f"{number:03d}_{self._done.name}" for number in count(1))
+            taken = {path.name.partition("_")[0] for path in done.iterdir()}
+            free = next(name for name in names if name.partition("_")[0] not in taken)
+            self._done.rename(done / free)
+            self._done = None
+
+    def _wait(self, place: Path) -> str:
+        began, before, said = time.monotonic(), None, False
+        while True:
+            answer = _read(place)
+            # The same twice: nobody is writing it any more.
+            if answer is not None and answer == before:
+                return _text(*answer)
+            if answer is None and not said:
+                print(self._told(place), file=sys.stderr, flush=True)
+                said = True
+            wait = self._config.wait
+            if answer is None and wait is not None and time.monotonic() - began >= wait:
+                raise UnansweredError(
+                    f"{place}: no answer yet; put it there, and the same command goes on"
+                )
+            before = answer
+            time.sleep(self._config.poll)
+
+    def _told(self, place: Path) -> str:
+        return (
+            f"vlm=manual: give {place / 'request.md'} and its pictures to {self._config.model}, and"
+            f" save the answer beside it as {ANSWERS[0]} (as it is: {ANSWERS[1]}); Ctrl-C stops,"
+            " and the same command goes on"
+        )
+
+
+def write_request(request: Request, place: Path) -> None:
+    """A request as ``request.md``, its pictures as ``01.png``, …, and ``schema.json``.
+
+    Args:
+        request: the conversation so far.
+        place: a folder, made here; ``request.md`` is the last file to be written.
+    """
+    place.mkdir(parents=True, exist_ok=True)
+    for number, picture in enumerate(request.pictures, 1):
+        write_whole(place / f"{number:02d}.png", picture.png)
+    schema = json.dumps(request.schema, indent=2, ensure_ascii=False)
+    write_whole(place / "schema.json", schema + "\n")
+    *before, now = _in_words(request)
+    parts = [_GUIDE]
+    if before:
+        parts += ["What was said before is needed where the model does not remember it.\n"]
+    parts += ["---\n"]
+    if before:
+        parts += ["# What was said before\n", *before, "# What is asked now\n"]
+    form = (
+        f"Answer with one JSON object of this schema, and nothing else:\n\n```json\n{schema}\n```\n"
+    )
+    write_whole(place / "request.md", "\n".join((*parts, now, form)))
+
+
+def find_json(said: str) -> str:
+    """The JSON object in what a model said: all of it, or what stands in a fence or in braces.
+
+    What has none comes back as it is, to be refused as any other answer would be.
+    """
+    fenced = re.findall(r"^```\w*[ \t]*\n(.*?)^```", said, re.DOTALL | re.MULTILINE)
+    braces = said[said.find("{") : said.rfind("}") + 1]
+    for text in (said, *reversed(fenced), braces):
+        try:
+            if isinstance(json.loads(text), dict):
+                return text.strip()
+        except json.JSONDecodeError:
+            continue
+    return said
+
+
+def _in_words(request: Request) -> list[str]:
+    """Each turn as text; pictures are numbered through all of them."""
+    numbers = count(1)
+
+    def told(message: Message) -> str:
+        lines = [
+            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Picture) else f"{part}\n"
+            for part in message.parts
+        ]
+        who = "## The model answered\n" if message.role == "assistant" else "## It was asked\n"
+        return "\n".join((who, *lines) if message is not request.messages[-1] else lines)
+
+    return [told(message) for message in request.messages]
+
+
+def _read(place: Path) -> tuple[Path, bytes] | None:
+    """An answer with something in it, by the first name that there is."""
+    found = next((place / name for name in ANSWERS if (place / name).is_file()), None)
+    content = b"" if found is None else found.read_bytes()
+    return None if found is None or not content.strip() else (found, content)
+
+
+def _text(path: Path, content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
