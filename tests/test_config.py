@@ -114,7 +114,7 @@ def test_every_option_of_every_group_composes(group, option, tmp_path):
     ("group", "option"), [(group, option) for group in COMMANDS for option in options(group)]
 )
 def test_every_option_of_a_commands_group_composes(group, option):
-    more = ["vlm.model=qwen"] if option == "openai" else []
+    more = ["vlm.model=qwen"] if option in ("openai", "manual") else []
     assert config.compose([f"{group}={option}", *more], COMMANDS[group])[group]
 
 

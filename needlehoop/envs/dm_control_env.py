@@ -39,7 +39,20 @@ class NeedleHoopTask(control.Task):
     def __init__(self, simulation: Simulation, servos: Servos, imager: Imager, settings: Settings):
         self.simulation, self._servos, self._settings = simulation, servos, settings
         self._observer = Observer(settings, simulation, imager)
+        seeds = np.random.SeedSequence(settings.seed)
+        self._generator = np.random.RandomState(np.random.MT19937(seeds))
         self.moment: Moment | None = None
+
+    @property
+    def _random(self) -> np.random.RandomState:
+        """The generator that dm_control's own tasks draw from; here it stands for its seed."""
+        return self._generator
+
+    @_random.setter
+    def _random(self, generator: np.random.RandomState) -> None:
+        # Shimmy's `reset(seed=)` sets it and nothing else.
+        self._generator = generator
+        self.simulation.reseed(_seed_of(generator))
 
     def initialize_episode(self, physics: dm_mujoco.Physics) -> None:
         self.moment = self.simulation.reset()
@@ -95,6 +108,17 @@ class NeedleHoopTask(control.Task):
         if self.moment is None:
             raise RuntimeError("reset before the first step")
         return self.moment
+
+
+def _seed_of(generator: np.random.RandomState) -> int:
+    """The number that a generator was just seeded with, or else one drawn from it."""
+    # What numpy's legacy seeding with one number puts first is that number.
+    seed = int(generator.get_state(legacy=False)["state"]["key"][0])
+    fresh = np.random.RandomState(seed).get_state(legacy=False)["state"]
+    state = generator.get_state(legacy=False)["state"]
+    if state["pos"] == fresh["pos"] and np.array_equal(state["key"], fresh["key"]):
+        return seed
+    return int(generator.randint(2**31))
 
 
 def load(settings: Settings, env: int = 0) -> dm_env.Environment:

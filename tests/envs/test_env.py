@@ -207,3 +207,30 @@ def test_a_restored_environment_goes_on_with_the_same_bits():
         whole, now = first.step_and_maybe_reset(now.set("action", action))
         resumed, again = second.step_and_maybe_reset(again.set("action", action))
         assert (whole["next"] == resumed["next"]).all()
+
+
+def test_shimmy_s_seed_is_ours():
+    from shimmy import DmControlCompatibilityV0
+
+    wrapped = DmControlCompatibilityV0(needlehoop.load(cams=["seg_side"], seed=1))
+    seen = [wrapped.reset(seed=5)[0]["seg_side"]]
+    seen += [wrapped.reset()[0]["seg_side"] for _ in range(2)]
+    again = [wrapped.reset(seed=seed)[0]["seg_side"] for seed in (5, None)]
+    direct = needlehoop.load(cams=["seg_side"], seed=5)
+    for one, other in zip(seen, again, strict=False):
+        assert np.array_equal(one, other)
+        assert np.array_equal(one, direct.reset().observation["seg_side"])
+    assert not np.array_equal(seen[0], seen[1])
+
+
+def test_a_generator_that_is_no_seed_gives_one():
+    env = needlehoop.load(overrides=["obs.signals=true"])
+    seen = []
+    for _ in range(2):
+        generator = np.random.RandomState([1, 2, 3])
+        generator.rand()
+        env.task._random = generator
+        seen.append(env.reset().observation["signals"])
+    assert np.array_equal(*seen)
+    env.task._random = np.random.RandomState([1, 2, 4])
+    assert not np.array_equal(env.reset().observation["signals"], seen[0])
