@@ -19,7 +19,7 @@ from needlehoop.cli.main import main
 from needlehoop.engines.addresses import weld_data
 from needlehoop.envs.build import compile_scene
 from needlehoop.robot import psm
-from needlehoop.robot.arm import VARIANTS
+from needlehoop.robot.joints import VARIANTS
 from needlehoop.robot.posture import Posture
 from needlehoop.scene import export, mjcf
 from needlehoop.scene.spec import build_arm
