@@ -8,7 +8,9 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +47,36 @@ def write_whole(path: Path, content: str | bytes) -> None:
     partial = path.with_name(path.name + ".partial")
     data = content.encode() if isinstance(content, str) else content
     try:
-        with partial.open("wb") as file:
+        with naming(path), partial.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Has an ``OSError`` say which file it is about: that of a write, on a full disk, does not."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise
+
+
+def set_aside(path: Path) -> Path | None:
+    """Move a file or folder that is there out of the way: ``name.ext`` becomes ``name.1.ext``.
+
+    Returns:
+        Where it is now; ``None`` if nothing was there.
+    """
+    if not path.exists():
+        return None
+    taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
+    return path.rename(next(place for place in taken if not place.exists()))
 
 
 def csv_text(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:

@@ -1,0 +1,153 @@
+"""Files that others may have written: plain ones, of a bounded size, in a bounded depth.
+
+Everything that is read back goes through here, so that a pipe, a device, 3 GB or a bomb of YAML
+aliases costs a line of text and no more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+TEXT = 1_000_000
+"""Bytes of a text, at most: a program, notes, settings."""
+
+TABLE = 8_000_000
+"""Of a table: 25,000 rows of a run's metrics."""
+
+RECORD = 256_000_000
+"""Of a transcript, whose pictures are beside it."""
+
+_YAML = 256_000
+"""Of YAML, which takes longer to read; a run's settings have 7,000."""
+
+_DEPTH = 64
+"""Levels of lists and keys within each other."""
+
+# libyaml's is ten times as fast, where it was built in.
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class UnreadableError(ValueError):
+    """A file that is not what its name says; the message says why, without its name."""
+
+
+def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> bytes:
+    """What is in a plain file.
+
+    Args:
+        path: of the file.
+        most: bytes that it may have.
+        within: a folder that it must lie in, also where it is a link.
+
+    Raises:
+        UnreadableError: it is something else, too large, elsewhere, or can't be opened.
+    """
+    if within is not None and not path.resolve().is_relative_to(within.resolve()):
+        raise UnreadableError(f"is a link out of {within}")
+    try:
+        # Not blocking: a pipe that nobody writes to would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with open(descriptor, "rb") as file:
+            state = os.fstat(descriptor)
+            if not stat.S_ISREG(state.st_mode):
+                raise UnreadableError("is no plain file")
+            # Some plain files, such as those of /proc, have more in them than they say.
+            data = file.read(most + 1) if state.st_size <= most else b""
+    except OSError as error:
+        raise UnreadableError(f"can't be read: {error.strerror}") from error
+    except ValueError as error:
+        if isinstance(error, UnreadableError):
+            raise
+        raise UnreadableError("can't be read: its name has a null character") from error
+    if max(state.st_size, len(data)) > most:
+        raise UnreadableError(f"is larger than {most:,} bytes")
+    return data
+
+
+def read_text(path: Path, most: int = TEXT, within: Path | None = None) -> str:
+    """A text in UTF-8.
+
+    Raises:
+        UnreadableError: as in ``read_bytes``, or it is empty or no text.
+    """
+    try:
+        text = read_bytes(path, most, within).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UnreadableError("is no text") from error
+    if not text.strip():
+        raise UnreadableError("is empty")
+    return text
+
+
+def read_json(path: Path, most: int = TEXT, within: Path | None = None) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises:
+        UnreadableError: as in ``read_text``, or it holds something else.
+    """
+    return _keys(parse_json(read_text(path, most, within)))
+
+
+def parse_json(text: str | bytes) -> Any:
+    """The value of a JSON text, in a bounded depth; no NaN and no infinity, which JSON lacks.
+
+    Raises:
+        UnreadableError: it is none, or too deep.
+    """
+    try:
+        found = json.loads(text, parse_constant=_no_number)
+    except UnreadableError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise UnreadableError("is no JSON, or cut off") from error
+    check_depth(found)
+    return found
+
+
+def read_yaml(path: Path, within: Path | None = None) -> dict[str, Any]:
+    """A YAML mapping of plain values; no aliases, of which a few make billions of values.
+
+    Raises:
+        UnreadableError: as in ``read_text``, or it holds something else.
+    """
+    text = read_text(path, _YAML, within)
+    try:
+        depth = 0
+        for event in yaml.parse(text, Loader=_LOADER):
+            if isinstance(event, yaml.AliasEvent):
+                raise UnreadableError("has YAML aliases")
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > _DEPTH:
+                raise UnreadableError("is too deep")
+        found = yaml.load(text, _LOADER)
+    except UnreadableError:
+        raise
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise UnreadableError("is no YAML, or cut off") from error
+    return _keys(found)
+
+
+def check_depth(value: Any, depth: int = 0) -> None:
+    """Raises ``UnreadableError`` for lists and keys too deep within each other."""
+    if depth > _DEPTH:
+        raise UnreadableError("is too deep")
+    if isinstance(value, dict | list):
+        for inner in value.values() if isinstance(value, dict) else value:
+            check_depth(inner, depth + 1)
+
+
+def _keys(found: Any) -> dict[str, Any]:
+    if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
+        raise UnreadableError("holds no keys")
+    return found
+
+
+def _no_number(name: str) -> float:
+    raise UnreadableError(f"has {name}, which is no JSON")
