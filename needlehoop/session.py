@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from needlehoop import config, rewards
 from needlehoop.asking import ask_where_missing
+from needlehoop.learning.checkpoint import check_state
 from needlehoop.learning.job import Job
-from needlehoop.runs.files import CHECKPOINT, CONFIG, EVALUATIONS, METRICS
+from needlehoop.runs.checkpoint import Checkpoint
+from needlehoop.runs.files import CHECKPOINT, CONFIG
+from needlehoop.runs.lock import Lock
+from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
 
 _EXISTING = ("auto", "stop", "resume")
@@ -23,8 +28,8 @@ _OF_NO_CONSEQUENCE = (
 
 
 @dataclass(frozen=True)
-class Session:
-    """A run to be trained."""
+class Session(AbstractContextManager):
+    """A run to be trained; nobody else writes into its folder until the context ends."""
 
     job: Job
     run: Run
@@ -32,6 +37,12 @@ class Session:
     """The composed config that the run began with."""
     state: dict[str, Any] | None
     """Its checkpoint; ``None``: it begins."""
+    lock: Lock | None
+    """On its folder; ``None`` where nothing is left to do."""
+
+    def __exit__(self, *_: object) -> None:
+        if self.lock is not None:
+            self.lock.release()
 
     @property
     def is_finished(self) -> bool:
@@ -62,7 +73,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     if values["resume"] is not None:
         if len(overrides) > 1:
             raise ValueError("resume: a run goes on with its own settings; give no others with it")
-        session = _go_on(Run.open(Path(values["resume"])))
+        session = _continue(Run.open(Path(values["resume"])))
         if session.is_finished:
             raise ValueError(f"resume: {session.run.folder} is finished")
         return session
@@ -73,45 +84,80 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     # One camera may be given as a word; what is kept is always a list.
     values["cams"] = list(job.env.cams)
     folder = Path(job.results) / job.place
-    overwrite = values["overwrite"]
-    if values["existing"] == "resume" and (folder / CONFIG).exists() and not overwrite:
+    if values["existing"] == "resume" and (folder / CONFIG).exists() and not values["overwrite"]:
         run = Run.open(folder)
         _check_same(run, values)
-        if (folder / CHECKPOINT).exists() or run.manifest().get("finished"):
-            return _go_on(run)
-        # It ended before its first checkpoint: nothing is lost.
-        overwrite = True
-    reward = rewards.text(rewards.load(job.env.reward))
-    run = Run.create(folder, values, reward, overwrite)
-    # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
-    run.note(command=[*command.removeprefix("python ").split(), *overrides])
-    return Session(job, run, values, None)
+        return _continue(run, again=True)
+    lock = Lock(folder)
+    try:
+        reward = rewards.text(rewards.load(job.env.reward))
+        run = Run.create(folder, _plain(values), reward, values["overwrite"])
+        # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
+        run.note(command=[*command.removeprefix("python ").split(), *overrides])
+    except BaseException:
+        lock.release()
+        raise
+    return Session(job, run, values, None, lock)
 
 
-def _go_on(run: Run) -> Session:
+def _continue(run: Run, again: bool = False) -> Session:
+    """The rest of a run.
+
+    Args:
+        run: that exists.
+        again: whether one that ended before its first checkpoint begins again.
+
+    Raises:
+        ValueError: something in its folder is damaged, or another process is at work there.
+    """
     values = run.config()
-    session = Session(config.job(values), run, values, None)
-    if session.is_finished:
-        return session
-    state = run.load()
-    for table in (METRICS, EVALUATIONS):
-        run.cut(table, state["update"])
-    return Session(session.job, run, values, state)
+    job = config.job(values)
+    if run.manifest().get("finished"):
+        return Session(job, run, values, None, None)
+    lock = Lock(run.folder)
+    try:
+        begun = run.manifest().get("steps")
+        if again and not begun and not (run.folder / CHECKPOINT).exists():
+            run.go_on(None)
+            run.note(**provenance(), wall_time=0.0, stopped=False)
+            return Session(job, run, values, None, lock)
+        checkpoint = run.checkpoint()
+        path = run.folder / CHECKPOINT
+        _check_config(path, checkpoint, values)
+        check_state(path, checkpoint.state, job)
+        run.go_on(checkpoint)
+        state = checkpoint.state
+        run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
+        return Session(job, run, values, state, lock)
+    except BaseException:
+        lock.release()
+        raise
+
+
+def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any]) -> None:
+    """Whether a run's settings are those that its checkpoint was trained with."""
+    other = _differing(checkpoint.config, values)
+    if other:
+        raise ValueError(
+            f"{path} was trained with another {', '.join(other)} than {CONFIG} has now; put the"
+            " file back, or begin a run of its own with study="
+        )
 
 
 def _check_same(run: Run, values: Mapping[str, Any]) -> None:
     """Whether a run that exists is the one that is asked for."""
-    before = run.config()
-    other = sorted(
-        key
-        for key in {*before, *values} - {*_OF_NO_CONSEQUENCE}
-        if before.get(key) != _plain(values.get(key))
-    )
+    other = _differing(run.config(), values)
     if other:
         raise ValueError(
             f"{run.folder} exists with another {', '.join(other)}; choose another study= or"
             " replace it with overwrite=true"
         )
+
+
+def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Settings that differ, and that results depend on."""
+    keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
+    return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
 
 
 def _plain(value: Any) -> Any:

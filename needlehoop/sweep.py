@@ -13,12 +13,13 @@ from typing import Any
 from hydra.experimental.callback import Callback
 
 from needlehoop.runs.files import OUTCOME, listed, seen
+from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
 
-DONE_BEFORE, STOPPED, FAILED = "done before", "stopped", "failed"
+DONE_BEFORE, STOPPED, FAILED, HELD = "done before", "stopped", "failed", "under way elsewhere"
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
@@ -50,6 +51,10 @@ def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> No
     """
     try:
         end = {"outcome": run()}
+    except HeldError as error:
+        # Another sweep's, say: the two do a study together.
+        print(error, file=sys.stderr)
+        end = {"outcome": HELD}
     except Exception as error:
         # Whatever it is: the next run may do better, and the summary says what this one did.
         traceback.print_exc()
@@ -60,13 +65,13 @@ def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> No
 
 
 class Summary(Callback):
-    """Says at a sweep's end what failed; the exit status is then 1."""
+    """Says at a sweep's end what is not done; the exit status is then 1."""
 
     def on_multirun_end(self, config: Any, **kwargs: Any) -> None:
         """Called by Hydra where the sweep was started."""
-        lines, failed = summary(Path(config.hydra.sweep.dir))
+        lines, undone = summary(Path(config.hydra.sweep.dir))
         print("\n".join(lines))
-        if failed:
+        if undone:
             print(rest(config.existing, config.overwrite))
             sys.exit(1)
 
@@ -75,7 +80,8 @@ def summary(folder: Path) -> tuple[list[str], int]:
     """What became of the jobs whose folders are in a sweep's.
 
     Returns:
-        Lines to be printed, and how many jobs failed or ended without a note.
+        Lines to be printed, and how many jobs failed, ended without a note, or found their run
+        in the hands of another process.
     """
     jobs = sorted(
         (job for job in folder.iterdir() if job.name.isdigit()), key=lambda job: int(job.name)
@@ -91,9 +97,10 @@ def summary(folder: Path) -> tuple[list[str], int]:
             place = f"{note['cameras']}/{note['reward']}/seed{note['seed']}"
             lines.append(f"  {place}: {note['error']}")
     told = f"{len(jobs)} runs, {outcomes[FAILED]} failed"
-    if outcomes[DONE_BEFORE]:
-        told += f", {outcomes[DONE_BEFORE]} done before"
-    return [told, *lines], outcomes[FAILED]
+    for other in (DONE_BEFORE, HELD):
+        if outcomes[other]:
+            told += f", {outcomes[other]} {other}"
+    return [told, *lines], outcomes[FAILED] + outcomes[HELD]
 
 
 def _note(file: Path) -> dict[str, str] | None:

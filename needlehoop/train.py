@@ -79,7 +79,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     if own.video_episodes:
         film(job.env, agent, own.video_episodes, own.seed + 1, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
-    run.note(finished=True)
+    run.finish()
     print(f"\n{report(found)}\nrun          {run.folder}")
 
 
@@ -94,16 +94,16 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
     Returns:
         ``done``, ``done before`` or ``stopped``.
     """
-    session = open_session(values, overrides, command)
-    job, run = session.job, session.run
-    if session.is_finished:
-        return "done before"
-    logger = build_logger(job.logger, job.place, session.values, run.folder)
-    try:
-        if session.is_trained or train(job, run, logger, session.state):
-            finish(job, run, logger)
-            return "done"
-        print(f"stopped; go on with: {command} resume={run.folder}")
-        return "stopped"
-    finally:
-        logger.close()
+    with open_session(values, overrides, command) as session:
+        job, run = session.job, session.run
+        if session.is_finished:
+            return "done before"
+        logger = build_logger(job.logger, job.place, session.values, run.folder)
+        try:
+            if session.is_trained or train(job, run, logger, session.state):
+                finish(job, run, logger)
+                return "done"
+            print(f"stopped; go on with: {command} resume={run.folder}")
+            return "stopped"
+        finally:
+            logger.close()

@@ -23,6 +23,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.weights import actor_of, read_weights
@@ -117,16 +118,18 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     With the latter its value function is untrained.
 
     Raises:
-        ValueError: neither of them.
+        ValueError: neither of them, or one that is damaged or of another run.
     """
     weights = run.folder / POLICY
     state = None
     if (run.folder / CHECKPOINT).exists() or not weights.exists():
         state = run.load()
+        check_state(run.folder / CHECKPOINT, state, job)
     agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), device)
     if state is None:
         read_weights(weights, actor_of(agent))
     else:
+        check_agent(state["learner"], agent)
         agent.load_state_dict(state["learner"]["ppo"]["agent"])
     return agent
 

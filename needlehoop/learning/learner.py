@@ -12,6 +12,7 @@ from tensordict import TensorDictBase
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.checkpoint import check_learner
 from needlehoop.learning.collector import Collector
 from needlehoop.learning.job import Job
 from needlehoop.learning.ppo import Ppo
@@ -25,6 +26,9 @@ class Learner:
     Args:
         job: what to build.
         state: of an earlier learner of the same job, to go on from.
+
+    Raises:
+        ValueError: the state is of another job.
     """
 
     def __init__(self, job: Job, state: dict[str, Any] | None = None):
@@ -39,6 +43,7 @@ class Learner:
         self.workers = Workers(threads)
         self.ppo = Ppo(self.agent, job.algo, job.updates, job.env.seed, self.workers)
         if state is not None:
+            check_learner(state, self.ppo, self.env)
             self.ppo.load_state_dict(state["ppo"])
             self.env.restore(state["env"])
         self._collector = Collector(self.env, self.ppo.running, job.algo.horizon, self.workers)

@@ -2,56 +2,77 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import shutil
-from collections.abc import Callable, Mapping
-from itertools import count
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 
-from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, REWARD, write_whole
+from needlehoop.runs.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from needlehoop.runs.files import (
+    CHECKPOINT,
+    CONFIG,
+    EVALUATIONS,
+    MANIFEST,
+    METRICS,
+    REWARD,
+    set_aside,
+    write_whole,
+)
 from needlehoop.runs.provenance import provenance
+from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
+from needlehoop.runs.table import Table
+
+_TABLES = (METRICS, EVALUATIONS)
+_BORN = {REWARD, MANIFEST, f"{REWARD}.partial", f"{MANIFEST}.partial", f"{CONFIG}.partial"}
+"""All that is left of a run that died while its files were made in its folder, one by one."""
 
 
 class Run:
-    """A run's folder.
+    """A run's folder. Who writes into it holds its ``Lock``.
 
     Args:
         folder: where its files are.
+        config: the composed config that the run began with; by default what its file says.
     """
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, config: Mapping[str, Any] | None = None):
         self.folder = folder
+        self._config = None if config is None else dict(config)
+        self._tables = {name: Table(folder / name) for name in _TABLES}
+        self._is_settled = True
 
     @classmethod
     def create(cls, folder: Path, config: Mapping[str, Any], reward: str, overwrite: bool) -> Run:
-        """Begin a run in a new folder: config, reward's text, manifest.
+        """Begin a run in a new folder: config, reward's text, manifest; all of it or nothing.
+
+        With ``overwrite``, a run that is there is kept under a number, with all in its folder.
 
         Raises:
             ValueError: the folder has something in it, and ``overwrite`` is false, or what is
                 in it is no run.
         """
-        if folder.exists() and any(folder.iterdir()):
-            if not overwrite:
-                raise ValueError(
-                    f"{folder} exists; go on with resume={folder}, or replace it with"
-                    " overwrite=true, or choose another study="
-                )
-            if not (folder / CONFIG).exists():
-                raise ValueError(f"overwrite: {folder} holds files but no run; move them away")
-            shutil.rmtree(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        run = cls(folder)
-        write_whole(folder / REWARD, reward)
-        run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
-        # Last: a folder with a config is a run.
-        write_whole(folder / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
-        return run
+        _check_vacant(folder, overwrite)
+        # Beside its place: it gets its name when it is whole. One left there died in the making.
+        unborn = folder.with_name(f".{folder.name}.new")
+        shutil.rmtree(unborn, ignore_errors=True)
+        unborn.mkdir(parents=True)
+        try:
+            run = cls(unborn)
+            write_whole(unborn / REWARD, reward)
+            run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
+            text = yaml.dump(dict(config), Dumper=_Plain, sort_keys=False)
+            write_whole(unborn / CONFIG, text)
+            if folder.exists() and any(folder.iterdir()):
+                set_aside(folder)
+            unborn.rename(folder)
+        except BaseException:
+            shutil.rmtree(unborn, ignore_errors=True)
+            raise
+        return cls(folder, config)
 
     @classmethod
     def open(cls, folder: Path) -> Run:
@@ -70,11 +91,16 @@ class Run:
         Raises:
             ValueError: the file is damaged.
         """
-        values = _mapping(self.folder / CONFIG, yaml.safe_load)
-        if isinstance(values.get("engine"), dict):
-            # Runs older than the choice of a renderer were made with the tracer.
-            values["engine"].setdefault("renderer", "tracer")
-        return values
+        if self._config is None:
+            try:
+                values = read_yaml(self.folder / CONFIG)
+            except UnreadableError as error:
+                raise _damaged(self.folder / CONFIG, error) from error
+            if isinstance(values.get("engine"), dict):
+                # Runs older than the choice of a renderer were made with the tracer.
+                values["engine"].setdefault("renderer", "tracer")
+            self._config = values
+        return self._config
 
     def manifest(self) -> dict[str, Any]:
         """Versions, commit, machine, times; empty where there is none.
@@ -83,7 +109,12 @@ class Run:
             ValueError: the file is damaged.
         """
         path = self.folder / MANIFEST
-        return _mapping(path, json.loads) if path.exists() else {}
+        if not path.exists():
+            return {}
+        try:
+            return read_json(path)
+        except UnreadableError as error:
+            raise _damaged(path, error) from error
 
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
@@ -91,61 +122,28 @@ class Run:
         write_whole(self.folder / MANIFEST, text + "\n")
 
     def append(self, table: str, row: Mapping[str, Any]) -> None:
-        """Add a row to a CSV file; NaN and ``None`` become empty cells.
+        """Add a row to a table; NaN and ``None`` become empty cells.
 
         Raises:
-            RuntimeError: the row's columns are not the file's.
+            RuntimeError: the row's columns are not the table's.
         """
-        path = self.folder / table
-        known = _header(path)
-        if known and known != list(row):
-            raise RuntimeError(f"{path}: columns {known}; the row has {list(row)}")
-        with path.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if not known:
-                writer.writerow(row)
-            writer.writerow(_cell(value) for value in row.values())
-
-    def rows(self, table: str) -> list[dict[str, str]]:
-        """Whole rows of a CSV file; a row torn off by a kill is left out."""
-        path = self.folder / table
-        if not path.exists():
-            return []
-        whole, _, _ = path.read_text().rpartition("\n")
-        return [
-            row
-            for row in csv.DictReader(io.StringIO(whole))
-            if None not in row and None not in row.values()
-        ]
-
-    def cut(self, table: str, update: int) -> None:
-        """Drop rows after ``update``: they are about to be made again.
-
-        Raises:
-            ValueError: the file is damaged.
-        """
-        path = self.folder / table
-        try:
-            rows = [row for row in self.rows(table) if int(row["update"]) <= update]
-        except (KeyError, ValueError) as error:
-            raise _damaged(path) from error
-        if not rows:
-            path.unlink(missing_ok=True)
-            return
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-        write_whole(path, text.getvalue())
+        if not self._is_settled:
+            self._settle()
+        self._tables[table].append(row)
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Write the checkpoint, whole or not at all."""
-        buffer = io.BytesIO()
-        torch.save(dict(state), buffer)
-        write_whole(self.folder / CHECKPOINT, buffer.getvalue())
+        """Write the checkpoint, whole or not at all, and with it the tables as they are."""
+        self._settle()
+        tables = {name: table.text for name, table in self._tables.items()}
+        checkpoint = Checkpoint(dict(state), self.config(), tables)
+        write_checkpoint(self.folder / CHECKPOINT, checkpoint)
 
     def load(self) -> dict[str, Any]:
-        """The last checkpoint, on the CPU; a foreign file can't run anything here.
+        """What was saved last, on the CPU; errors as in ``checkpoint``."""
+        return self.checkpoint().state
+
+    def checkpoint(self) -> Checkpoint:
+        """The last checkpoint; a foreign file can't run anything here.
 
         Raises:
             ValueError: there is none, or it is damaged.
@@ -157,17 +155,29 @@ class Run:
                 " without it); begin again with overwrite=true"
             )
         try:
-            return torch.load(path, map_location="cpu", weights_only=True)
-        except OSError:
-            raise
-        except Exception as error:
-            # Whatever an unpickler can trip over: other bytes fail in ways of their own.
-            raise _damaged(path) from error
+            return read_checkpoint(path)
+        except UnreadableError as error:
+            raise _damaged(path, error) from error
+
+    def go_on(self, checkpoint: Checkpoint | None) -> None:
+        """Go on with the tables as a checkpoint has them; with none where there is none.
+
+        At the next row the files are brought to that: rows after the checkpoint are dropped, for
+        they have been made again. What else differs is kept under a number, and told.
+        """
+        texts = checkpoint.tables if checkpoint else {}
+        self._tables = {name: Table(self.folder / name, texts.get(name, "")) for name in _TABLES}
+        self._is_settled = False
+
+    def finish(self) -> None:
+        """Note that all is done, and see that the tables are whole."""
+        self._settle()
+        self.note(finished=True)
 
     def write(self, name: str, text: str) -> Path:
         """Write a small file, whole or not at all; another text of that name is kept."""
         path = self.folder / name
-        if not (path.exists() and path.read_text() == text):
+        if not (path.exists() and path.read_bytes() == text.encode()):
             write_whole(self.vacate(name), text)
         return path
 
@@ -178,39 +188,40 @@ class Run:
     def vacate(self, name: str) -> Path:
         """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""
         path = self.folder / name
-        if path.exists():
-            taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))
-            path.rename(next(place for place in taken if not place.exists()))
+        set_aside(path)
         return path
 
-
-def _mapping(path: Path, parse: Callable[[str], Any]) -> dict[str, Any]:
-    """What a file of keys and values says."""
-    try:
-        found = parse(path.read_text())
-    except (yaml.YAMLError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise _damaged(path) from error
-    if not isinstance(found, dict):
-        raise _damaged(path)
-    return found
+    def _settle(self) -> None:
+        self._is_settled = True
+        for table in self._tables.values():
+            wrong = table.settle()
+            if wrong:
+                print(wrong, file=sys.stderr)
 
 
-def _damaged(path: Path) -> ValueError:
+def _check_vacant(folder: Path, overwrite: bool) -> None:
+    """Whether a run may begin in a folder; errors as in ``Run.create``."""
+    names = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if names <= _BORN:
+        return
+    if not overwrite:
+        raise ValueError(
+            f"{folder} exists; go on with resume={folder}, or begin again with overwrite=true,"
+            " which keeps it under a number, or choose another study="
+        )
+    if CONFIG not in names:
+        raise ValueError(f"overwrite: {folder} holds files but no run; move them away")
+
+
+def _damaged(path: Path, reason: UnreadableError) -> ValueError:
     return ValueError(
-        f"{path} is damaged: cut off, or something else; put it back, or begin the run again"
-        " with overwrite=true"
+        f"{path} {reason}; put it back, or begin the run again with overwrite=true, which keeps"
+        " this one under a number"
     )
 
 
-def _header(path: Path) -> list[str]:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return next(csv.reader(file), [])
+class _Plain(yaml.SafeDumper):
+    """Writes what is there twice twice: aliases are not read back."""
 
-
-def _cell(value: Any) -> Any:
-    """Numbers with nine digits, which bring a float32 back to the bit."""
-    if isinstance(value, float):
-        return "" if value != value else format(value, ".9g")
-    return "" if value is None else value
+    def ignore_aliases(self, data: Any) -> bool:
+        return True

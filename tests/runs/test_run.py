@@ -1,5 +1,6 @@
 """The files of a run, and what is left of them when its process ends badly."""
 
+import csv
 import json
 import math
 import os
@@ -10,7 +11,7 @@ import torch
 
 from needlehoop import config
 from needlehoop.engines.contract import EngineConfig
-from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD
+from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, write_whole
 from needlehoop.runs.run import Run
 
 CPU = torch.device("cpu")
@@ -41,8 +42,26 @@ def fill(run: Run, *updates: int) -> Path:
     return run.folder / METRICS
 
 
+def rows_of(run: Run) -> list[dict[str, str]]:
+    with (run.folder / METRICS).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def updates_of(run: Run) -> list[int]:
-    return [int(row["update"]) for row in run.rows(METRICS)]
+    return [int(row["update"]) for row in rows_of(run)]
+
+
+def save(run: Run, update: int = 0) -> None:
+    run.save({"update": update})
+
+
+def go_on(folder: Path) -> Run:
+    """The run in another process, as far as its files go, with its next row."""
+    run = Run.open(folder)
+    checkpoint = run.checkpoint()
+    run.go_on(checkpoint)
+    fill(run, checkpoint.state["update"] + 1)
+    return run
 
 
 def test_a_new_run_writes_down_what_it_is(run, folder):
@@ -85,13 +104,42 @@ def test_an_existing_run_is_not_begun_again_unasked(run, folder):
     assert updates_of(run) == [1, 2]
 
 
-def test_overwrite_replaces_a_run_and_all_its_files(run, folder):
+def test_overwrite_begins_anew_and_keeps_what_was_there_under_a_number(run, folder):
     fill(run, 1)
-    run.save({"update": 1})
-    (folder / "wandb").mkdir()
-    replaced = Run.create(folder, {"study": "other"}, "other", overwrite=True)
-    assert replaced.config() == {"study": "other"}
-    assert {path.name for path in folder.iterdir()} == {CONFIG, MANIFEST, REWARD}
+    save(run, 1)
+    (folder / "thesis.tex").write_text("years of work")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for number in (1, 2):
+        replaced = Run.create(folder, {"study": number}, "other", overwrite=True)
+        assert replaced.config() == {"study": number}
+        assert {path.name for path in folder.iterdir()} == {CONFIG, MANIFEST, REWARD}
+    kept = folder.parent / "seed0.1"
+    assert {path.name: path.read_bytes() for path in kept.iterdir()} == before
+    assert {path.name for path in folder.parent.iterdir()} == {"seed0", "seed0.1", "seed0.2"}
+
+
+@pytest.mark.parametrize("names", [[REWARD], [REWARD, MANIFEST], ["reward.txt.partial"]])
+def test_a_run_begins_where_one_died_in_the_making(folder, names):
+    folder.mkdir(parents=True)
+    for name in names:
+        (folder / name).write_text("half a run")
+    assert Run.create(folder, VALUES, "", overwrite=False).config() == VALUES
+    assert {path.name for path in (folder.parent / "seed0.1").iterdir()} == set(names)
+
+
+@pytest.mark.parametrize("name", [REWARD, MANIFEST, CONFIG])
+def test_a_run_is_born_whole_or_not_at_all(folder, monkeypatch, name):
+    def full(path, content):
+        if path.name == name:
+            raise OSError(28, "No space left on device", str(path))
+        write_whole(path, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("needlehoop.runs.run.write_whole", full)
+        with pytest.raises(OSError, match=f"No space left on device.*{name}"):
+            Run.create(folder, VALUES, "", overwrite=False)
+    assert list(folder.parent.iterdir()) == []
+    assert Run.create(folder, VALUES, "", overwrite=False).config() == VALUES
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -124,7 +172,7 @@ def test_notes_add_to_the_manifest_and_replace_what_they_name(run):
 
 def test_rows_come_back_in_order_under_one_header(run):
     path = fill(run, 1, 2, 3)
-    assert run.rows(METRICS) == [
+    assert rows_of(run) == [
         {"update": "1", "return": "0.1"},
         {"update": "2", "return": "0.2"},
         {"update": "3", "return": "0.3"},
@@ -132,21 +180,17 @@ def test_rows_come_back_in_order_under_one_header(run):
     assert path.read_text().splitlines() == ["update,return", "1,0.1", "2,0.2", "3,0.3"]
 
 
-def test_a_table_that_was_not_begun_has_no_rows(run):
-    assert run.rows(METRICS) == []
-
-
 def test_what_is_not_known_becomes_an_empty_cell(run):
     run.append(METRICS, {"update": 1, "return": math.nan, "success": None, "length": 0.0})
-    assert run.rows(METRICS) == [{"update": "1", "return": "", "success": "", "length": "0"}]
-    (missing,) = columns(run.rows(METRICS), "return")
+    assert rows_of(run) == [{"update": "1", "return": "", "success": "", "length": "0"}]
+    (missing,) = columns(rows_of(run), "return")
     assert math.isnan(missing)
 
 
 def test_a_row_may_end_with_an_empty_cell(run):
     run.append(METRICS, {"update": 1, "return": 0.5})
     run.append(METRICS, {"update": 2, "return": math.nan})
-    assert run.rows(METRICS)[1] == {"update": "2", "return": ""}
+    assert rows_of(run)[1] == {"update": "2", "return": ""}
 
 
 def test_a_float32_comes_back_to_the_bit(run):
@@ -154,7 +198,7 @@ def test_a_float32_comes_back_to_the_bit(run):
     numbers = torch.randn(200, generator=generator) * 10 ** torch.linspace(-30, 30, 200)
     for number in numbers:
         run.append(METRICS, {"value": float(number)})
-    read = torch.tensor(columns(run.rows(METRICS), "value"), dtype=torch.float32)
+    read = torch.tensor(columns(rows_of(run), "value"), dtype=torch.float32)
     assert torch.equal(read, numbers)
 
 
@@ -167,45 +211,65 @@ def test_a_row_with_other_columns_is_refused(run, row):
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("torn", ["3", "3,", "3,0.", "3,0.3"])
-def test_a_torn_row_is_left_out(run, torn):
+@pytest.mark.parametrize("torn", ["3", "3,", "3,0.", "3,0.3", "3,0.3\n", "3,0.3\n4,0.4\n"])
+def test_rows_after_the_checkpoint_are_made_again(run, folder, torn, capsys):
     path = fill(run, 1, 2)
+    save(run, 2)
     with path.open("a") as file:
         file.write(torn)
-    assert updates_of(run) == [1, 2]
+    go_on(folder)
+    assert path.read_text() == "update,return\n1,0.1\n2,0.2\n3,0.3\n"
+    assert capsys.readouterr().err == ""
 
 
-def test_a_torn_row_does_not_spoil_those_that_follow_a_cut(run):
+@pytest.mark.parametrize(
+    ("content", "lost"),
+    [
+        (None, "without updates 1 to 3"),
+        ("", "without updates 1 to 3"),
+        ("update,ret", "without updates 1 to 3"),
+        ("update,return\n1,0.1\n", "without updates 2 to 3"),
+        ("update,return\n2,0.2\n", "without updates 1, 3"),
+        ("update,return\n1,0.1\n2,0.9\n3,0.3\n", "without updates 2"),
+        ("update,return\n1,0.1\n1,0.1\n2,0.2\n3,0.3\n", "changed"),
+        (b"\xff\xfe\x00", "without updates 1 to 3"),
+    ],
+    ids=["lost", "emptied", "cut in its header", "cut", "rows gone", "edited", "doubled", "noise"],
+)
+def test_a_damaged_table_is_made_whole_from_the_checkpoint(run, folder, content, lost, capsys):
+    path = fill(run, 1, 2, 3)
+    save(run, 3)
+    if content is None:
+        path.unlink()
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    damaged = path.read_bytes() if path.exists() else None
+    go_on(folder)
+    assert path.read_text() == "update,return\n1,0.1\n2,0.2\n3,0.3\n4,0.4\n"
+    said = capsys.readouterr().err
+    assert f"{path} was damaged ({lost}), and is whole again" in said
+    if damaged:
+        assert "kept as metrics.1.csv" in said
+        assert (folder / "metrics.1.csv").read_bytes() == damaged
+
+
+def test_a_table_that_is_emptied_under_a_running_run_is_made_whole_at_the_checkpoint(run, capsys):
     path = fill(run, 1, 2)
-    with path.open("a") as file:
-        file.write("3,0.")
-    run.cut(METRICS, 2)
+    os.truncate(path, 0)
     fill(run, 3)
-    assert run.rows(METRICS) == [
-        {"update": "1", "return": "0.1"},
-        {"update": "2", "return": "0.2"},
-        {"update": "3", "return": "0.3"},
-    ]
+    save(run, 3)
+    assert updates_of(run) == [1, 2, 3]
+    assert "without updates 1 to 2" in capsys.readouterr().err
 
 
-def test_a_table_torn_in_its_header_is_begun_again_after_a_cut(run):
-    path = run.folder / METRICS
-    path.write_text("update,ret")
-    assert run.rows(METRICS) == []
-    run.cut(METRICS, 5)
-    fill(run, 1)
-    assert run.rows(METRICS) == [{"update": "1", "return": "0.1"}]
-
-
-def test_a_cut_drops_later_rows_and_keeps_the_others_to_the_byte(run):
-    path = fill(run, 1, 2)
-    kept = path.read_bytes()
-    fill(run, 3, 4)
-    run.cut(METRICS, 2)
-    assert path.read_bytes() == kept
-    run.cut(METRICS, 0)
-    assert run.rows(METRICS) == []
-    run.cut(METRICS, 0)
+def test_a_refused_run_keeps_its_rows(run, folder):
+    """Only the next row cuts: whoever finds the checkpoint unfit before that has lost nothing."""
+    path = fill(run, 1, 2, 3)
+    save(run, 1)
+    before = path.read_bytes()
+    again = Run.open(folder)
+    again.go_on(again.checkpoint())
+    assert path.read_bytes() == before
 
 
 def test_a_checkpoint_comes_back_as_it_was_saved(run):
@@ -262,21 +326,42 @@ def test_a_run_without_a_checkpoint_says_so(run):
     "content", [b"", b"\x93\xff\x00 noise", b"PK\x03\x04 and no more", b"a,b\n1,2\n"]
 )
 def test_a_damaged_file_is_named_where_a_run_goes_on(run, content):
-    fill(run, 1)
-    for name in (CONFIG, MANIFEST, METRICS, CHECKPOINT):
+    save(run)
+    for name in (CONFIG, MANIFEST, CHECKPOINT):
         (run.folder / name).write_bytes(content)
-    reads = {
-        CONFIG: run.config,
-        MANIFEST: run.manifest,
-        CHECKPOINT: run.load,
-        METRICS: lambda: run.cut(METRICS, 1),
-    }
-    # A table that was torn off in its header is begun again.
-    if b"\n" not in content:
-        del reads[METRICS]
-    for name, read in reads.items():
-        with pytest.raises(ValueError, match=f"{name} is damaged.*overwrite=true"):
+    again = Run.open(run.folder)
+    for name, read in (
+        (CONFIG, again.config),
+        (MANIFEST, again.manifest),
+        (CHECKPOINT, again.load),
+    ):
+        with pytest.raises(ValueError, match=rf"{name} (is|holds) .*; put it back.*overwrite=true"):
             read()
+
+
+def test_no_flipped_bit_is_trained_on(run):
+    state = {"update": 3, "weights": torch.arange(50.0), "groups": [{"lr": 0.1, "on": None}]}
+    run.save(state)
+    path = run.folder / CHECKPOINT
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 7):
+        flipped = bytes([whole[place] ^ (1 << place % 8)])
+        path.write_bytes(whole[:place] + flipped + whole[place + 1 :])
+        try:
+            found = run.load()
+        except ValueError:
+            refused += 1
+            continue
+        assert repr(found) == repr(state)
+    # The rest is padding, and what a reader does not look at.
+    assert refused > len(whole) // 7 / 3
+
+
+def test_a_checkpoint_that_is_no_plain_file_is_refused(run):
+    os.mkfifo(run.folder / CHECKPOINT)
+    with pytest.raises(ValueError, match=r"checkpoint\.pt is no plain file"):
+        run.load()
 
 
 class Trap:

@@ -1,0 +1,103 @@
+"""A table of a run: a CSV file that grows by a row at a time, and what was written of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from needlehoop.runs.files import csv_text, naming, set_aside, write_whole
+from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes
+
+
+class Table:
+    """The rows are kept here as well: a file can be emptied, cut or lost, and is then put right.
+
+    A row's first column is its ``update``.
+
+    Args:
+        path: of the file.
+        text: what was written of it so far.
+    """
+
+    def __init__(self, path: Path, text: str = ""):
+        self.path, self.text = path, text
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add a row, and see that it is on the disk; NaN and ``None`` become empty cells.
+
+        Raises:
+            RuntimeError: the row's columns are not the table's.
+        """
+        known = next(csv.reader(io.StringIO(self.text)), [])
+        if known and known != list(row):
+            raise RuntimeError(f"{self.path}: columns {known}; the row has {list(row)}")
+        added = _line(_cell(value) for value in row.values())
+        added = added if known else _line(row) + added
+        with naming(self.path), self.path.open("ab") as file:
+            file.write(added.encode())
+            file.flush()
+            os.fsync(file.fileno())
+        self.text += added
+
+    def settle(self) -> str | None:
+        """See that the file holds what was written, and no more.
+
+        What comes after that is of rows that are about to be made again, and is cut off. A file
+        that says something else is kept under a number, and another put in its place.
+
+        Returns:
+            What was wrong, in a line.
+        """
+        own = self.text.encode()
+        try:
+            found = read_bytes(self.path, len(own) + TABLE) if self.path.exists() else b""
+        except UnreadableError:
+            # A pipe in the file's place, say: it is set aside as well.
+            found = None
+        if found == own:
+            return None
+        if found is not None and found.startswith(own):
+            if own:
+                with naming(self.path):
+                    os.truncate(self.path, len(own))
+            else:
+                self.path.unlink()
+            return None
+        lost = self._lost(found or b"")
+        kept = set_aside(self.path)
+        write_whole(self.path, own)
+        where = f"; what was there is kept as {kept.name}" if kept else ""
+        return f"{self.path} was damaged ({lost}), and is whole again{where}"
+
+    def _lost(self, found: bytes) -> str:
+        """Which rows a file lacks."""
+        there = set(found.decode("utf-8", "replace").splitlines())
+        _, *rows = self.text.splitlines() or [""]
+        lost = [int(row.partition(",")[0]) for row in rows if row not in there]
+        return f"without updates {_ranges(lost)}" if lost else "changed"
+
+
+def _line(cells: Iterable[Any]) -> str:
+    return csv_text(cells, [])
+
+
+def _ranges(numbers: list[int]) -> str:
+    """``1 to 4, 7`` for 1, 2, 3, 4, 7."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][1] + 1:
+            parts[-1][1] = number
+        else:
+            parts.append([number, number])
+    return ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in parts)
+
+
+def _cell(value: Any) -> Any:
+    """Numbers with nine digits, which bring a float32 back to the bit."""
+    if isinstance(value, float):
+        return "" if value != value else format(value, ".9g")
+    return "" if value is None else value

@@ -1,0 +1,192 @@
+"""Going on with runs: nobody else at work in them, nothing damaged, nothing of another run."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import yaml
+from tiny_runs import PLACE, TINY, outcome, refusal, run_train
+
+from needlehoop.runs import run as run_files
+from needlehoop.runs.lock import Lock
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> dict[str, Any]:
+    """What the run gives that is left alone."""
+    results = tmp_path_factory.mktemp("whole")
+    run_train(*TINY, f"results={results}")
+    return outcome(results / PLACE)
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory) -> Path:
+    """The results of a run that ended in its third buffer."""
+    results = tmp_path_factory.mktemp("killed")
+    real, saved = run_files.write_checkpoint, []
+
+    def save(path: Path, checkpoint: Any) -> None:
+        if len(saved) == 2:
+            raise KeyboardInterrupt
+        real(path, checkpoint)
+        saved.append(path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_files, "write_checkpoint", save)
+        with pytest.raises(SystemExit, match="stopped"):
+            run_train(*TINY, f"results={results}")
+    return results
+
+
+@pytest.fixture
+def folder(killed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy of it; whatever is done there, nothing half-made is left."""
+    shutil.copytree(killed, tmp_path / "results")
+    monkeypatch.chdir(tmp_path)
+    yield Path("results") / PLACE
+    left = [str(path) for path in tmp_path.rglob("*")]
+    assert not [path for path in left if path.endswith((".partial", ".new", ".lock"))]
+
+
+def change(folder: Path, **changes: Any) -> None:
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), **changes}))
+
+
+def edit(folder: Path, change: Any) -> None:
+    """Write another checkpoint, whole by its sums."""
+    state = torch.load(folder / "checkpoint.pt")
+    change(state)
+    torch.save(state, folder / "checkpoint.pt")
+
+
+def kept(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_killed_run_goes_on_to_the_same_bits(folder, whole):
+    run_train(f"resume={folder}")
+    assert outcome(folder) == whole
+
+
+def test_a_run_killed_before_its_last_note_goes_on_to_the_same_bits(folder, whole):
+    """The manifest then lags behind the checkpoint, and an evaluation says what it was of."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    (folder / "manifest.json").write_text(json.dumps({**manifest, "steps": 8}))
+    run_train(f"resume={folder}")
+    assert outcome(folder) == whole
+
+
+def test_a_damaged_table_is_whole_again_at_the_end(folder, whole, capfd):
+    (folder / "metrics.csv").write_text("")
+    run_train(f"resume={folder}")
+    assert "without updates 1 to 2" in capfd.readouterr().err
+    found = outcome(folder)
+    found["files"].remove("metrics.1.csv")
+    assert found == whole
+
+
+@pytest.mark.parametrize("words", [["resume={folder}"], [*TINY, "overwrite=true"], TINY])
+def test_a_run_under_way_is_left_alone(folder, words):
+    before = kept(folder)
+    given = [word.format(folder=folder) for word in words]
+    given += [] if "resume" in given[0] else ["existing=resume"]
+    with Lock(folder):
+        assert "is in the hands of process" in refusal(*given)
+    assert kept(folder) == before
+    assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
+
+
+def test_two_sweeps_share_a_study(folder, capfd):
+    words = ["-m", *TINY, "seed=0,1"]
+    with Lock(folder), pytest.raises(SystemExit) as caught:
+        run_train(*words)
+    assert caught.value.code == 1
+    said = capfd.readouterr().out
+    assert "2 runs, 0 failed, 1 under way elsewhere" in said
+    assert (folder.parent / "seed1" / "evaluation.json").exists()
+    run_train(*words)
+    assert "2 runs, 0 failed, 1 done before" in capfd.readouterr().out
+
+
+def test_overwrite_keeps_the_run_that_was_there(folder, whole):
+    (folder / "thesis.tex").write_text("years of work")
+    before = kept(folder)
+    run_train(*TINY, "overwrite=true")
+    assert outcome(folder) == whole
+    assert kept(folder.parent / "seed0.1") == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps"), ({"num_envs": 4}, "num")],
+)
+def test_settings_that_were_edited_are_refused(folder, changes, said):
+    change(folder, **changes)
+    before = kept(folder)
+    assert f"was trained with another {said}" in refusal(f"resume={folder}")
+    assert kept(folder) == before
+
+
+def test_settings_of_no_consequence_may_be_edited(folder, whole):
+    change(folder, engine={"threads": 2})
+    run_train(f"resume={folder}")
+    assert outcome(folder) == whole
+
+
+SPOILT = {
+    "update beyond steps": (lambda s: s.update(update=99), "update: 99"),
+    "update before the first": (lambda s: s.update(update=-1), "update: -1"),
+    "update is no number": (lambda s: s.update(update="2"), "update: '2'"),
+    "no update": (lambda s: s.pop("update"), "update: None"),
+    "wall time is none": (lambda s: s.update(wall_time=float("nan")), "wall_time"),
+    "no learner": (lambda s: s.pop("learner"), "learner: missing"),
+    "no ppo": (lambda s: s["learner"].pop("ppo"), "learner.ppo: missing"),
+    "no agent": (lambda s: s["learner"]["ppo"].pop("agent"), "learner.ppo: agent"),
+    "no env": (lambda s: s["learner"].pop("env"), "learner.env: missing"),
+    "no rng": (lambda s: s["learner"].pop("rng"), "learner.rng: missing"),
+    "other updates": (lambda s: s["learner"]["ppo"].update(done_updates=1), "done_updates"),
+    "other weights": (
+        lambda s: s["learner"]["ppo"]["agent"].update(
+            {name: v.flatten()[:1] for name, v in s["learner"]["ppo"]["agent"].items()}
+        ),
+        "learner.ppo.agent",
+    ),
+    "weights of no number": (
+        lambda s: [v.fill_(float("nan")) for v in s["learner"]["ppo"]["agent"].values()],
+        "not finite",
+    ),
+    "other moments": (
+        lambda s: s["learner"]["ppo"]["optimizer"]["state"][0].update(exp_avg=torch.zeros(1)),
+        "learner.ppo.optimizer.state.0.exp_avg",
+    ),
+    "no moments": (
+        lambda s: s["learner"]["ppo"]["optimizer"].update(state={}),
+        "learner.ppo.optimizer.state",
+    ),
+    "another env": (
+        lambda s: s["learner"]["env"]["simulation"].update(potential=torch.zeros(4).double()),
+        "learner.env.simulation.potential",
+    ),
+    "env in parts": (lambda s: s["learner"]["env"]["simulation"].pop("task"), "learner.env"),
+    "no settings": (lambda s: s.pop("config"), "no settings"),
+    "no tables": (lambda s: s.update(tables={"metrics.csv": 5}), "no tables"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder, name):
+    spoil, said = SPOILT[name]
+    edit(folder, spoil)
+    before = kept(folder)
+    message = refusal(f"resume={folder}")
+    assert said in message
+    assert "checkpoint" in message
+    del before["manifest.json"]
+    assert {name: data for name, data in kept(folder).items() if name in before} == before

@@ -1,0 +1,82 @@
+"""Runs that are over in a second, in this process, which has paid for the imports."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+ROOT = Path(__file__).parent.parent
+
+TINY = [
+    "obs=signals",
+    "reward=sparse",
+    "steps=24",
+    "num_envs=2",
+    "algo.horizon=4",
+    "algo.minibatch=8",
+    "algo.epochs=1",
+    "algo.shards=1",
+    "algo.network.hidden=8",
+    "algo.network.layers=1",
+    "episode.max_steps=3",
+    "episode.substeps=2",
+    "evaluation.every=2",
+    "evaluation.episodes=1",
+    "evaluation.final_episodes=1",
+    "evaluation.video_episodes=0",
+    "checkpoint_every=1",
+    "engine.threads=1",
+]
+"""Three buffers of eight steps, no image; an evaluation after the second."""
+
+PLACE = "main/signals/sparse/seed0"
+"""Where they are, below ``results``."""
+
+CLOCKS = {"wall_time", "steps_per_second", "seconds_collect", "seconds_update", "memory_gb"}
+"""Columns that differ between two runs of the same thing."""
+
+
+def run_train(*words: str) -> None:
+    """``python train.py``.
+
+    Raises:
+        SystemExit: as it ends, unless well.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["train.py", *words])
+        runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+
+
+def refusal(*words: str) -> str:
+    """The one line in which ``train.py`` refuses."""
+    with pytest.raises(SystemExit) as caught:
+        run_train(*words)
+    said = str(caught.value.code)
+    assert "\n" not in said
+    return said
+
+
+def outcome(folder: Path) -> dict[str, Any]:
+    """All that a finished run gives, without times; two of the same are equal to the bit."""
+    assert json.loads((folder / "manifest.json").read_text())["finished"] is True
+    state = torch.load(folder / "checkpoint.pt")
+    return {
+        "files": sorted(path.name for path in folder.iterdir()),
+        "metrics": _rows(folder / "metrics.csv"),
+        "evaluations": _rows(folder / "evaluations.csv"),
+        "evaluation": (folder / "evaluation.json").read_text(),
+        "weights": [(k, v.tolist()) for k, v in state["learner"]["ppo"]["agent"].items()],
+    }
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    rows = csv.DictReader(io.StringIO(path.read_text()))
+    return [{k: v for k, v in row.items() if k not in CLOCKS} for row in rows]
