@@ -15,6 +15,7 @@ from hydra.experimental.callback import Callback
 from needlehoop.runs.files import OUTCOME, listed, seen
 from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
+from needlehoop.runs.reading import UnreadableError, read_json
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
@@ -106,8 +107,8 @@ def summary(folder: Path) -> tuple[list[str], int]:
 def _note(file: Path) -> dict[str, str] | None:
     """A job's note; ``None`` where its process was killed before or while it wrote."""
     try:
-        return json.loads(file.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
+        return read_json(file)
+    except UnreadableError:
         return None
 
 

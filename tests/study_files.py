@@ -102,7 +102,7 @@ def _learning(
         good = float(np.clip((value - 5.5) / 3.0, 0, 1))
         cheat, success = (0.6 * risen, 0.2) if cheats else (0.02 * risen, good)
         at = {"update": update, "step": update * BUFFER, "wall_time": 16.0 * update}
-        facts = {"success": success, "cheat": cheat, "touched": cheat + success}
+        facts = {"success": success, "cheat": cheat, "touched": min(cheat + success, 1.0)}
         # No episode ends in the first buffer.
         ended = update > 1
         seen = {"return": value, **facts, "grasped": risen, "lifted": good, "length": 150.0}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import shutil
 import threading
@@ -19,6 +20,7 @@ from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, write_whole
 from needlehoop.runs.provenance import provenance
+from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 """Settings that may change from one call to the next: more of the same is added."""
@@ -52,8 +54,11 @@ class Folder:
         self._origin = {**provenance(), "command": list(command)}
         own, held = dict(config), path / CONFIG
         if path.exists() and any(file.is_file() for file in path.iterdir()):
-            before = yaml.safe_load(held.read_text()) if held.is_file() else None
-            if not isinstance(before, dict) or "fit" not in before:
+            try:
+                before = read_yaml(held) if held.is_file() else {}
+            except UnreadableError as error:
+                raise ValueError(f"{held} {error}; choose another study=") from error
+            if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
             other = sorted(
                 key for key in {*own, *before} - {*_ANY} if before.get(key) != own.get(key)
@@ -100,8 +105,10 @@ class Folder:
             ValueError: the file is not one that ``save`` wrote.
         """
         path = self._file(seed, name)
-        with path.open(newline="") as file:
-            header, *rows = csv.reader(file)
+        try:
+            header, *rows = csv.reader(io.StringIO(read_text(path, TABLE)))
+        except (UnreadableError, csv.Error) as error:
+            raise ValueError(f"{path} {error}; delete it to have it made again") from error
         if header != _COLUMNS or any(len(row) != len(header) for row in rows):
             raise ValueError(f"{path} is not a probe's; delete it to have it made again")
         first = 2 + len(PHASES)
@@ -129,9 +136,10 @@ def _manifest(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        found = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is damaged; delete it, and time is counted anew") from error
-    if not isinstance(found, dict):
-        raise ValueError(f"{path} is damaged; delete it, and time is counted anew")
+        found = read_json(path)
+        for key in ("wall_time", "memory_gb"):
+            if isinstance(found.get(key, 0.0), bool | str | list | dict | None):
+                raise UnreadableError(f"has no usable {key}")
+    except UnreadableError as error:
+        raise ValueError(f"{path} {error}; delete it, and time is counted anew") from error
     return found

@@ -7,6 +7,7 @@ aliases costs a line of text and no more.
 from __future__ import annotations
 
 import json
+import math
 import os
 import stat
 from pathlib import Path
@@ -48,8 +49,8 @@ def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> byte
     Raises:
         UnreadableError: it is something else, too large, elsewhere, or can't be opened.
     """
-    if within is not None and not path.resolve().is_relative_to(within.resolve()):
-        raise UnreadableError(f"is a link out of {within}")
+    if within is not None:
+        check_within(path, within)
     try:
         # Not blocking: a pipe that nobody writes to would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -68,6 +69,16 @@ def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> byte
     if max(state.st_size, len(data)) > most:
         raise UnreadableError(f"is larger than {most:,} bytes")
     return data
+
+
+def check_within(path: Path, folder: Path) -> None:
+    """Raises ``UnreadableError`` for a link that leads out of a folder."""
+    try:
+        inside = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError) as error:
+        raise UnreadableError("is a link to itself") from error
+    if not inside:
+        raise UnreadableError(f"is a link out of {folder}")
 
 
 def read_text(path: Path, most: int = TEXT, within: Path | None = None) -> str:
@@ -101,7 +112,7 @@ def parse_json(text: str | bytes) -> Any:
         UnreadableError: it is none, or too deep.
     """
     try:
-        found = json.loads(text, parse_constant=_no_number)
+        found = json.loads(text, parse_constant=_no_number, parse_float=_number)
     except UnreadableError:
         raise
     except (ValueError, RecursionError) as error:
@@ -147,6 +158,11 @@ def _keys(found: Any) -> dict[str, Any]:
     if not isinstance(found, dict) or not all(isinstance(key, str) for key in found):
         raise UnreadableError("holds no keys")
     return found
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _no_number(text)
 
 
 def _no_number(name: str) -> float:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.study.records import LeftOut
-from needlehoop.study.rows import UnreadableError, read_keys
 
 QUESTIONS, RANKINGS = "questions.json", "rankings.json"
 VLM = "vlm"
@@ -62,7 +62,7 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
         if not (folder / name).exists():
             continue
         try:
-            found = read_keys(folder / name)
+            found = read_json(folder / name, within=folder)
             if name.name == QUESTIONS:
                 questions = as_rows(_part(found, "answers", dict))
             else:

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.charts import final_values, success_and_cheats, time_to_threshold
 from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.findings import Findings
 from needlehoop.study.media import check_picture
 from needlehoop.study.rankings import ranking_chart
-from needlehoop.study.rows import UnreadableError
 from needlehoop.study.style import save, styled
 
 CONTACT_SHEET = "contact_sheet.png"

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from needlehoop.study.rows import UnreadableError
+from needlehoop.runs.reading import UnreadableError, read_bytes
 
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _HEADER = 8
 """Bytes of an MP4 box's length and name."""
+
+_BOXES = 1_000
+"""Of a film, at most; ours have four."""
+
+_PICTURE = 64_000_000
+"""Bytes of a picture, at most."""
 
 
 def check_film(path: Path) -> None:
@@ -17,11 +23,13 @@ def check_film(path: Path) -> None:
     Raises:
         UnreadableError: empty, cut off, or something else.
     """
-    size, at, found = path.stat().st_size, 0, set()
+    if not path.is_file():
+        raise UnreadableError("is no plain file")
+    size, at, found = path.stat().st_size, 0, []
     if not size:
         raise UnreadableError("is empty")
     with path.open("rb") as file:
-        while at + _HEADER <= size:
+        while at + _HEADER <= size and len(found) < _BOXES:
             file.seek(at)
             header = file.read(_HEADER)
             length = int.from_bytes(header[:4], "big")
@@ -30,7 +38,7 @@ def check_film(path: Path) -> None:
                 length = int.from_bytes(file.read(8), "big")
             if length < _HEADER:
                 break
-            found.add(header[4:])
+            found.append(header[4:])
             at += length
     if at != size or b"moov" not in found:
         raise UnreadableError("is no film, or cut off")
@@ -42,10 +50,7 @@ def check_picture(path: Path) -> None:
     Raises:
         UnreadableError: empty, cut off, something else, or not to be opened.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UnreadableError(f"can't be read: {error.strerror}") from error
+    data = read_bytes(path, _PICTURE)
     if not data:
         raise UnreadableError("is empty")
     if not (data.startswith(_PNG_START) and data.endswith(_PNG_END)):

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.runs.files import OUTCOME, SWEEPS
+from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.study.records import LeftOut, Place
-from needlehoop.study.rows import UnreadableError, read_keys
 
 _KINDS = {"study": str, "cameras": str, "reward": str, "seed": int, "outcome": str}
 
@@ -52,7 +52,7 @@ def read_outcomes(study: Path) -> tuple[dict[Place, Outcome], list[LeftOut]]:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    note = read_keys(path)
+    note = read_json(path)
     kinds = {**_KINDS, **({"error": str} if "error" in note else {})}
     odd = [key for key, kind in kinds.items() if not isinstance(note.get(key), kind)]
     if odd:

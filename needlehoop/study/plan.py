@@ -6,9 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import product
 
-import yaml
-
 from needlehoop.runs.files import seen
+from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.records import Place
 
@@ -56,8 +55,7 @@ def _experiment(name: str) -> dict[str, str]:
     valid = _options("experiment")
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    text = (CONF / "experiment" / f"{name}.yaml").read_text(encoding="utf-8")
-    return yaml.safe_load(text)["hydra"]["sweeper"]["params"]
+    return read_yaml(CONF / "experiment" / f"{name}.yaml")["hydra"]["sweeper"]["params"]
 
 
 def _combinations(text: str) -> list[list[str]]:

@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
+import numpy as np
 
 from needlehoop.runs import files
+from needlehoop.runs.reading import (
+    UnreadableError,
+    check_within,
+    read_json,
+    read_text,
+    read_yaml,
+)
+from needlehoop.runs.terminal import printable
 from needlehoop.study.media import check_film
-from needlehoop.study.rows import Rows, UnreadableError, read_keys, read_rows, read_text
+from needlehoop.study.rows import Rows, read_rows
 
 _KEYED = ("update", "step", "wall_time")
-_OUTCOME = ("episodes", "success", "cheat", "touched", "return")
-# libyaml's is ten times as fast, where it was built in.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_LARGEST = float(2**53)
+"""Whole numbers beyond it are none any more, as numbers of a table."""
+
+_OUTCOME = {
+    "episodes": (1.0, _LARGEST),
+    "success": (0.0, 1.0),
+    "cheat": (0.0, 1.0),
+    "touched": (0.0, 1.0),
+    "return": (-1e9, 1e9),
+}
+"""What an evaluation says, and between what."""
+
 _RUN_FILES = re.compile(
-    r"(config\.yaml|manifest\.json|reward\.txt|metrics\.csv|evaluations\.csv|checkpoint\.pt"
+    r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
     r"|policy\.safetensors|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
+_FORMER_RUN = re.compile(r"seed\d+\.\d+")
+"""One that another took the place of."""
+
 _STUDY_FILES = {"report.html", "contact_sheet.png", "README.md"}
 
 
@@ -37,7 +56,7 @@ class LeftOut:
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.reason}"
+        return printable(f"{self.path}: {self.reason}")
 
 
 @dataclass(frozen=True, order=True)
@@ -142,7 +161,12 @@ def read_study(folder: Path) -> Study:
             loose |= {parent: set(_visible(parent)) for parent in above}
             continue
         # In the order of names, whatever the file system's is.
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        folders[:] = sorted(
+            name for name in folders if name[0] != "." and not _FORMER_RUN.fullmatch(name)
+        )
+        for name in folders:
+            if (place / name).is_symlink():
+                reading.leave(place / name, "is a link to a folder, and not followed")
         if place != folder and files.CONFIG in names:
             reading.leave(place, "holds a run but is not called seed<k>")
             folders.clear()
@@ -155,7 +179,7 @@ def read_study(folder: Path) -> Study:
 
 def _visible(folder: Path) -> list[str]:
     """Names of the files in a folder, without hidden ones."""
-    return [path.name for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
+    return [path.name for path in folder.iterdir() if not path.is_dir() and path.name[0] != "."]
 
 
 def _read_run(folder: Path, reading: _Reading) -> None:
@@ -165,7 +189,7 @@ def _read_run(folder: Path, reading: _Reading) -> None:
         elif not path.is_dir() and not _RUN_FILES.fullmatch(path.name):
             reading.leave(path, "is no file of a run")
     try:
-        config = _config(folder / files.CONFIG)
+        config = _config(folder / files.CONFIG, reading.root)
     except UnreadableError as error:
         reading.leave(folder, f"no run: its {files.CONFIG} {error}")
         return
@@ -182,52 +206,53 @@ def _read_run(folder: Path, reading: _Reading) -> None:
         place,
         folder,
         config,
-        _json(folder / files.MANIFEST, (), reading) or {},
-        _rows(folder / files.METRICS, (*_KEYED, "return", "success"), _KEYED, reading),
-        _rows(folder / files.EVALUATIONS, (*_KEYED, *_OUTCOME), (*_KEYED, *_OUTCOME), reading),
+        _json(folder / files.MANIFEST, {}, reading) or {},
+        _rows(folder / files.METRICS, ("return", "success"), {}, reading),
+        _rows(folder / files.EVALUATIONS, _OUTCOME, _OUTCOME, reading),
         _json(folder / files.EVALUATION, _OUTCOME, reading),
         _film(folder / files.VIDEO, reading),
     )
 
 
-def _config(path: Path) -> dict[str, Any]:
+def _config(path: Path, root: Path) -> dict[str, Any]:
     """A run's config, as far as the study needs it checked."""
     if not path.exists():
         raise UnreadableError("is missing")
-    try:
-        config = yaml.load(read_text(path), _LOADER)
-    except yaml.YAMLError as error:
-        raise UnreadableError("is no YAML") from error
-    if not isinstance(config, dict):
-        raise UnreadableError("holds no keys")
+    config = read_yaml(path, root)
     # Runs of one camera once kept it as a word.
     if isinstance(config.get("cams"), str):
         config["cams"] = files.listed(config["cams"])
-    kinds = {"cams": list, "obs": dict, "algo": dict, "seed": int, "steps": int, "num_envs": int}
-    for key, kind in kinds.items():
+    for key, kind in (("cams", list), ("obs", dict), ("algo", dict)):
         if not isinstance(config.get(key), kind):
             raise UnreadableError(f"has no usable {key}")
     if not all(isinstance(camera, str) for camera in config["cams"]):
         raise UnreadableError("has no usable cams")
-    if not isinstance(config["algo"].get("horizon"), int):
-        raise UnreadableError("has no usable algo.horizon")
-    if min(config["num_envs"], config["algo"]["horizon"], config["steps"]) < 1:
+    counts = {key: config.get(key) for key in ("seed", "steps", "num_envs")}
+    for key, value in (*counts.items(), ("algo.horizon", config["algo"].get("horizon"))):
+        if type(value) is not int or not 0 <= value < 2**64:
+            raise UnreadableError(f"has no usable {key}")
+    sizes = (config["num_envs"], config["algo"]["horizon"], config["steps"])
+    if min(sizes) < 1 or max(sizes) > _LARGEST:
         raise UnreadableError("has no steps")
     return config
 
 
-def _json(path: Path, numbers: tuple[str, ...], reading: _Reading) -> dict[str, Any] | None:
+def _json(
+    path: Path, numbers: Mapping[str, tuple[float, float]], reading: _Reading
+) -> dict[str, Any] | None:
     """A JSON object with ``numbers`` in it; ``None`` and a note where it is something else."""
-    if not path.exists():
+    if not os.path.lexists(path):
         if path.name == files.MANIFEST:
             reading.leave(path, "is missing")
         return None
     try:
-        found = read_keys(path)
+        found = read_json(path, within=reading.root)
     except UnreadableError as error:
         reading.leave(path, str(error))
         return None
-    odd = [key for key in numbers if not _finite(found.get(key))]
+    odd = [key for key, (low, high) in numbers.items() if not _between(found.get(key), low, high)]
+    if numbers and not _between(found.get("steps_trained") or 0, 0, _LARGEST):
+        odd.append("steps_trained")
     if odd:
         reading.leave(path, f"has no usable {', '.join(odd)}")
         return None
@@ -235,17 +260,23 @@ def _json(path: Path, numbers: tuple[str, ...], reading: _Reading) -> dict[str, 
 
 
 def _rows(
-    path: Path, columns: tuple[str, ...], filled: tuple[str, ...], reading: _Reading
+    path: Path,
+    columns: Iterable[str],
+    numbers: Mapping[str, tuple[float, float]],
+    reading: _Reading,
 ) -> Rows | None:
-    if not path.exists():
+    """A table with ``columns``, in which updates and steps rise and ``numbers`` are in range."""
+    if not os.path.lexists(path):
         return None
     try:
-        rows, problems = read_rows(path, filled)
+        rows, problems = read_rows(path, (*_KEYED, *numbers), reading.root)
         for name in columns:
             if name not in rows.columns:
                 raise UnreadableError(f"is no table of a run: it has no column {name}")
-        if "episodes" in filled and (rows["episodes"] < 1).any():
-            raise UnreadableError("has an evaluation of no episodes")
+        _check_rising(rows)
+        for name, (low, high) in numbers.items():
+            if not ((rows[name] >= low) & (rows[name] <= high)).all():
+                raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
     except UnreadableError as error:
         reading.leave(path, str(error))
         return None
@@ -254,18 +285,33 @@ def _rows(
     return rows
 
 
+def _check_rising(rows: Rows) -> None:
+    """Two processes that write one table leave rows twice, or out of order."""
+    for name in ("update", "step"):
+        values = rows[name]
+        if values[0] < 0 or values[-1] > _LARGEST:
+            raise UnreadableError(f"has {name}s that are none")
+        falls = np.flatnonzero(np.diff(values) <= 0)
+        if len(falls):
+            raise UnreadableError(
+                f"has {name}s that do not rise, {len(falls)} times, first from {values[falls[0]]:g}"
+                f" to {values[falls[0] + 1]:g}: more than one process wrote it"
+            )
+
+
 def _check_text(path: Path, reading: _Reading) -> None:
     try:
-        if path.exists():
-            read_text(path)
+        if os.path.lexists(path):
+            read_text(path, within=reading.root)
     except UnreadableError as error:
         reading.leave(path, str(error))
 
 
 def _film(path: Path, reading: _Reading) -> Path | None:
-    if not path.is_file():
+    if not os.path.lexists(path):
         return None
     try:
+        check_within(path, reading.root)
         check_film(path)
     except UnreadableError as error:
         reading.leave(path, str(error))
@@ -273,8 +319,9 @@ def _film(path: Path, reading: _Reading) -> Path | None:
     return path
 
 
-def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+def _between(value: Any, low: float, high: float) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and low <= value <= high
 
 
 def _quoted(word: Any) -> str:

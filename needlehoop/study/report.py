@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from needlehoop.runs import files
+from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers
 from needlehoop.study.combinations import LISTS, label, reward_label
@@ -19,7 +20,6 @@ from needlehoop.study.final import final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.records import Record
-from needlehoop.study.rows import UnreadableError, read_text
 from needlehoop.study.statistics import ENOUGH, no_interval
 from needlehoop.study.tables import all_tables
 
@@ -212,7 +212,7 @@ def _settings(findings: Findings) -> dict[str, Any]:
                 "place": str(run.place),
                 "own": _facts(run)
                 + sorted((k, v) for k, v in own.items() if len(runs) == 1 or k not in shared),
-                "reward": _reward(run),
+                "reward": _reward(run, findings.study.folder if findings.study else None),
                 "command": f"{run.command or '(command not on record)'}  # {run.place}",
             }
             for run, own in zip(runs, flat, strict=True)
@@ -238,10 +238,10 @@ def _facts(run: Record) -> list[tuple[str, str]]:
     return facts
 
 
-def _reward(run: Record) -> str:
+def _reward(run: Record, study: Path | None) -> str:
     path = run.folder / files.REWARD
     try:
-        return read_text(path)
+        return read_text(path, within=study)
     except UnreadableError as error:
         return f"{files.REWARD} {error}"
 

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-
-class UnreadableError(ValueError):
-    """A file that is not what its name says; the message says why."""
+from needlehoop.runs.reading import TABLE, UnreadableError, read_text
 
 
 @dataclass(frozen=True)
@@ -38,50 +34,21 @@ class Rows:
         return self.columns[name]
 
 
-def read_text(path: Path) -> str:
-    """A text file.
-
-    Raises:
-        UnreadableError: it is empty, no text, or can't be opened.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise UnreadableError("is no text") from error
-    except OSError as error:
-        raise UnreadableError(f"can't be read: {error.strerror}") from error
-    if not text.strip():
-        raise UnreadableError("is empty")
-    return text
-
-
-def read_keys(path: Path) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises:
-        UnreadableError: as in ``read_text``, or it holds something else.
-    """
-    try:
-        found = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise UnreadableError("is no JSON, or cut off") from error
-    if not isinstance(found, dict):
-        raise UnreadableError("holds no keys")
-    return found
-
-
-def read_rows(path: Path, needed: Sequence[str]) -> tuple[Rows, list[str]]:
+def read_rows(
+    path: Path, needed: Sequence[str], within: Path | None = None
+) -> tuple[Rows, list[str]]:
     """The whole rows of a CSV file of numbers, and what was wrong with the others.
 
     Args:
         path: of the file.
         needed: columns that it must have, with a number in every row.
+        within: a folder that it must lie in, also where it is a link.
 
     Raises:
         UnreadableError: no such table is in it.
     """
     # A row without its line's end was torn off by a kill, even if it looks whole.
-    whole, _, torn = read_text(path).rpartition("\n")
+    whole, _, torn = read_text(path, TABLE, within).rpartition("\n")
     lines = csv.reader(io.StringIO(whole))
     try:
         header, *body = list(lines) or [[]]

@@ -6,6 +6,7 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.sheet import stages
+from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import edition
@@ -83,7 +85,7 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         text = json.dumps({"scene": scene, "pictures": names}, indent=2)
         Run(transcript.folder).write(PICTURES, text + "\n")
         return Album(pictures, settings.image_size)
-    kept = json.loads(index.read_text())
+    kept = _index(index)
     if kept["scene"] != scene:
         others = edition.others(transcript.folder)
         if others is not None:
@@ -100,6 +102,20 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         },
         settings.image_size,
     )
+
+
+def _index(path: Path) -> dict[str, Any]:
+    """Which pictures are kept, and of what scene."""
+    try:
+        kept = read_json(path)
+    except UnreadableError as error:
+        raise ValueError(f"{path} {error}") from error
+    shown = kept.get("pictures")
+    if not isinstance(kept.get("scene"), dict) or not isinstance(shown, dict):
+        raise ValueError(f"{path}: has no scene or no pictures; put it back")
+    if not all(isinstance(one, dict) for one in shown.values()):
+        raise ValueError(f"{path}: has other pictures than by state and camera; put it back")
+    return kept
 
 
 def _scene(settings: Settings, size: int) -> dict[str, Any]:

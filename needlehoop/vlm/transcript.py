@@ -9,10 +9,30 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from needlehoop.runs.files import naming
+from needlehoop.runs.reading import RECORD, UnreadableError, parse_json, read_bytes
 from needlehoop.runs.run import Run
 from needlehoop.vlm.messages import Picture, Request
 
 TRANSCRIPT, IMAGES = "transcript.jsonl", "images"
+
+_PICTURE = 64_000_000
+"""Bytes of a picture, at most."""
+
+_COUNT = int | None
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(("sha256", "conversation", "provider", "model", "outcome", "answer"), str),
+    "detail": str,
+    "request": dict,
+    "sampling": dict,
+    "answered_by": str | None,
+    "tokens_in": _COUNT,
+    "tokens_out": _COUNT,
+    "attempts": tuple,
+    "time": str,
+    "seconds": int | float,
+}
+"""Of an exchange that is read back."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +97,10 @@ class Transcript:
             self.save(picture)
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.torn is not None:
-            whole = self.path.read_bytes().rfind(b"\n") + 1
+            whole = self._bytes().rfind(b"\n") + 1
             os.truncate(self.path, whole)
             self.torn = None
-        with self.path.open("a", encoding="utf-8") as file:
+        with naming(self.path), self.path.open("a", encoding="utf-8") as file:
             file.write(_line(exchange))
             file.flush()
             os.fsync(file.fileno())
@@ -104,7 +124,10 @@ class Transcript:
         path = self.folder / IMAGES / f"{sha256}.png"
         if not path.is_file():
             raise ValueError(f"{path}: missing; it belongs to the record")
-        picture = Picture(path.read_bytes())
+        try:
+            picture = Picture(read_bytes(path, _PICTURE))
+        except UnreadableError as error:
+            raise ValueError(f"{path} {error}") from error
         if picture.sha256 != sha256:
             raise ValueError(f"{path}: its content is not what its name says")
         return picture
@@ -120,15 +143,34 @@ class Transcript:
         if not self.path.exists():
             return
         # Bytes: the cut may be inside a character.
-        *lines, rest = self.path.read_bytes().split(b"\n")
+        *lines, rest = self._bytes().split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
-                values = json.loads(line)
-                yield Exchange(**{**values, "attempts": tuple(values["attempts"])})
+                yield _exchange(parse_json(line))
             except (ValueError, TypeError, KeyError) as error:
                 raise ValueError(f"{self.path}: line {number} is no exchange: {error}") from error
         if rest:
             self.torn = f"{self.path}: line {len(lines) + 1} is cut off and left out"
+
+    def _bytes(self) -> bytes:
+        try:
+            return read_bytes(self.path, RECORD)
+        except UnreadableError as error:
+            raise ValueError(f"{self.path} {error}") from error
+
+
+def _exchange(values: Any) -> Exchange:
+    """One that was read back; errors of any kind where it is none."""
+    exchange = Exchange(**{**values, "attempts": tuple(values["attempts"])})
+    for name, kind in _KINDS.items():
+        if not isinstance(getattr(exchange, name), kind):
+            raise ValueError(f"{name} is {getattr(exchange, name)!r:.60}")
+    # Whatever is said goes out again with the next request, and into files.
+    f"{exchange.answer}{exchange.detail}{exchange.request}".encode()
+    for message in exchange.request["messages"]:
+        if not all(isinstance(part, dict) for part in message["parts"]):
+            raise ValueError("a message has other parts than text and images")
+    return exchange
 
 
 def _line(exchange: Exchange) -> str:

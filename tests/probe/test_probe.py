@@ -317,7 +317,7 @@ def test_the_manifest_counts_the_time_of_all_calls(tmp_path, capsys):
     assert json.loads(path.read_text())["wall_time"] < 1000
     path.write_text('{"wall')
     assert _run(tmp_path, "cams=seg_side", "seeds=1") == 2
-    assert f"{path} is damaged" in capsys.readouterr().err
+    assert f"{path} is no JSON, or cut off; delete it" in capsys.readouterr().err
 
 
 def test_a_folder_of_something_else_or_other_settings_is_left_alone(tmp_path, capsys):
