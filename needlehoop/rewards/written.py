@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import potential
 from needlehoop.runs.files import listed
+from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 
 if TYPE_CHECKING:
@@ -35,6 +37,10 @@ _KEYS = {
 }
 
 
+CLIPPED = "clipped"
+"""The term by which a total is kept within its limits."""
+
+
 class RewardError(RuntimeError):
     """A reward that is of no use at some state that training reached."""
 
@@ -47,7 +53,7 @@ class Written:
         program: what it computes.
         origin: where the program came from.
         clip: the least and the most that the total may be; what it is changed by to keep to
-            that is the term ``clipped``.
+            that is the term ``clipped`` (``clipped_1`` where the program has one of that name).
     """
 
     program: Program
@@ -74,7 +80,7 @@ class Written:
         if self.clip is None:
             return terms
         total = potential(terms)
-        return {**terms, "clipped": total.clamp(*self.clip) - total}
+        return {**terms, _free(CLIPPED, terms): total.clamp(*self.clip) - total}
 
     def text(self) -> str:
         """For the record: where the program came from, and its source."""
@@ -88,6 +94,12 @@ class Source:
 
     text: str
     origin: str
+
+
+def _free(name: str, taken: Mapping[str, Any]) -> str:
+    """A name that is not taken: this one, or with a number."""
+    numbered = (f"{name}_{number}" for number in count(1))
+    return next(one for one in (name, *islice(numbered, len(taken))) if one not in taken)
 
 
 def find(
@@ -151,7 +163,7 @@ def _search(folders: Iterable[Path], cams: tuple[str, ...], flavour: str) -> Sou
         for place in (_folder_of(folder, cams), folder / ANY if flavour == "text" else None):
             file = None if place is None else place / f"{flavour}.txt"
             if file is not None and file.is_file():
-                return Source(file.read_text(encoding="utf-8"), str(file))
+                return read(file)
     return None
 
 
@@ -230,9 +242,15 @@ def _source(config: Mapping[str, Any]) -> Source:
         )
     pinned = config["program"]
     if pinned is not None:
-        return Source(str(pinned["text"]), str(pinned["origin"]))
+        match pinned:
+            case {"text": str(text), "origin": str(origin)} if len(pinned) == 2:
+                return Source(text, origin)
+        raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
     if kind == "file":
-        return read(Path(config["path"]))
+        path = config["path"]
+        if not isinstance(path, str) or not path:
+            raise ValueError(f"reward.path: {path!r} is no name of a file")
+        return read(Path(path))
     study, results = str(config["study"]), str(config["results"])
     return find(listed(config["cams"]), FLAVOURS[kind], study, results, config["recording"])
 
@@ -241,11 +259,9 @@ def read(path: Path) -> Source:
     """The program in a file.
 
     Raises:
-        ValueError: no file there, or one that is no text.
+        ValueError: no plain file there, or one that is too large, empty or no text.
     """
     try:
-        return Source(path.read_text(encoding="utf-8"), str(path))
-    except OSError as error:
-        raise ValueError(f"reward.path: {str(path)!r}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"reward.path: {str(path)!r} is not UTF-8 text") from error
+        return Source(read_text(path), str(path))
+    except UnreadableError as error:
+        raise ValueError(f"reward.path: {str(path)!r} {error}") from error

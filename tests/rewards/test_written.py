@@ -118,7 +118,7 @@ def test_two_folders_of_the_same_cameras_are_refused(place):
     ("text", "said"),
     [
         (b"reward = gaol", r"mine.txt, line 1, column 10: 'gaol' is unknown"),
-        (b"\xff\xfe", "not UTF-8"),
+        (b"\xff\xfe", r"reward.path: .*mine.txt' is no text"),
     ],
 )
 def test_a_bad_file_is_refused_by_name(place, tmp_path, text, said):
@@ -130,7 +130,7 @@ def test_a_bad_file_is_refused_by_name(place, tmp_path, text, said):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["reward.path=none.txt"], "reward.path: 'none.txt': No such file"),
+        (["reward.path=none.txt"], "reward.path: 'none.txt' can't be read: No such file"),
         ([], "reward.path"),
         (["reward.path=mine.txt", "reward.clip=true"], "reward.clip: True"),
         (["reward.path=mine.txt", "reward.clip=[3,1]"], "reward.clip: "),
@@ -200,3 +200,29 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
     assert worth(rewards.load(job.env.reward)) == 5
     assert worth(rewards.load(config.job(run.config()).env.reward)) == 5
+
+
+def test_a_programs_own_term_named_clipped_is_kept(tmp_path):
+    """Under ``reward.clip`` its value was overwritten: 1 instead of 2."""
+    signals = random_signals(1, seed=0)
+    for source, total in (
+        ("clipped = 1\nother = 1\nreward = clipped + other", 2.0),
+        ("clipped = 1\nclipped_1 = 5\nreward = clipped + clipped_1", 3.0),
+    ):
+        reward = Written(compile_program(source), "here", clip=(0.0, 3.0))
+        terms = reward(signals)
+        assert float(terms["clipped"]) == 1.0
+        assert float(rewards.potential(terms)) == total
+        assert set(terms) == set(reward(signals))
+
+
+@pytest.mark.parametrize("path", ["null", "5", "[a]", "{a: 1}", "''", "true"])
+def test_a_path_that_is_none_is_refused_by_name(path):
+    with pytest.raises(ValueError, match=r"reward\.path: "):
+        loaded("reward=file", f"reward.path={path}")
+
+
+@pytest.mark.parametrize("program", ["5", "[a]", "{text: 5, origin: a}", "{text: a}", "text"])
+def test_a_pinned_program_that_is_none_is_refused_by_name(program):
+    with pytest.raises(ValueError, match=r"reward\.program: "):
+        loaded("reward=file", "reward.path=a", f"reward.program={program}")
