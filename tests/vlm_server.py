@@ -21,8 +21,9 @@ class Server:
     """What the server says, in order, and what it was asked.
 
     An entry of ``script`` is a text (the model's answer), a dict with ``status`` and
-    ``body`` (an HTTP error or any reply), ``sleep``, or ``finish``/``refusal`` with
-    ``text``. Past its end, ``otherwise`` answers from the request's JSON schema.
+    ``body`` (an HTTP error or any reply, text or bytes), ``sleep``, ``headers``, ``drip``
+    (seconds between the bytes of the body), or ``finish``/``refusal`` with ``text``. Past
+    its end, ``otherwise`` answers from the request's JSON schema.
     """
 
     script: list[Answer] = field(default_factory=list)
@@ -30,8 +31,9 @@ class Server:
     requests: list[dict[str, Any]] = field(default_factory=list)
     headers: list[dict[str, str]] = field(default_factory=list)
     url: str = ""
+    sent: int = 0
 
-    def answer(self, path: str, body: dict[str, Any]) -> tuple[int, str]:
+    def answer(self, path: str, body: dict[str, Any]) -> tuple[int, Any, dict[str, Any]]:
         self.requests.append(body)
         schema = schema_of(body)
         entry = self.script.pop(0) if self.script else None
@@ -41,9 +43,10 @@ class Server:
         said = {"text": entry} if isinstance(entry, str) else entry
         time.sleep(said.get("sleep", 0))
         if "body" in said or "status" in said:
-            return said.get("status", 200), said.get("body", '{"error": {"message": "no"}}')
+            text = said.get("body", '{"error": {"message": "no"}}')
+            return said.get("status", 200), text, said
         reply = gemini_reply if "generateContent" in path else openai_reply
-        return 200, json.dumps(reply(said))
+        return 200, json.dumps(reply(said)), said
 
 
 def schema_of(body: dict[str, Any]) -> dict[str, Any]:
@@ -114,14 +117,19 @@ def serve() -> Iterator[Server]:
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             server.headers.append(dict(self.headers))
-            status, text = server.answer(self.path, body)
-            data = text.encode()
+            status, text, said = server.answer(self.path, body)
+            data = text.encode() if isinstance(text, str) else text
             try:
                 self.send_response(status)
                 self.send_header("Content-Type", "application/json")
                 self.send_header("Content-Length", str(len(data)))
+                for name, value in said.get("headers", {}).items():
+                    self.send_header(name, value)
                 self.end_headers()
-                self.wfile.write(data)
+                for place in range(0, len(data), 1 if "drip" in said else 65_536):
+                    time.sleep(said.get("drip", 0))
+                    self.wfile.write(data[place : place + (1 if "drip" in said else 65_536)])
+                    server.sent += 65_536
             except ConnectionError:
                 pass  # The client did not wait.
 

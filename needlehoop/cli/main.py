@@ -17,6 +17,7 @@ from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
 from needlehoop.cli.study import add_commands as add_study_commands
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
+from needlehoop.runs.terminal import printable
 
 _TRAIN = "train"
 
@@ -39,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         status = options.run(options)
     except (ValueError, RuntimeError, OSError) as error:
-        print(f"needlehoop {options.command}: {error}", file=sys.stderr)
+        print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2
     return status or 0
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.runs.terminal import printable
 
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
@@ -62,7 +63,8 @@ def _question(options: argparse.Namespace) -> None:
     answers = found["answers"]
     for part in ("first", "second"):
         suits, subtask = answers["suits"][part], answers["subtasks"][part]
-        print(f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view")
+        said = f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view"
+        print(printable(said))
     for what in ("goal", "lifted"):
         print(f"{what}: best shown by {answers[what]['rendering']}, {answers[what]['view']} view")
     print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")

@@ -3,16 +3,42 @@
 from __future__ import annotations
 
 import base64
-import json
 from typing import TYPE_CHECKING, Any
+
+from pydantic import ConfigDict, Field
 
 from needlehoop.vlm.messages import Message, Part, Request
 from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
+from needlehoop.vlm.providers.replies import Count, ReplyPart, read_reply
 from needlehoop.vlm.providers.sdk import SdkProvider
 
 if TYPE_CHECKING:
     import openai
-    from openai.types.chat import ChatCompletion
+
+
+class _Part(ReplyPart):
+    model_config = ConfigDict(alias_generator=None)
+
+
+class _Message(_Part):
+    content: str | None = None
+    refusal: str | None = None
+
+
+class _Choice(_Part):
+    message: _Message
+    finish_reason: str | None = None
+
+
+class _Usage(_Part):
+    prompt_tokens: Count | None = None
+    completion_tokens: Count | None = None
+
+
+class _Completion(_Part):
+    choices: list[_Choice] = Field(min_length=1)
+    model: str | None = None
+    usage: _Usage | None = None
 
 
 class Compatible(SdkProvider):
@@ -34,27 +60,29 @@ class Compatible(SdkProvider):
         super().__init__(config)
         self._openai = openai
 
-    def _connect(self) -> openai.OpenAI:
+    def _http_client(self) -> type[Any]:
+        return self._openai.DefaultHttpxClient
+
+    def _connect(self, http: Any) -> openai.OpenAI:
         return self._openai.OpenAI(
             api_key=self._key or "none",
             base_url=self._config.base_url,
             timeout=self._config.timeout,
             max_retries=0,
+            http_client=http,
         )
 
     def _send(self, request: Request) -> Reply:
         messages: list[Any] = [_message(message) for message in request.messages]
         form: Any = {"name": "answer", "schema": dict(request.schema), "strict": True}
-        completion = self._client.chat.completions.create(
+        raw = self._client.chat.completions.with_raw_response.create(
             model=self._config.model,
             messages=messages,
             response_format={"type": "json_schema", "json_schema": form},
             # In the body as they are: servers differ in what they take.
             extra_body=self._config.sent,
         )
-        if not getattr(completion, "choices", None):
-            raise self._failure("unreadable", "the reply has no choices")
-        return _reply(completion, self._config.model)
+        return _reply(read_reply(raw.content, _Completion, self._key), self._config.model)
 
     def _status(self, error: Exception) -> tuple[int | str, str] | None:
         sdk = self._openai
@@ -64,8 +92,6 @@ class Compatible(SdkProvider):
             return "timeout", ""
         if isinstance(error, sdk.APIConnectionError):
             return "unreachable", str(error.__cause__ or error)
-        if isinstance(error, sdk.APIResponseValidationError | json.JSONDecodeError):
-            return "unreadable", "the reply is no JSON"
         return None
 
 
@@ -82,13 +108,13 @@ def _piece(part: Part) -> dict[str, Any]:
     return {"type": "image_url", "image_url": {"url": f"data:image/png;base64,{data}"}}
 
 
-def _reply(completion: ChatCompletion, asked: str) -> Reply:
+def _reply(completion: _Completion, asked: str) -> Reply:
     choice, usage = completion.choices[0], completion.usage
     text, refusal = choice.message.content or "", choice.message.refusal
     if refusal or choice.finish_reason == "content_filter":
         outcome, detail = "refused", refusal or "content_filter"
     elif not text.strip():
-        outcome, detail = "empty", str(choice.finish_reason)
+        outcome, detail = "empty", choice.finish_reason or "no reason"
     elif choice.finish_reason == "length":
         outcome, detail = "truncated", "length"
     else:

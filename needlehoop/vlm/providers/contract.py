@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.terminal import printable
 from needlehoop.vlm.messages import Request
 
 OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")
@@ -49,7 +50,7 @@ class ProviderError(RuntimeError):
         """Whether another try may bring a reply."""
         if isinstance(self.status, int):
             return self.status in (408, 429) or self.status >= 500
-        return self.status == "timeout"
+        return self.status in ("timeout", "unreadable")
 
 
 def transcripts() -> dict[str, Path]:
@@ -90,7 +91,7 @@ class LiveConfig:
     sampling: Mapping[str, Any]
     """Passed on by name; ``None`` is not sent."""
     timeout: float
-    """Seconds that one try may take."""
+    """Seconds that one try may take, from its first byte to its last."""
     tries: int
     first_wait: float
     """Seconds before the second try; they double with each further one."""
@@ -219,8 +220,8 @@ def lacking(kind: str, package: str) -> RuntimeError:
 
 
 def failure(config: LiveConfig, key: str | None, status: int | str, said: str) -> ProviderError:
-    """A ``ProviderError`` in one line; the key is struck out should the server repeat it."""
+    """A ``ProviderError`` in one line, without the key and control characters of a server's."""
     if key:
         said = said.replace(key, "***")
-    said = re.sub(r"\s+", " ", said).strip()[:300]
+    said = printable(re.sub(r"\s+", " ", said)).strip()[:300]
     return ProviderError(f"vlm={config.kind} ({config.model}): {status}: {said}", status)

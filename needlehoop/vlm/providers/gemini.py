@@ -2,16 +2,47 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
+from needlehoop.vlm.providers.replies import Count, ReplyPart, read_reply
 from needlehoop.vlm.providers.sdk import SdkProvider
 
 if TYPE_CHECKING:
     from google import genai
     from google.genai import types
+
+
+class _Piece(ReplyPart):
+    text: str | None = None
+    thought: bool | None = None
+
+
+class _Content(ReplyPart):
+    parts: list[_Piece] | None = None
+
+
+class _Candidate(ReplyPart):
+    content: _Content | None = None
+    finish_reason: str | None = None
+
+
+class _Feedback(ReplyPart):
+    block_reason: str | None = None
+
+
+class _Usage(ReplyPart):
+    prompt_token_count: Count | None = None
+    candidates_token_count: Count | None = None
+    thoughts_token_count: Count | None = None
+
+
+class _Response(ReplyPart):
+    candidates: list[_Candidate] | None = None
+    prompt_feedback: _Feedback | None = None
+    usage_metadata: _Usage | None = None
+    model_version: str | None = None
 
 
 class Gemini(SdkProvider):
@@ -38,10 +69,17 @@ class Gemini(SdkProvider):
                 valid = "temperature, top_p, top_k, seed, max_output_tokens, thinking_config"
                 raise ValueError(f"vlm.sampling: unknown key {name!r}; choose from {valid}, …")
 
-    def _connect(self) -> genai.Client:
+    def _http_client(self) -> type[Any]:
+        import httpx2
+
+        return httpx2.Client
+
+    def _connect(self, http: Any) -> genai.Client:
         # Without retry_options it tries once.
         options = self._genai.types.HttpOptions(
-            base_url=self._config.base_url, timeout=round(1000 * self._config.timeout)
+            base_url=self._config.base_url,
+            timeout=round(1000 * self._config.timeout),
+            httpx_client=http,
         )
         return self._genai.Client(api_key=self._key or "none", vertexai=False, http_options=options)
 
@@ -51,12 +89,15 @@ class Gemini(SdkProvider):
             **self._config.sent,
             response_mime_type="application/json",
             response_json_schema=dict(request.schema),
+            # Read here: the SDK's own reading takes much for an answer that is none.
+            should_return_http_response=True,
         )
         contents: list[Any] = [self._content(message) for message in request.messages]
         response = self._client.models.generate_content(
             model=self._config.model, contents=contents, config=options
         )
-        return _reply(response, self._config.model)
+        body = response.sdk_http_response.body or ""
+        return _reply(read_reply(body.encode(), _Response, self._key), self._config.model)
 
     def _content(self, message: Message) -> types.Content:
         part = self._genai.types.Part
@@ -78,13 +119,10 @@ class Gemini(SdkProvider):
             return "timeout", ""
         if isinstance(error, httpx2.TransportError):
             return "unreachable", str(error)
-        # The SDK reports a body that is no JSON by a subclass of ValueError of its own.
-        if isinstance(error, json.JSONDecodeError | self._genai.errors.UnknownApiResponseError):
-            return "unreadable", "the reply is no JSON"
         return None
 
 
-def _reply(response: types.GenerateContentResponse, asked: str) -> Reply:
+def _reply(response: _Response, asked: str) -> Reply:
     """The first candidate; anything but a stop or a full page is a filter's work."""
     usage, feedback = response.usage_metadata, response.prompt_feedback
     candidate = response.candidates[0] if response.candidates else None
@@ -94,9 +132,9 @@ def _reply(response: types.GenerateContentResponse, asked: str) -> Reply:
     if candidate is None:
         block = feedback.block_reason if feedback else None
         outcome = "refused" if block else "empty"
-        detail = str(block.value) if block else "no candidates"
+        detail = block if block else "no candidates"
     else:
-        finish = str(candidate.finish_reason.value) if candidate.finish_reason else "STOP"
+        finish = candidate.finish_reason or "STOP"
         if finish not in ("STOP", "MAX_TOKENS", "CONTINUATION"):
             outcome, detail = "refused", finish
         elif not text.strip():

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from typing import Any
 
 from needlehoop.vlm.messages import Request
 from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply, failure
+from needlehoop.vlm.providers.wire import ReplyError, careful
 
 
 class SdkProvider(ABC):
@@ -23,28 +26,58 @@ class SdkProvider(ABC):
         self._config = config
         self._key = config.read_key()
         self._client: Any = None
+        self._http: Any = None
 
     def ask(self, request: Request) -> Reply:
         """See ``Provider``."""
         if self._client is None:
-            self._client = self._connect()
-        try:
-            return self._send(request)
-        except Exception as error:
-            status = self._status(error)
-            if status is None:
-                raise
-            # The SDK's own error may carry what the server said of the key.
-            raise self._failure(*status) from None
+            self._http = careful(self._http_client(), self._config.timeout)
+            self._client = self._connect(self._http)
+        came: list[Reply | Exception] = []
+        # On a thread: a server that sends a byte now and then keeps every single wait short.
+        thread = threading.Thread(target=self._try, args=(request, came), daemon=True)
+        thread.start()
+        thread.join(self._config.timeout)
+        if not came:
+            # What is still under way is nobody's, and ends by itself.
+            self._client = None
+            raise self._failure("timeout", "")
+        if isinstance(came[0], Reply):
+            return came[0]
+        status = self._told(came[0])
+        if status is None:
+            raise came[0]
+        # The SDK's own error may carry what the server said of the key.
+        raise self._failure(*status) from None
 
     def close(self) -> None:
         """See ``Provider``."""
         if self._client is not None:
             self._client.close()
+            self._http.close()
+
+    def _try(self, request: Request, came: list[Reply | Exception]) -> None:
+        try:
+            came.append(self._send(request))
+        except Exception as error:
+            came.append(error)
+
+    def _told(self, error: Exception) -> tuple[int | str, str] | None:
+        """As ``_status``; our own error may be wrapped in one of the SDK's."""
+        for one in _causes(error):
+            if isinstance(one, ReplyError):
+                return "unreadable", str(one)
+            if isinstance(one, TimeoutError):
+                return "timeout", ""
+        return self._status(error)
 
     @abstractmethod
-    def _connect(self) -> Any:
-        """The client, with its own retries off: the policy is in ``retries`` alone."""
+    def _http_client(self) -> type[Any]:
+        """The class of HTTP clients that the SDK takes."""
+
+    @abstractmethod
+    def _connect(self, http: Any) -> Any:
+        """The SDK's client, on ``http``, with retries off: the policy is in ``retries`` alone."""
 
     @abstractmethod
     def _send(self, request: Request) -> Reply:
@@ -60,3 +93,10 @@ class SdkProvider(ABC):
     def _failure(self, status: int | str, said: str) -> ProviderError:
         text = f"no answer within {self._config.timeout:g} s" if status == "timeout" else said
         return failure(self._config, self._key, status, text)
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error and those that it came from."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
