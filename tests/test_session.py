@@ -163,12 +163,12 @@ SPOILT = {
         "not finite",
     ),
     "other moments": (
-        lambda s: s["learner"]["ppo"]["optimizer"]["state"][0].update(exp_avg=torch.zeros(1)),
-        "learner.ppo.optimizer.state.0.exp_avg",
+        lambda s: s["learner"]["ppo"]["optimizer"][0]["state"][0].update(exp_avg=torch.zeros(1)),
+        "learner.ppo.optimizer.0.state.0.exp_avg",
     ),
     "no moments": (
-        lambda s: s["learner"]["ppo"]["optimizer"].update(state={}),
-        "learner.ppo.optimizer.state",
+        lambda s: s["learner"]["ppo"]["optimizer"][0].update(state={}),
+        "learner.ppo.optimizer.0.state",
     ),
     "another env": (
         lambda s: s["learner"]["env"]["simulation"].update(potential=torch.zeros(4).double()),

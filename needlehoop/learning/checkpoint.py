@@ -55,9 +55,7 @@ def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> Non
     Raises:
         ValueError: it does not; says where.
     """
-    own = ppo.state_dict()
-    like = {**own, "optimizer": {**own["optimizer"], "state": _moments(ppo.agent)}}
-    check_like("learner.ppo", state["ppo"], like)
+    check_like("learner.ppo", state["ppo"], ppo.moved_state())
     env.reset()
     check_like("learner.env", state["env"], env.snapshot())
     check_like("learner.rng", state["rng"], torch.get_rng_state())
@@ -66,14 +64,6 @@ def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> Non
 def check_agent(state: Mapping[str, Any], agent: Agent) -> None:
     """That a learner's state has the weights of an agent; errors as in ``check_learner``."""
     check_like("learner.ppo.agent", state["ppo"].get("agent"), agent.state_dict())
-
-
-def _moments(agent: Agent) -> dict[int, dict[str, Tensor]]:
-    """What Adam remembers of each parameter."""
-    return {
-        index: {"step": torch.tensor(0.0), "exp_avg": p.detach(), "exp_avg_sq": p.detach()}
-        for index, p in enumerate(agent.parameters())
-    }
 
 
 def check_like(path: str, found: Any, like: Any) -> None:

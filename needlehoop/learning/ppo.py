@@ -174,6 +174,10 @@ class Ppo:
             "done_updates": self.done_updates,
         }
 
+    def moved_state(self) -> dict[str, Any]:
+        """What ``state_dict`` is like after an update, for those who check one that they read."""
+        return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
+
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""
         self.agent.load_state_dict(state["agent"])

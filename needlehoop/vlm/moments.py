@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import CONTROLLERS, controller
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import Controller
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
@@ -22,6 +22,9 @@ _REACH = 0.3
 """Random points lie within this of the origin along each axis, m."""
 _TURN = 3.2
 """Random angles lie within this of 0, rad."""
+
+_JUDGED_BY = ("expert", "cheat", "random")
+"""Controllers on whose episodes programs are judged."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     simulation, _ = build(blind)
     moments: list[Signals] = []
     last = {}
-    for who in CONTROLLERS:
+    for who in _JUDGED_BY:
         simulation.reseed(gates.seed)
         lived, last[who] = _episodes(simulation, controller(who, blind))
         moments += lived

@@ -37,11 +37,13 @@ def trained(folder, *words, weights="float32"):
     agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), torch.device("cpu"))
     with torch.no_grad():
         for parameter in agent.parameters():
-            parameter += 0.1 * torch.randn_like(parameter)
+            parameter += 0.02 * torch.randn_like(parameter)
     for module in agent.modules():
         if hasattr(module, "learn"):
             module.learn(torch.randn(50, len(module.mean)))
-    run.save({"learner": {"ppo": {"agent": agent.state_dict()}}, "update": 1})
+    ppo = {"agent": agent.state_dict(), "done_updates": 1}
+    learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
+    run.save({"learner": learner, "update": 1, "wall_time": 1.0})
     write_weights(folder, actor_of(agent), values, weights)
     return agent
 

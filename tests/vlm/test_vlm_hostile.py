@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_vlm_providers import REQUEST, config_of
+from test_vlm_providers import NOWHERE, REQUEST, config_of
 from vlm_server import KEY, Server, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
@@ -38,7 +38,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
 
 @pytest.fixture
 def provider(kind: str, server: Server) -> Iterator[Provider]:
-    provider = build_provider(config_of(kind, server))
+    provider = build_provider(config_of(kind, server), NOWHERE)
     yield provider
     provider.close()
 
@@ -163,7 +163,7 @@ def test_an_error_of_any_form_is_told_in_a_line(provider, server, status, body):
 
 def test_the_timeout_bounds_the_whole_try(kind, server):
     """A byte now and then keeps each wait short."""
-    provider = build_provider(config_of(kind, server, timeout=0.6))
+    provider = build_provider(config_of(kind, server, timeout=0.6), NOWHERE)
     server.script = [{"body": json.dumps(reply(kind)), "drip": 0.1}, '{"a": "b"}']
     began = time.monotonic()
     with pytest.raises(ProviderError, match=r"timeout: no answer within 0.6 s") as caught:
@@ -171,7 +171,7 @@ def test_the_timeout_bounds_the_whole_try(kind, server):
     assert time.monotonic() - began < 3.0
     assert caught.value.passing
     # The next try is another connection's.
-    slow = build_provider(config_of(kind, server))
+    slow = build_provider(config_of(kind, server), NOWHERE)
     assert slow.ask(REQUEST).answer == '{"a": "b"}'
     slow.close()
     provider.close()
@@ -203,7 +203,7 @@ def test_a_redirect_is_not_followed_with_the_key(provider, server, status):
 def test_a_key_that_is_repeated_is_struck_out_everywhere(kind, server, tmp_path):
     """In the answer as it is and spelt in JSON's way, in the model's name and the reason."""
     spelt = KEY.replace("s", "\\u0073")
-    provider = build_provider(config_of(kind, server))
+    provider = build_provider(config_of(kind, server), NOWHERE)
     recorder = Recorder(Transcript(tmp_path), provider, config_of(kind, server), pytest.fail)
     for name, text in (("plain", f'{{"a": "{KEY}"}}'), ("spelt", f'{{"a": "{spelt}"}}')):
         server.script = [{"body": changed(kind, CONTENT, text)}]
@@ -226,7 +226,9 @@ def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path, t
     error = {"status": 500, "body": json.dumps({"error": {"message": text}})}
     entries = [{"body": changed(kind, path, text)} for path in (CONTENT, MODEL)]
     for number, entry in enumerate([*entries, error]):
-        recorder = Recorder(Transcript(tmp_path), build_provider(config), config, pytest.fail)
+        recorder = Recorder(
+            Transcript(tmp_path), build_provider(config, NOWHERE), config, pytest.fail
+        )
         server.script = [entry]
         with suppress(ProviderError):
             recorder.ask(asked(f"{number}"), "question")
