@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cattrs
 from hydra import compose as hydra_compose
@@ -15,10 +15,13 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop import groups
-from needlehoop.envs.settings import Settings
-from needlehoop.learning.job import Job, split
 from needlehoop.runs.files import listed
 from needlehoop.runs.shipped import CONF
+
+if TYPE_CHECKING:
+    # Both bring torch, which what is composed alone does without.
+    from needlehoop.envs.settings import Settings
+    from needlehoop.learning.job import Job
 
 T = TypeVar("T")
 
@@ -53,6 +56,8 @@ def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
 
 def structure(values: dict[str, Any]) -> Settings:
     """Plain values as checked dataclasses; keys of other tools are left aside."""
+    from needlehoop.envs.settings import Settings
+
     missing = [name for name in Settings.__dataclass_fields__ if name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: missing; every environment needs it")
@@ -61,6 +66,8 @@ def structure(values: dict[str, Any]) -> Settings:
 
 def job(values: dict[str, Any]) -> Job:
     """A composed training config as a checked ``Job``; errors as in ``settings``."""
+    from needlehoop.learning.job import Job, split
+
     return _structure(split(values), Job)
 
 

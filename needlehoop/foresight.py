@@ -10,8 +10,7 @@ from typing import Any
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 
-from needlehoop import config, rewards
-from needlehoop.rewards import written
+from needlehoop import config
 from needlehoop.runs.files import listed
 
 MULTIRUN = {"-m", "--multirun"}
@@ -87,6 +86,9 @@ def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
     Raises:
         ValueError: another mistake in the settings of a run.
     """
+    from needlehoop import rewards
+    from needlehoop.rewards import written
+
     lines: dict[str, None] = {}
     for run in runs:
         values = config.compose_here(run, "config")

@@ -16,9 +16,10 @@ def add_commands(commands: Any) -> None:
         commands,
         "bench",
         _bench,
-        "Measure the environment's speed (the default), training's or a reward program's, or the"
-        " physics' stability.",
-        "speed|train|stability|program (a bare word, or what=…) rounds=5 steps=40 episodes=1000",
+        "Measure the environment's speed (the default), training's, a reward program's or that of"
+        " small commands, or the physics' stability.",
+        "speed|train|stability|program|startup (a bare word, or what=…) rounds=5 steps=40"
+        " episodes=1000",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
 
@@ -52,15 +53,22 @@ def _measure(overrides: list[str]) -> dict[str, Any]:
         from needlehoop.bench.program import measure_program
 
         return measure_program(settings.num_envs, config.value(values, "rounds", int))
-    raise ValueError(f"what: {what!r} is unknown; choose from speed, train, stability, program")
+    if what == "startup":
+        from needlehoop.bench.startup import measure_startup
+
+        return measure_startup(config.value(values, "rounds", int))
+    valid = "speed, train, stability, program, startup"
+    raise ValueError(f"what: {what!r} is unknown; choose from {valid}")
 
 
 def _measure_training(overrides: list[str]) -> dict[str, Any]:
     from needlehoop import config
-    from needlehoop.bench.training import measure_training
 
     values = config.compose(overrides, "bench_train")
-    return measure_training(config.job(values), config.value(values, "rounds", int))
+    job, rounds = config.job(values), config.value(values, "rounds", int)
+    from needlehoop.bench.training import measure_training
+
+    return measure_training(job, rounds)
 
 
 def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:

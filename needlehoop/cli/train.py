@@ -16,7 +16,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop import config, foresight, rewards, sweep
+from needlehoop import config, foresight, sweep
 
 
 def run(words: Sequence[str], command: str) -> None:
@@ -72,13 +72,17 @@ def _run_one(composed: DictConfig, command: str) -> None:
             lambda: _start(values, overrides, command), Path(own.runtime.output_dir), note
         )
         return
+    from needlehoop.rewards import RewardError
+
     try:
         _start(values, overrides, command)
-    except (ValueError, OSError, rewards.RewardError) as error:
+    except (ValueError, OSError, RewardError) as error:
         sys.exit(f"{command.removeprefix('python ')}: {error}")
 
 
 def _start(values: dict[str, Any], overrides: list[str], command: str) -> str:
+    from needlehoop import rewards
+
     if values["resume"] is None:
         config.job({**values, "reward": rewards.NONE})
     # What the line before refuses does not wait for this.

@@ -1,0 +1,115 @@
+"""Commands that need no simulator and no agent do not wait for either."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from needlehoop.bench.startup import CALLS, measure_startup
+
+ROOT = Path(__file__).parents[2]
+
+HEAVY = (
+    *("tensordict", "torchrl", "torch._dynamo", "mujoco", "mujoco_warp", "warp", "dm_control"),
+    *("pytorch_kinematics", "matplotlib", "scipy.stats", "wandb", "pydantic", "imageio"),
+    *("needlehoop.learning.agent", "needlehoop.engines.cpu", "needlehoop.engines.tracer"),
+)
+"""What takes seconds to import, or brings it along."""
+
+WITHOUT_TORCH = [
+    ["--help"],
+    ["signals"],
+    ["status", "study", "experiment=table2"],
+    *([name, "--help"] for name in ("snapshot", "expert", "bench", "probe", "plot", "status")),
+    *(["vlm", name, "--help"] for name in ("question", "rank", "reward", "check")),
+    ["train", "--help"],
+]
+
+MISSPELT = [
+    ["train", "cams=dep_front", "stpes=9"],
+    ["train", "cams=rgb_top"],
+    ["train", "-m", "cams=[dep_front,dep_front]"],
+    ["vlm", "rank", "sampels=3"],
+    ["snapshot", "sise=3"],
+    ["bench", "rouns=3"],
+    ["bench", "train", "algo.gama=1"],
+    ["probe", "sedes=1"],
+]
+
+WITH_TORCH = [
+    ["vlm", "check", "bad.txt"],
+    ["vlm", "check", "bad.txt", "gates.episods=3"],
+    ["train", "cams=dep_front", "image_size=22"],
+    ["train", "-m", "+experiment=table2", "reward=vlm_img"],
+    ["expert", "seed=-1"],
+    ["evaluate", str(ROOT / "results/reference/rgb_default/human/seed0"), "episods=1"],
+]
+
+SCRIPT = """
+import contextlib, io, json, sys
+from needlehoop.cli.main import main
+commands, names, found = *map(json.loads, sys.argv[1:]), {}
+for words in commands:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        try:
+            status = main(words)
+        except SystemExit as end:
+            status = end.code
+    found[" ".join(words)] = [str(status), [name for name in names if name in sys.modules]]
+print(json.dumps(found))
+"""
+
+
+def imported(commands: list[list[str]], names: tuple[str, ...], folder: Path) -> dict[str, list]:
+    """Exit status and which of the modules are imported, after one command and the next."""
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps(commands), json.dumps(names)],
+        cwd=folder,
+        env={"PYTHONPATH": str(ROOT), "PATH": ""},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_tables_files_and_help_need_no_torch(tmp_path):
+    found = imported(WITHOUT_TORCH, (*HEAVY, "torch"), tmp_path)
+    assert found == {" ".join(words): ["0", []] for words in WITHOUT_TORCH}
+
+
+def test_a_misspelt_key_needs_no_torch(tmp_path):
+    found = imported(MISSPELT, (*HEAVY, "torch"), tmp_path)
+    assert {name: modules for name, (_, modules) in found.items() if modules} == {}
+    assert [name for name, (status, _) in found.items() if status == "0"] == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_refused_or_explained_needs_no_simulator_and_no_agent(tmp_path):
+    (tmp_path / "bad.txt").write_text("reward = nonsense(needle_tip)\n")
+    found = imported(WITH_TORCH, HEAVY, tmp_path)
+    assert {name: modules for name, (_, modules) in found.items() if modules} == {}
+    assert [name for name, (status, _) in found.items() if status == "0"] == []
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.txt"]
+
+
+def test_startup_is_measured_in_turns():
+    torch, signals = CALLS["import torch"], CALLS["signals"]
+    found = measure_startup(1, {"import torch": torch, "signals": signals})
+    assert found["seconds"].keys() == {"import torch", "signals"}
+    assert found["ratio_to_import_torch"].keys() == {"signals"}
+    # Nowhere near the seconds that a simulator or an agent takes to import.
+    assert 0 < found["ratio_to_import_torch"]["signals"] < 2
+
+
+def test_a_call_that_ends_otherwise_is_no_measurement():
+    with pytest.raises(RuntimeError, match=r"exit status 3, not 0: gone"):
+        measure_startup(
+            1, {"gone": (("-c", "import sys; print('gone', file=sys.stderr); exit(3)"), 0)}
+        )
+    with pytest.raises(ValueError, match="rounds: 0"):
+        measure_startup(0)
