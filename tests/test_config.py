@@ -4,6 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
 import needlehoop
 from needlehoop import config
@@ -166,6 +167,19 @@ def test_chosen_cameras_are_a_plain_list_in_their_order(given, chosen):
     assert values["cams"] == chosen
     assert values["reward"].get("cams", chosen) == chosen
     assert "cameras" not in values
+
+
+KEPT = sorted((Path(__file__).parents[1] / "results/reference").glob("*/*/seed*/config.yaml"))
+
+
+@pytest.mark.skipif(not KEPT, reason="no runs are kept here")
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: "/".join(path.parts[-5:-1]))
+def test_a_kept_run_is_read_as_it_was_written(path):
+    values = yaml.safe_load(path.read_text())
+    job = config.job(values)
+    assert list(job.env.cams) == values["cams"]
+    # It was a study of its own name when it was trained.
+    assert path.parts[-4:-1] == tuple(job.place.split("/")[1:])
 
 
 def test_settings_are_the_files_values_in_their_types(settings):
