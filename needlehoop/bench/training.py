@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import torch
 
+from needlehoop.bench.scaling import predict, serial_share
+from needlehoop.bench.stopwatch import Stopwatch
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.metrics import peak_memory
@@ -19,34 +19,17 @@ _SB3_ENVS, _SB3_STEPS = 8, 32
 """The paper's number of environments; steps of each per round, 256 in all: one minibatch."""
 
 
-class Stopwatch:
-    """Adds up the seconds spent in calls, by name."""
-
-    def __init__(self) -> None:
-        self.seconds: defaultdict[str, float] = defaultdict(float)
-
-    def around(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
-        """``call``, timed."""
-
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            began = time.perf_counter()
-            try:
-                return call(*args, **kwargs)
-            finally:
-                self.seconds[name] += time.perf_counter() - began
-
-        return timed
-
-
-def measure_training(job: Job, rounds: int) -> dict[str, object]:
+def measure_training(job: Job, rounds: int, *, alone: bool = False) -> dict[str, object]:
     """Environment steps per second of whole training, learning included.
 
-    Ours and Stable-Baselines3's take turns in one process, so what else the machine does
-    hits both; the first buffer of each warms up and is not counted.
+    All threads, one thread and, where it is installed, Stable-Baselines3 take turns in one
+    process, so what else the machine does hits all; the first buffer of each warms up and is
+    not counted.
 
     Args:
         job: what to train; its run is not written anywhere.
         rounds: buffers of ours that are counted.
+        alone: whether nobody takes turns with all threads.
 
     Raises:
         ValueError: ``rounds`` below 1, or no cameras.
@@ -55,70 +38,90 @@ def measure_training(job: Job, rounds: int) -> dict[str, object]:
         raise ValueError(f"rounds: {rounds} must be at least 1")
     if not job.env.cams:
         raise ValueError("cams: the benchmark needs at least one camera")
-    learner = Learner(replace(job, steps=job.buffer * (rounds + 1)))
-    watch = _instrument(learner)
-    other, reason = _other(job)
-    # Memory is taken before Stable-Baselines3's first round adds its own.
-    ours, theirs, memory = [], [], []
-    buffers = iter(learner)
+    threads = job.env.engine.threads or available_cpus()
+    whole = _Turns(job, threads, rounds)
+    whole.take()
+    # Before the others add their own.
+    memory = peak_memory()
+    single = None if alone or threads == 1 else _Turns(job, 1, rounds)
+    other, reason = (None, "alone=true") if alone else _other(job)
+    theirs = []
     for turn in range(rounds + 1):
-        _, spent = next(buffers)
-        ours.append(spent["seconds_collect"] + spent["seconds_update"])
-        memory.append(peak_memory())
-        if turn == 0:
-            watch.seconds.clear()
+        if turn:
+            whole.take()
+        if single is not None:
+            single.take()
         if other is not None:
             theirs.append(other())
-    rate = job.buffer / (sum(ours[1:]) / rounds)
-    best = job.buffer / min(ours[1:])
     found: dict[str, object] = {
         "machine": machine(),
-        "device": str(learner.device),
+        "device": str(whole.learner.device),
         "encoder": job.encoder.name,
         "cams": list(job.env.cams),
         "image_size": job.env.image_size,
         "num_envs": job.env.num_envs,
-        "steps_per_second": round(rate),
-        "steps_per_second_best_buffer": round(best),
-        "hours_for_1.5_M_steps": round(1.5e6 / rate / 3600, 2),
-        "peak_memory_gb": round(memory[0], 2),
-        "share_of_time": _shares(watch, sum(ours[1:])),
+        "threads": threads,
+        "steps_per_second": round(whole.rate),
+        "steps_per_second_best_buffer": round(whole.best),
+        "hours_for_1.5_M_steps": round(1.5e6 / whole.rate / 3600, 2),
+        "peak_memory_gb": round(memory, 2),
+        "share_of_time": whole.shares,
     }
+    if single is not None:
+        found |= _scaling(whole.rate / single.rate, single, threads)
     if other is None:
         return {**found, "stable_baselines3_missing": reason}
     sb3 = (len(theirs) - 1) / sum(1 / r for r in theirs[1:])
     return {
         **found,
         "stable_baselines3_steps_per_second": round(sb3, 1),
-        "ratio_to_stable_baselines3": round(rate / sb3, 1),
+        "ratio_to_stable_baselines3": round(whole.rate / sb3, 1),
     }
 
 
-def _instrument(learner: Learner) -> Stopwatch:
-    watch = Stopwatch()
-    simulation = learner.env.simulation
-    engine: Any = simulation.engine
-    engine.step = watch.around("physics", engine.step)
-    engine.render = watch.around("rendering", engine.render)
-    learner.ppo.update = watch.around("update", learner.ppo.update)
-    # The collector alone calls the agent as a whole.
-    began: list[float] = []
-    learner.agent.register_forward_pre_hook(lambda *_: began.append(time.perf_counter()))
+class _Turns:
+    """A learner that trains a buffer at a time, timed; its first is not counted."""
 
-    def after(*_: Any) -> None:
-        watch.seconds["inference"] += time.perf_counter() - began.pop()
+    def __init__(self, job: Job, threads: int, rounds: int):
+        env = replace(job.env, engine=replace(job.env.engine, threads=threads))
+        self.learner = Learner(replace(job, env=env, steps=job.buffer * (rounds + 1)))
+        self._watch = Stopwatch(self.learner)
+        self._buffers = iter(self.learner)
+        self._seconds: list[float] = []
 
-    learner.agent.register_forward_hook(after)
-    return watch
+    def take(self) -> None:
+        """Train one buffer."""
+        _, spent = next(self._buffers)
+        self._seconds.append(spent["seconds_collect"] + spent["seconds_update"])
+        if len(self._seconds) == 1:
+            self._watch.clear()
+
+    @property
+    def rate(self) -> float:
+        """Steps per second."""
+        return self.learner.job.buffer * len(self._seconds[1:]) / sum(self._seconds[1:])
+
+    @property
+    def best(self) -> float:
+        """Steps per second in the fastest buffer."""
+        return self.learner.job.buffer / min(self._seconds[1:])
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Of the time, by part."""
+        found = self._watch.shares(sum(self._seconds[1:]))
+        return {name: round(share, 3) for name, share in found.items()}
 
 
-def _shares(watch: Stopwatch, total: float) -> dict[str, float]:
-    shares = {
-        name: watch.seconds[name] / total
-        for name in ("physics", "rendering", "inference", "update")
+def _scaling(ratio: float, single: _Turns, threads: int) -> dict[str, object]:
+    serial = serial_share(ratio, threads)
+    return {
+        "one_thread_steps_per_second": round(single.rate),
+        "one_thread_share_of_time": single.shares,
+        f"ratio_of_{threads}_threads_to_1": round(ratio, 2),
+        "serial_share": round(serial, 3),
+        "steps_per_second_predicted_by_cores": predict(single.rate, serial),
     }
-    shares["rest"] = 1.0 - sum(shares.values())
-    return {name: round(share, 3) for name, share in shares.items()}
 
 
 def _other(job: Job) -> tuple[Callable[[], float] | None, str | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from needlehoop.cli.command import add_command
@@ -19,7 +20,7 @@ def add_commands(commands: Any) -> None:
         "Measure the environment's speed (the default), training's, a reward program's or that of"
         " small commands, or the physics' stability.",
         "speed|train|stability|program|startup (a bare word, or what=…) rounds=5 steps=40"
-        " episodes=1000",
+        " episodes=1000; with train: turns=3 against=<folder of another checkout>",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
 
@@ -66,9 +67,16 @@ def _measure_training(overrides: list[str]) -> dict[str, Any]:
 
     values = config.compose(overrides, "bench_train")
     job, rounds = config.job(values), config.value(values, "rounds", int)
+    from needlehoop.bench.against import compare_training
     from needlehoop.bench.training import measure_training
 
-    return measure_training(job, rounds)
+    if values["against"] is None:
+        return measure_training(job, rounds, alone=config.value(values, "alone", bool))
+    own = ("against=", "turns=")
+    words = [word for word in overrides if not word.startswith(own)]
+    return compare_training(
+        Path(values["against"]).resolve(), words, config.value(values, "turns", int)
+    )
 
 
 def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:

@@ -45,7 +45,7 @@ class NeedleHoopEnv(EnvBase):
         self.settings, self._stagger = settings, stagger
         self._simulation, imager = build(settings, first_env)
         self._observer = Observer(settings, self._simulation, imager)
-        self._workers = Workers(settings.engine.threads or available_cpus())
+        self.workers = Workers(settings.engine.threads or available_cpus())
         self._is_restored = False
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
@@ -120,14 +120,14 @@ class NeedleHoopEnv(EnvBase):
             self._observer.forget()
         self._simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
-        images = self._workers.begin(lambda: self._observer.look(fresh))
+        images = self.workers.begin(lambda: self._observer.look(fresh))
         return self._tensordict(self._simulation.look(), ends, fresh, images)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         simulation = self._simulation
         simulation.engine.step(simulation.act(tensordict["action"]))
         # Images and facts are of the same moment: one need not wait for the other.
-        images = self._workers.begin(self._observer.look)
+        images = self.workers.begin(self._observer.look)
         moment = simulation.observe()
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
