@@ -8,6 +8,7 @@ import yaml
 
 import needlehoop
 from needlehoop import config
+from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import parse_cameras
 
 GROUPS = ("task", "episode", "reward", "engine", "obs")
@@ -280,3 +281,13 @@ def test_make_env_refuses_a_bad_camera_by_name():
 def test_a_camera_is_named_rendering_then_view(name, rendering, view):
     (camera,) = parse_cameras([name], ["front", "b_c"], ["dep", "a"])
     assert (camera.rendering, camera.view, camera.name) == (rendering, view, name)
+
+
+RUNS = sorted((Path(__file__).parent.parent / "results/reference").rglob("config.yaml"))
+
+
+@pytest.mark.parametrize("path", RUNS, ids=lambda path: "/".join(path.parts[-5:-1]))
+def test_a_config_from_before_a_key_means_what_it_meant(path):
+    job = config.job(Run.open(path.parent).config())
+    assert job.encoder.name == "resnet_s4d"
+    assert (job.encoder.halving, job.encoder.blocks, job.algo.shards) == ("pool", 2, 2)

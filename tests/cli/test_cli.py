@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
 from PIL import Image
 
+from needlehoop.bench import against, scaling
 from needlehoop.cli.main import main
 
 
@@ -110,23 +112,63 @@ def test_bench_measures_and_says_where_the_time_goes():
     assert (found["ratio_to_default_renderer"] is None) == bool(found["default_renderer_missing"])
 
 
-def test_bench_train_says_where_the_time_goes():
+BENCH_TRAIN = ["bench", "train", "rounds=1", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
+BENCH_TRAIN += ["image_size=32", "steps=64"]
+
+
+def test_bench_train_says_where_the_time_goes_and_what_more_cores_bring():
     # The other side's share is kept small: it renders ten images a second.
     script = (
         "import sys; from needlehoop.cli import main as cli; from needlehoop.bench import training;"
         "training._SB3_ENVS, training._SB3_STEPS = 1, 4;"
         "sys.exit(cli.main(sys.argv[1:]))"
     )
-    words = ["bench", "train", "--json", "rounds=1", "num_envs=4", "algo.horizon=8"]
-    words += ["algo.minibatch=16", "image_size=32", "steps=64"]
-    command = [sys.executable, "-c", script, *words]
+    command = [sys.executable, "-c", script, *BENCH_TRAIN, "--json", "engine.threads=2"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
+    assert found["threads"] == 2
     assert found["steps_per_second"] > 0
-    assert sum(found["share_of_time"].values()) == pytest.approx(1.0, abs=0.01)
-    assert set(found["share_of_time"]) == {"physics", "rendering", "inference", "update", "rest"}
+    for shares in (found["share_of_time"], found["one_thread_share_of_time"]):
+        assert set(shares) == {"physics", "images", "acting", "learning", "one_thread"}
+        assert sum(shares.values()) == pytest.approx(1.0, abs=0.01)
+        assert min(shares.values()) > 0
+    assert found["ratio_of_2_threads_to_1"] > 0
+    assert 0 <= found["serial_share"] <= 1
+    assert list(found["steps_per_second_predicted_by_cores"]) == ["4", "8", "16", "64"]
     # Either the ratio was measured, or the report says why it could not be.
     assert ("ratio_to_stable_baselines3" in found) != ("stable_baselines3_missing" in found)
+
+
+def test_bench_train_compares_with_another_checkout_in_turns(monkeypatch):
+    rates = {against.HERE: [30.0, 60.0, 50.0], Path("/elsewhere"): [20.0, 20.0, 10.0]}
+    order = []
+
+    def rate(root, words):
+        order.append(root)
+        assert words == ["rounds=1", "num_envs=4"]
+        return rates[root].pop(0)
+
+    monkeypatch.setattr(against, "_rate", rate)
+    found = against.compare_training(Path("/elsewhere"), ["rounds=1", "num_envs=4"], 3)
+    assert order == [against.HERE, Path("/elsewhere")] * 3
+    assert found["ratio_by_turn"] == [1.5, 3.0, 5.0]
+    assert found["ratio"] == 3.0
+
+
+def test_a_checkout_is_measured_by_its_own_command():
+    words = [*BENCH_TRAIN[2:], "engine.threads=1"]
+    assert against._rate(against.HERE, words) > 0
+    with pytest.raises(RuntimeError, match=r"rounds: 0"):
+        against._rate(against.HERE, ["rounds=0"])
+
+
+def test_amdahls_law_is_undone_and_done():
+    serial = scaling.serial_share(ratio=1.6, threads=2)
+    assert serial == pytest.approx(0.25)
+    rates = scaling.predict(100.0, serial)
+    assert rates == {"4": 229, "8": 291, "16": 337, "64": 379}
+    assert scaling.serial_share(ratio=2.1, threads=2) == 0.0
+    assert scaling.serial_share(ratio=0.5, threads=2) == 1.0
 
 
 def test_bench_program_times_a_call(capsys):
@@ -167,6 +209,8 @@ def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
         (["bench", "program", "rounds=0"], "rounds: 0"),
         (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
         (["bench", "train", "rounds=0"], "rounds: 0"),
+        (["bench", "train", "against=."], "is no checkout of needlehoop"),
+        (["bench", "train", "against=.", "turns=0"], "turns: 0"),
         (["bench", "train", "cams=[]"], "cams"),
     ],
 )

@@ -11,7 +11,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop import config
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
+from needlehoop.learning.encoder import HALVINGS, Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import HeadConfig, Trunk
 from needlehoop.learning.normalizer import Normalizer
 from needlehoop.learning.precision import convolution_dtype
@@ -119,6 +119,22 @@ def test_an_encoder_of_nothing_is_refused_by_key(key):
     values[key] = (4, 0) if key == "channels" else 0
     with pytest.raises(ValueError, match=rf"encoder\.{key}: .*at least 1"):
         EncoderConfig(**values)
+
+
+def test_another_way_of_halving_is_refused_with_those_that_are_known():
+    with pytest.raises(ValueError, match=r"encoder\.halving: 'skip' .*choose from pool, stride"):
+        EncoderConfig("small", 2, (4,), 1, halving="skip")
+
+
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_both_ways_of_halving_make_maps_of_the_same_size(blocks):
+    shape = torch.Size((3, 24, 16))
+    pooled, strided = (
+        Encoder(shape, EncoderConfig("small", 2, (4, 4), blocks, halving), 8, torch.float32)
+        for halving in HALVINGS
+    )
+    assert pooled.dense[0].in_features == strided.dense[0].in_features == 4 * 3 * 2
+    assert not [module for module in strided.modules() if isinstance(module, torch.nn.MaxPool2d)]
 
 
 @pytest.mark.parametrize(
