@@ -53,6 +53,7 @@ class Folder:
         self._began, self._lock = time.perf_counter(), threading.Lock()
         self._origin = {**provenance(), "command": list(command)}
         own, held = dict(config), path / CONFIG
+        before: dict[str, Any] = {}
         if path.exists() and any(file.is_file() for file in path.iterdir()):
             try:
                 before = read_yaml(held) if held.is_file() else {}
@@ -60,6 +61,8 @@ class Folder:
                 raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
+            # Encoders of before there was a choice of how they halve an image pooled.
+            before["encoder"] = {"halving": "pool", **before.get("encoder", {})}
             other = sorted(
                 key for key in {*own, *before} - {*_ANY} if before.get(key) != own.get(key)
             )
@@ -74,7 +77,9 @@ class Folder:
                 (path / MANIFEST).unlink(missing_ok=True)
         self._before = _manifest(path / MANIFEST)
         path.mkdir(parents=True, exist_ok=True)
-        write_whole(held, yaml.safe_dump(own, sort_keys=False))
+        # What only shows a probe changes nothing.
+        if overwrite or any(before.get(key) != own.get(key) for key in ("fit", "cams", "seeds")):
+            write_whole(held, yaml.safe_dump(own, sort_keys=False))
 
     def has(self, seed: int, name: str) -> bool:
         """Whether a combination's errors are there."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -423,3 +424,12 @@ def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp
     job = config.compose([], "job")
     evaluation = job["evaluation"]["seed"]
     assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3
+
+
+def test_showing_the_shipped_probe_changes_none_of_its_files(tmp_path, monkeypatch):
+    shipped = Path(__file__).parents[2] / "results" / "probe"
+    copy = shutil.copytree(shipped, tmp_path / "results" / "probe")
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["probe"]) == 0
+    shown = {path.relative_to(copy): path.read_bytes() for path in copy.rglob("*.*")}
+    assert shown == {path.relative_to(shipped): path.read_bytes() for path in shipped.rglob("*.*")}
