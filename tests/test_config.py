@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-import yaml
 
 import needlehoop
 from needlehoop import config
@@ -176,8 +175,9 @@ KEPT = sorted((Path(__file__).parents[1] / "results/reference").glob("*/*/seed*/
 @pytest.mark.skipif(not KEPT, reason="no runs are kept here")
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: "/".join(path.parts[-5:-1]))
 def test_a_kept_run_is_read_as_it_was_written(path):
-    values = yaml.safe_load(path.read_text())
+    values = Run.open(path.parent).config()
     job = config.job(values)
+    assert job.env.engine.renderer == "tracer"
     assert list(job.env.cams) == values["cams"]
     # It was a study of its own name when it was trained.
     assert path.parts[-4:-1] == tuple(job.place.split("/")[1:])
