@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
+import weakref
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 T = TypeVar("T")
@@ -17,20 +21,32 @@ class Workers:
     it is, never by how many threads there are, and what comes of it has the same bits anywhere.
 
     Args:
-        threads: at least 1; with 1 the caller works itself.
+        threads: at least 1, of which the caller is one.
     """
 
     def __init__(self, threads: int):
         self.threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._shares: SimpleQueue[_Shared | None] = SimpleQueue()
         # Work that was begun may share out parts of its own: it must not wait in their queue.
         self._aside = ThreadPoolExecutor(1) if threads > 1 else None
+        for _ in range(threads - 1):
+            threading.Thread(target=_help, args=(self._shares,), daemon=True).start()
+        weakref.finalize(self, _dismiss, self._shares, threads - 1)
 
     def map(self, work: Callable[..., T], *items: Iterable[Any]) -> list[T]:
-        """``work`` on the items side by side; what it returns, in their order."""
-        if self._pool is None:
-            return [work(*parts) for parts in zip(*items, strict=True)]
-        return list(self._pool.map(work, *items))
+        """``work`` on the items side by side; what it returns, in their order.
+
+        Raises:
+            Exception: what ``work`` raised, of the first item that failed, once all are done.
+        """
+        arguments = list(zip(*items, strict=True))
+        if self.threads == 1 or len(arguments) < 2:
+            return [work(*one) for one in arguments]
+        shared = _Shared(work, arguments)
+        for _ in range(min(self.threads, len(arguments)) - 1):
+            self._shares.put(shared)
+        shared.work_off()
+        return shared.wait()
 
     def begin(self, work: Callable[[], T]) -> Callable[[], T]:
         """Begin ``work`` beside what the caller does next; call what is returned to wait for it."""
@@ -38,3 +54,48 @@ class Workers:
             done = work()
             return lambda: done
         return self._aside.submit(work).result
+
+
+class _Shared:
+    """Items that threads take one by one, until none is left.
+
+    An executor's futures wake the caller after every item, which then competes for the
+    interpreter with those who work; here it works itself and is woken once.
+    """
+
+    def __init__(self, work: Callable[..., Any], arguments: list[tuple[Any, ...]]):
+        self._work, self._arguments = work, arguments
+        self._made: list[Any] = [None] * len(arguments)
+        self._failed: dict[int, BaseException] = {}
+        # A step of a count is atomic.
+        self._next, self._done = itertools.count(), itertools.count(1)
+        self._all_done = threading.Event()
+
+    def work_off(self) -> None:
+        """Take items until none is left to take."""
+        while (at := next(self._next)) < len(self._arguments):
+            try:
+                self._made[at] = self._work(*self._arguments[at])
+            except BaseException as error:
+                self._failed[at] = error
+            if next(self._done) == len(self._arguments):
+                self._all_done.set()
+
+    def wait(self) -> list[Any]:
+        """What was made of the items, once all are done."""
+        self._all_done.wait()
+        if self._failed:
+            raise self._failed[min(self._failed)]
+        return self._made
+
+
+def _help(shares: SimpleQueue[_Shared | None]) -> None:
+    while (shared := shares.get()) is not None:
+        shared.work_off()
+        # Not kept until the next one comes: it holds whole batches.
+        del shared
+
+
+def _dismiss(shares: SimpleQueue[_Shared | None], helpers: int) -> None:
+    for _ in range(helpers):
+        shares.put(None)
