@@ -37,10 +37,11 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     provider = config.as_type(values["vlm"], config_of(values["vlm"]["kind"]), "vlm")
     try:
         with Inquiry(settings, asked, provider) as inquiry:
-            path, _ = inquiry.reward(written.FLAVOURS[reward["kind"]], workshop(values))
+            flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
+            found = inquiry.reward(flavour, workshop(values), sample)
     except RuntimeError as error:
         raise written.RewardError(f"reward: no program was written: {error}") from error
-    print(f"reward written to {path}")
+    print(f"reward written to {found.paths[-1]}")
 
 
 def workshop(values: Mapping[str, Any]) -> Workshop:

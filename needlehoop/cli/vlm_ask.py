@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -36,7 +37,7 @@ def add_ask_commands(commands: Any) -> None:
     own = "lists=[[rgb_default,dep_front+seg_side]] samples=1"
     add("rank", _rank, summary, f"{own} {_SHARED}")
     summary = "Ask for a reward program for a set of cameras."
-    own = "cams=[dep_front,seg_side] flavour=image|text gates.margin=2"
+    own = "cams=[dep_front,seg_side]|[…],[…]|all flavour=image|text samples=1 gates.margin=2"
     add("reward", _reward, summary, f"{own} {_SHARED}")
 
 
@@ -92,13 +93,58 @@ def _rank(options: argparse.Namespace) -> None:
 
 def _reward(options: argparse.Namespace) -> None:
     from needlehoop import config
-
-    values = config.compose(options.overrides, "vlm_reward")
     from needlehoop.asking import workshop
+    from needlehoop.vlm.conversation import NoAnswerError
+    from needlehoop.vlm.recorder import RefusalError
 
-    with _open(values) as inquiry:
-        path, totals = inquiry.reward(values["flavour"], workshop(values))
-    _report(inquiry, totals, path.relative_to(inquiry.folder))
+    # Every set is checked before any is asked for.
+    several = [config.compose(words, "vlm_reward") for words in _sets(options.overrides)]
+    for values in several:
+        config.structure(values)
+    shop, failed = None, []
+    for values in several:
+        flavour, samples = values["flavour"], config.value(values, "samples", int)
+        with _open(values) as inquiry:
+            if len(several) > 1:
+                print("+".join(values["cams"]))
+                if inquiry.has_rewards(flavour, samples) and not values["overwrite"]:
+                    print("  is there already")
+                    continue
+            # The trajectories that programs are judged by are the same for all cameras.
+            shop = shop or workshop(values)
+            try:
+                found = inquiry.reward(flavour, shop, samples)
+            except (NoAnswerError, RefusalError) as error:
+                if len(several) == 1:
+                    raise
+                print(f"  {error}", file=sys.stderr)
+                failed.append("+".join(values["cams"]))
+                continue
+        if found.comparison is not None:
+            print(found.comparison.text())
+        _report(inquiry, found.totals, *(path.relative_to(inquiry.folder) for path in found.paths))
+    if failed:
+        raise NoAnswerError(
+            f"{len(failed)} of {len(several)} sets have no program: {', '.join(failed)}; the same"
+            " command asks for what is missing"
+        )
+
+
+def _sets(words: list[str]) -> list[list[str]]:
+    """A command line for each set of cameras: ``cams=all`` or ``cams=[…],[…]`` are several.
+
+    ``all`` are the paper's, those of ``+experiment=table2``.
+    """
+    from needlehoop.study import paper
+
+    given = next((word for word in words if word.startswith("cams=")), "")
+    value = given.removeprefix("cams=")
+    sets = [f"[{name.replace('+', ',')}]" for name in paper.measured()]
+    if value != "all":
+        sets = re.findall(r"\[[^\[\]]*\]", value)
+        if len(sets) < 2 or ",".join(sets) != value:
+            return [words]
+    return [[f"cams={one}" if word == given else word for word in words] for one in sets]
 
 
 def _open(values: dict[str, Any]) -> Inquiry:

@@ -21,7 +21,7 @@ def add_check_command(commands: Any) -> None:
         description=f"{summary} Exit status 1 where it is refused.",
         epilog="Keys: gates.range=refuse|clip gates.margin=2 gates.audit=flag|refuse and the rest"
         " of conf/gates; without FILE, cams=[dep_front,seg_side] flavour=image|text study=main"
-        " recording=paper; and all of conf/env.yaml.",
+        " recording=paper sample=1; and all of conf/env.yaml.",
     )
     check.add_argument("overrides", nargs="*", metavar="FILE | key=value")
     check.add_argument("--json", action="store_true", help="print one line of JSON")
@@ -44,7 +44,7 @@ def _check(options: argparse.Namespace) -> int:
     if files:
         source = read(Path(files[0]))
     elif settings.cams or values["flavour"] == "text":
-        own = (values[key] for key in ("flavour", "study", "results", "recording"))
+        own = (values[key] for key in ("flavour", "study", "results", "recording", "sample"))
         source = find(settings.cams, *own)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")

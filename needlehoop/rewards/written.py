@@ -30,10 +30,13 @@ KINDS = ("file", *FLAVOURS)
 ANY = "any"
 """The folder of programs that suit every set of cameras."""
 
+FIRST = 1
+"""The sample that a reward is, unless another is asked for."""
+
 _KEYS = {
     "file": {"path", "clip", "program"},
-    "vlm_text": {"cams", "results", "study", "recording", "clip", "program"},
-    "vlm_img": {"cams", "results", "study", "recording", "clip", "program"},
+    "vlm_text": {"cams", "results", "study", "recording", "sample", "clip", "program"},
+    "vlm_img": {"cams", "results", "study", "recording", "sample", "clip", "program"},
 }
 
 
@@ -102,8 +105,18 @@ def _free(name: str, taken: Mapping[str, Any]) -> str:
     return next(one for one in (name, *islice(numbered, len(taken))) if one not in taken)
 
 
+def file_name(flavour: str, sample: int = FIRST) -> str:
+    """What a program's file is called: ``image.txt``; of further samples ``image_2.txt``, …"""
+    return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
+
+
 def find(
-    cams: Iterable[str], flavour: str, study: str, results: str, recording: str | None
+    cams: Iterable[str],
+    flavour: str,
+    study: str,
+    results: str,
+    recording: str | None,
+    sample: int = FIRST,
 ) -> Source:
     """The program that was written for a set of cameras.
 
@@ -117,6 +130,7 @@ def find(
         study: whose folder comes first.
         results: folder of all studies.
         recording: the name of a shipped recording; ``None``: the study's folder alone.
+        sample: which of several programs for the same cameras.
 
     Raises:
         ValueError: a flavour or recording that is unknown, or no program; the message has
@@ -124,13 +138,15 @@ def find(
     """
     chosen = tuple(cams)
     folders = _folders(flavour, study, results, recording)
-    found = _search(folders, chosen, flavour)
+    name = file_name(flavour, _whole(sample))
+    found = _search(folders, chosen, name)
     if found is None:
-        known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{flavour}.txt")})
+        known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
+        which = "" if sample == FIRST else f" (sample {sample})"
         raise ValueError(
-            f"cams: no {flavour} reward is recorded for {'+'.join(chosen) or 'no cameras'} (there"
-            f" is {', '.join(known) or 'none'}); make one with:"
-            f" {command(chosen, flavour, study, results)}"
+            f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
+            f" (there is {', '.join(known) or 'none'}); make one with:"
+            f" {command(chosen, flavour, study, results, sample)}"
         )
     return found
 
@@ -142,7 +158,8 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
         return True
     study, results = str(config["study"]), str(config["results"])
     folders = _folders(flavour, study, results, config["recording"])
-    return _search(folders, tuple(listed(config["cams"])), flavour) is not None
+    name = file_name(flavour, _whole(config["sample"]))
+    return _search(folders, tuple(listed(config["cams"])), name) is not None
 
 
 def check_flavour(flavour: str) -> None:
@@ -158,18 +175,27 @@ def _folders(flavour: str, study: str, results: str, recording: str | None) -> l
     return [own] if recording is None else [own, _recording(recording) / "rewards"]
 
 
-def _search(folders: Iterable[Path], cams: tuple[str, ...], flavour: str) -> Source | None:
+def _search(folders: Iterable[Path], cams: tuple[str, ...], name: str) -> Source | None:
     for folder in folders:
-        for place in (_folder_of(folder, cams), folder / ANY if flavour == "text" else None):
-            file = None if place is None else place / f"{flavour}.txt"
+        for place in (_folder_of(folder, cams), folder / ANY if name.startswith("text") else None):
+            file = None if place is None else place / name
             if file is not None and file.is_file():
                 return read(file)
     return None
 
 
-def command(cams: Iterable[str], flavour: str, study: str, results: str) -> str:
+def _whole(sample: Any) -> int:
+    if isinstance(sample, bool) or not isinstance(sample, int) or sample < FIRST:
+        raise ValueError(f"reward.sample: {sample!r} is not {FIRST} or a whole number above")
+    return sample
+
+
+def command(
+    cams: Iterable[str], flavour: str, study: str, results: str, sample: int = FIRST
+) -> str:
     """The command that asks a VLM for a reward, into a study."""
     place = f"study={study}" + ("" if results == "results" else f" results={results}")
+    place += "" if sample == FIRST else f" samples={sample}"
     return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} {place} vlm=gemini"
 
 
@@ -235,6 +261,9 @@ def _source(config: Mapping[str, Any]) -> Source:
     """The pinned program, or the one that the config points at."""
     kind = config["kind"]
     keys = _KEYS[kind] | {"kind"}
+    if config.get("program") is not None and "sample" not in config:
+        # Runs that began before there were samples keep their program.
+        keys -= {"sample"}
     if keys != set(config):
         odd = ", ".join(sorted(keys ^ set(config)))
         raise ValueError(
@@ -252,7 +281,8 @@ def _source(config: Mapping[str, Any]) -> Source:
             raise ValueError(f"reward.path: {path!r} is no name of a file")
         return read(Path(path))
     study, results = str(config["study"]), str(config["results"])
-    return find(listed(config["cams"]), FLAVOURS[kind], study, results, config["recording"])
+    own = (config["recording"], config["sample"])
+    return find(listed(config["cams"]), FLAVOURS[kind], study, results, *own)
 
 
 def read(path: Path) -> Source:

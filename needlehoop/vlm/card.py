@@ -27,7 +27,8 @@ class Card:
     ``lowest`` and ``highest`` are over the recorded moments, before any clipping, and so are
     ``random_lowest`` and ``random_highest`` over the finite ones of the random signals.
     ``expert``, ``random`` and ``cheat`` are mean final values, clipped if asked; ``cheat`` is
-    judged at the expert's ``elapsed``, so that it does not lose by being slow.
+    judged at the expert's ``elapsed``, so that it does not lose by being slow. ``paid`` is the
+    share of a random policy's steps that change the value; what is never paid is never learnt.
     """
 
     terms: tuple[str, ...]
@@ -42,6 +43,7 @@ class Card:
     expert: float
     random: float
     cheat: float
+    paid: float
     gates: Gates
     reasons: tuple[str, ...]
     flags: tuple[str, ...]
@@ -70,6 +72,8 @@ class Card:
             f" above, at least {g.margin:g} is asked",
             f"cheat        {self.cheat:.3f}; the expert is {self.expert - self.cheat:.3f}"
             f" above, at least {g.audit_margin:g} is asked ({g.audit})",
+            f"paid         {100 * self.paid:.2f} % of random steps change it by {g.paid_by:g} or"
+            f" more; at least {100 * g.paid:g} % is asked (flag)",
             *(f"refused      {reason}" for reason in self.reasons),
             *(f"flagged      {flag}" for flag in self.flags),
             f"verdict      {'passed' if self.passed else 'refused'}"
@@ -112,14 +116,20 @@ def card(
         expert=figures["expert"],
         random=figures["random"],
         cheat=figures["cheat"],
+        paid=_paid(program, seen, gates),
         gates=gates,
         reasons=(),
         flags=(),
     )
-    reasons, audit = _refusals(found), _audit(found)
+    reasons, audit, seldom = _refusals(found), _audit(found), _seldom(found)
     if gates.audit == "refuse":
-        return replace(found, reasons=reasons + audit)
-    return replace(found, reasons=reasons, flags=audit)
+        return replace(found, reasons=reasons + audit, flags=seldom)
+    return replace(found, reasons=reasons, flags=audit + seldom)
+
+
+def values_of(program: Program, seen: Trajectories, gates: Gates) -> Tensor:
+    """A program's value at every recorded moment, ``(total,)``, clipped if that is asked."""
+    return _judged(program, seen.moments, gates)
 
 
 def _refusals(c: Card) -> tuple[str, ...]:
@@ -156,6 +166,15 @@ def _audit(c: Card) -> tuple[str, ...]:
     )
 
 
+def _seldom(c: Card) -> tuple[str, ...]:
+    if c.paid >= c.gates.paid:
+        return ()
+    return (
+        f"{100 * c.paid:.2f} % of random steps are paid; at least {100 * c.gates.paid:g} % is"
+        " asked: what is hardly ever paid is hardly ever learnt",
+    )
+
+
 def _level(last: Mapping[str, Signals]) -> dict[str, Signals]:
     """The last moments, with the cheat's clock put to the expert's."""
     cheat = last["cheat"].clone()
@@ -170,6 +189,12 @@ def _total(program: Program, signals: Signals) -> Tensor:
 def _judged(program: Program, signals: Signals, gates: Gates) -> Tensor:
     total = _total(program, signals)
     return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
+
+
+def _paid(program: Program, seen: Trajectories, gates: Gates) -> float:
+    """Share of random steps that change the value as it is judged."""
+    change = _judged(program, seen.after, gates) - _judged(program, seen.before, gates)
+    return float((change.abs() >= gates.paid_by).double().mean())
 
 
 def _count_bad(program: Program, signals: Signals) -> int:

@@ -7,20 +7,23 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.written import check_flavour
+from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.files import check_name
 from needlehoop.runs.run import Run
+from needlehoop.study.table import Table
 from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.conversation import Attempt, Conversation, models, totals_of
+from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
+from needlehoop.vlm.messages import Part
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
 from needlehoop.vlm.providers.factory import build_provider
 from needlehoop.vlm.questions import Questions, question
 from needlehoop.vlm.ranking import Lists, rank
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.samples import Sample, comparison
 from needlehoop.vlm.totals import of_transcript
 from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import Work, Workshop, reward_prompt, write_program
@@ -47,6 +50,17 @@ class InquiryConfig:
     def folder(self) -> Path:
         """Where results are written."""
         return Path(self.results) / self.study / "vlm"
+
+
+class Rewards(NamedTuple):
+    """Programs that were written: their files, what they cost, and how they differ.
+
+    ``comparison`` is ``None`` for one.
+    """
+
+    paths: tuple[Path, ...]
+    totals: dict[str, int]
+    comparison: Table | None
 
 
 class Inquiry(AbstractContextManager):
@@ -129,33 +143,70 @@ class Inquiry(AbstractContextManager):
         self._files.write("agreement.csv", sheets.agreement(ranked))
         return found
 
-    def reward(self, flavour: str, workshop: Workshop) -> tuple[Path, dict[str, Any]]:
-        """A reward program for the settings' cameras.
+    def reward(self, flavour: str, workshop: Workshop, samples: int = FIRST) -> Rewards:
+        """Reward programs for the settings' cameras.
 
         ``text`` does not depend on cameras: sets of a study that ask for it get the same
-        recorded answer, as in the paper.
+        recorded answers, as in the paper.
 
-        Returns:
-            The program's file, and the totals.
+        Args:
+            flavour: ``text`` or ``image``.
+            workshop: the language and its judge.
+            samples: how many, each in a conversation of its own.
 
         Raises:
-            ValueError: no cameras, an unknown flavour, or there is a program already.
-            NoAnswerError: none was accepted; all attempts are in the file beside it.
+            ValueError: no cameras, an unknown flavour, or the programs are there already.
+            NoAnswerError: a sample of which none was accepted, once all have been asked for;
+                all attempts are in the files beside them.
             RefusalError: the model would not answer.
         """
         cameras = "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
         check_flavour(flavour)
-        place = f"rewards/{cameras}"
-        path = self._files.folder / place / f"{flavour}.txt"
-        if path.exists() and not self._config.overwrite:
+        if samples < FIRST:
+            raise ValueError(f"samples: {samples} must be at least {FIRST}")
+        if self.has_rewards(flavour, samples) and not self._config.overwrite:
+            path = self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
         self._clear(name)
         album = self._album() if flavour == "image" else None
-        work = Work(self._begin(name))
         prompt = reward_prompt(self._settings, workshop, flavour, album)
+        accepted, attempts, failed = {}, [], []
+        for sample in range(FIRST, FIRST + samples):
+            work = Work(self._begin(name if sample == FIRST else f"{name}/{sample}"))
+            try:
+                source = self._write_reward(work, prompt, workshop, flavour, sample)
+                accepted[sample] = Sample(work.card, workshop.values(source))
+            except NoAnswerError as error:
+                failed.append(error)
+            attempts += work.conversation.attempts
+        table = None
+        if len(accepted) > 1:
+            table = comparison(f"{flavour}.samples", accepted)
+            place = f"rewards/{cameras}/{table.name}.csv"
+            self._files.write(place, table.csv())
+        if failed:
+            raise NoAnswerError("; ".join(map(str, failed)))
+        paths = tuple(self._reward_file(flavour, sample) for sample in accepted)
+        return Rewards(paths, totals_of(attempts), table)
+
+    def has_rewards(self, flavour: str, samples: int) -> bool:
+        """Whether all samples of a reward for the settings' cameras are there."""
+        wanted = range(FIRST, FIRST + samples)
+        return all(self._reward_file(flavour, sample).exists() for sample in wanted)
+
+    def _reward_file(self, flavour: str, sample: int) -> Path:
+        cameras = "+".join(self._settings.cams)
+        return self._files.folder / "rewards" / cameras / file_name(flavour, sample)
+
+    def _write_reward(
+        self, work: Work, prompt: list[Part], workshop: Workshop, flavour: str, sample: int
+    ) -> str:
+        """One program and the attempts at it, into files; errors as in ``reward``."""
+        path = self._reward_file(flavour, sample)
+        place = path.parent.relative_to(self._files.folder)
         try:
             program = write_program(work, prompt, workshop)
         finally:
@@ -163,9 +214,9 @@ class Inquiry(AbstractContextManager):
             rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in work.attempts())
             if rows:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                self._files.write(f"{place}/{flavour}.attempts.jsonl", rows)
-        self._files.write(f"{place}/{flavour}.txt", program)
-        return path, work.conversation.totals()
+                self._files.write(f"{place / path.stem}.attempts.jsonl", rows)
+        self._files.write(str(place / path.name), program)
+        return program
 
     def _begin(self, name: str) -> Conversation:
         return Conversation(self._recorder, name, self._config.attempts)

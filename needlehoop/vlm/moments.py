@@ -34,15 +34,19 @@ class Trajectories:
     Args:
         moments: every moment of every episode, ``(total,)``, the starts included.
         last: each episode's last moment, ``(episodes,)``, by controller.
+        before: of every step of more random episodes, ``(steps,)``.
+        after: the same steps' ends, with the clock held still: what passes by itself is no pay.
     """
 
     moments: Signals
     last: dict[str, Signals]
+    before: Signals
+    after: Signals
 
 
 def collect(settings: Settings, gates: Gates) -> Trajectories:
     """One episode of the expert, a random policy and the cheat in each of ``gates.episodes``
-    environments of ``gates.seed``, without cameras.
+    environments of ``gates.seed``, without cameras, and more of the random policy.
 
     Raises:
         ValueError: settings that the scripts cannot drive, by key.
@@ -64,8 +68,27 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         simulation.reseed(gates.seed)
         lived, last[who] = _episodes(simulation, controller(who, blind))
         moments += lived
+    return Trajectories(_join(moments), last, *_random_steps(blind, gates))
+
+
+def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:
+    """The moments before and after each step of episodes of uniformly random actions."""
+    own = replace(settings, num_envs=gates.random_episodes)
+    simulation, _ = build(own)
+    act = controller("random", own)
+    signals = simulation.reset().signals.clone()
+    moments = [signals]
+    for _ in range(own.episode.max_steps):
+        signals = simulation.step(act(signals)).signals.clone()
+        moments.append(signals)
+    before, after = _join(moments[:-1]), _join(moments[1:])
+    after.elapsed = before.elapsed.clone()
+    return before, after
+
+
+def _join(moments: list[Signals]) -> Signals:
     joined: Any = torch.cat(moments)  # pyright: ignore[reportCallIssue, reportArgumentType]
-    return Trajectories(joined, last)
+    return joined
 
 
 def _episodes(simulation: Simulation, act: Controller) -> tuple[list[Signals], Signals]:

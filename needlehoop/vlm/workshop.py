@@ -6,7 +6,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.vlm.card import CHEATING, card
+from needlehoop.vlm.card import CHEATING, card, values_of
 from needlehoop.vlm.gates import Gates
 from needlehoop.vlm.moments import collect
 from needlehoop.vlm.writing import Verdict, Workshop
@@ -36,10 +36,14 @@ def open_workshop(settings: Settings, gates: Gates) -> Workshop:
         told = "; ".join(found.reasons).replace(CHEATING, "an episode that fails at the task")
         return Verdict(found.passed, told, found.as_dict())
 
+    def values(source: str) -> list[float]:
+        return values_of(compile_program(source), trajectories, gates).tolist()
+
     return Workshop(
         functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},
         result=_RESULT,
         lowest=gates.low,
         highest=gates.high,
         judge=judge,
+        values=values,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +38,8 @@ class Workshop:
     highest: float
     """The range that a program's value must keep to."""
     judge: Callable[[str], Verdict]
+    values: Callable[[str], Sequence[float]]
+    """Of an accepted program, at each recorded moment."""
 
 
 @dataclass
@@ -47,6 +49,11 @@ class Work:
     conversation: Conversation
     verdicts: dict[int, tuple[str, Verdict]] = field(default_factory=dict)
     """Program and verdict by the number of the attempt, from 0."""
+
+    @property
+    def card(self) -> Mapping[str, Any]:
+        """The last judged program's figures."""
+        return self.verdicts[max(self.verdicts)][1].card
 
     def attempts(self) -> list[dict[str, Any]]:
         """All attempts, those in a wrong form included, as plain values."""

@@ -185,6 +185,27 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     assert rewards.pin(human) == human
 
 
+def test_a_pinned_program_from_before_there_were_samples_still_loads(place):
+    place("rewards/dep_front/image.txt", 3)
+    values = config.compose(["reward=vlm_img", "cams=[dep_front]"])["reward"]
+    pinned = rewards.pin(values)
+    del pinned["sample"], values["sample"]
+    assert worth(rewards.load(pinned)) == 5
+    with pytest.raises(ValueError, match="sample missing or unknown"):
+        rewards.load(values)
+
+
+def test_another_sample_is_another_file(place):
+    place("rewards/dep_front/image.txt", 3)
+    place("rewards/dep_front/image_2.txt", 4)
+    place("rewards/any/text_2.txt", 6)
+    assert worth(loaded("reward=vlm_img", "cams=[dep_front]")) == 5
+    assert worth(loaded("reward=vlm_img", "cams=[dep_front]", "reward.sample=2")) == 6
+    assert worth(loaded("reward=vlm_text", "cams=[dep_front]", "reward.sample=2")) == 8
+    with pytest.raises(ValueError, match=r"reward\.sample: 1\.5 is not"):
+        loaded("reward=vlm_img", "cams=[dep_front]", "reward.sample=1.5")
+
+
 def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     """As far as the run's folder: what is trained is stubbed out."""
     place("rewards/dep_front/image.txt", 3)

@@ -19,10 +19,11 @@ from needlehoop.vlm.moments import Trajectories, collect, random_signals
 
 # Tells threading from touching: the tip must be beyond the hoop's plane.
 SOUND = """
+reach = exp(-20 * distance(tool_midpoint, pickup_point))
 held = 2 * grasped + 2 * lifted
-near = 3 * exp(-50 * distance(needle_tip, goal))
+near = 2 * exp(-50 * distance(needle_tip, goal))
 through = 1 if dot(needle_tip - goal, hoop_axis) > 0.001 else 0
-reward = held + near + through
+reward = reach + held + near + through
 """
 # Pays the tip's distance alone, so the cheat gets what the expert gets.
 FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
@@ -34,7 +35,7 @@ def made(overrides: list[str]) -> Gates:
 
 @pytest.fixture(scope="module")
 def gates() -> Gates:
-    return replace(made([]), episodes=4, random_signals=2000)
+    return replace(made([]), episodes=4, random_signals=2000, random_episodes=4)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,8 @@ def test_a_sound_program_passes(judge):
     found = judge(SOUND)
     assert found.passed
     assert found.reasons == found.flags == ()
-    assert found.terms == ("held", "near", "through")
+    assert found.terms == ("reach", "held", "near", "through")
+    assert found.paid > 0.5
     assert found.not_finite_random == found.not_finite_recorded == 0
     assert 0 <= found.lowest < found.random < found.cheat < found.expert <= found.highest <= 8
 
@@ -109,10 +111,10 @@ def test_terms_are_finite_one_by_one(judge):
 
 @pytest.mark.parametrize(
     ("end", "reason"),
-    [("reward = held + near + 20", "rises to"), ("reward = held - 1", "falls to -1.000")],
+    [("reward = reach + held + near + 20", "rises to"), ("reward = held - 1", "falls to -1.000")],
 )
 def test_a_range_that_is_too_wide_is_refused_or_clipped(judge, end, reason):
-    source = SOUND.replace("reward = held + near + through", end)
+    source = SOUND.replace("reward = reach + held + near + through", end)
     refused = judge(source)
     assert [reason in why for why in refused.reasons].count(True) == 1
     clipped = judge(source, range="clip")
@@ -145,7 +147,8 @@ def test_a_program_that_the_cheat_fools_is_flagged(judge):
     assert "without threading" in found.flags[0]
     refused = judge(FOOLED, audit="refuse")
     assert not refused.passed
-    assert refused.reasons == found.flags
+    assert refused.reasons == found.flags[:1]
+    assert refused.flags == found.flags[1:]
 
 
 def test_the_cheat_does_not_lose_by_being_slow(judge):
@@ -158,6 +161,38 @@ def test_the_audit_can_be_passed_by_a_margin(judge):
     gap = judge(SOUND).expert - judge(SOUND).cheat
     assert not judge(SOUND, audit_margin=gap - 0.01).flags
     assert judge(SOUND, audit_margin=gap + 0.01).flags
+
+
+@pytest.mark.parametrize(
+    ("source", "share"),
+    [
+        ("reward = 3", 0.0),
+        # Time passes by itself.
+        ("reward = 9 * (1 - elapsed)", 0.0),
+        ("reward = 2 * grasped + 2 * lifted", 0.0),
+        ("reward = 9 * exp(-200 * distance(needle_tip, goal))", 0.0),
+        ("reward = 9 * exp(-20 * distance(tool_midpoint, pickup_point))", 1.0),
+    ],
+)
+def test_how_often_random_actions_are_paid(judge, source, share):
+    found = judge(source)
+    assert found.paid == pytest.approx(share, abs=0.08)
+    assert any("of random steps are paid" in flag for flag in found.flags) == (share == 0)
+    # It is never a reason to refuse.
+    assert not any("random steps" in reason for reason in found.reasons)
+
+
+def test_what_counts_as_paid_and_how_much_is_asked_are_settings(judge):
+    assert not judge("reward = 3", paid=0.0).flags[1:]
+    assert judge(SOUND, paid_by=5.0).paid == 0
+    assert any("at least 99 %" in flag for flag in judge(SOUND, paid=0.99).flags)
+
+
+def test_the_papers_rewards_are_hardly_ever_paid(judge):
+    shipped = written.RECORDINGS / "paper" / "rewards"
+    found = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
+    assert all(card.paid < 0.1 for card in found)
+    assert all("of random steps are paid" in card.flags[-1] for card in found)
 
 
 def test_the_papers_own_rewards_are_seen_through(judge):
@@ -181,6 +216,7 @@ def test_the_recorded_models_rewards_pass(judge):
     found = {path.parent.name: judge(path.read_text()) for path in shipped.glob("*/*.txt")}
     assert len(found) == 4
     assert all(card.passed and not card.flags for card in found.values())
+    assert all(card.paid > 0.8 for card in found.values())
 
 
 def test_random_signals_are_wild_but_possible():
@@ -205,6 +241,9 @@ def test_random_signals_are_wild_but_possible():
         ("gates.range=cut", "range: 'cut' is unknown; choose from refuse, clip"),
         ("gates.audit=no", "audit: "),
         ("gates.episodes=0", "episodes: 0 must be at least 1"),
+        ("gates.paid=2", "paid: 2.0 must lie in"),
+        ("gates.paid_by=0", "paid_by: 0.0 must be positive"),
+        ("gates.random_episodes=0", "random_episodes: 0 must be at least 1"),
         ("gates.low=20", "low: 20.0 must be below"),
     ],
 )
@@ -215,7 +254,12 @@ def test_a_bad_gate_is_refused_by_its_key(change, said):
 
 # The command.
 
-QUICK = ["gates.episodes=2", "gates.random_signals=200", "engine.threads=1"]
+QUICK = [
+    "gates.episodes=2",
+    "gates.random_signals=200",
+    "gates.random_episodes=2",
+    "engine.threads=1",
+]
 
 
 def check(*words: str) -> int:
@@ -229,6 +273,7 @@ def test_check_prints_the_card(tmp_path, capsys):
     out = capsys.readouterr().out
     assert str(file) in out
     assert "verdict      passed" in out
+    assert "% of random steps change it by 0.001 or more; at least 10 % is asked (flag)" in out
     assert len(out.splitlines()) < 25
 
 

@@ -4,28 +4,43 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from PIL import Image
 from vlm_server import KEY, Server, by_schema, serve
 
-from needlehoop import asking, config
+from needlehoop import asking, config, rewards
 from needlehoop import train as page
 from needlehoop.cli.main import main
 from needlehoop.rewards import RewardError
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.vlm.moments import random_signals
 from needlehoop.vlm.writing import Verdict, Workshop
 
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"
 
 
+def worth(source: str) -> int:
+    """What a program's first number says: ``reward = 3`` ends 3 above a random policy's 0."""
+    return int((re.findall(r"[0-9]+", source) or ["0"])[0])
+
+
 def judge(source: str) -> Verdict:
     refused = "import" in source
-    return Verdict(not refused, "line 1: import is not allowed" if refused else "", {"ok": True})
+    own = {"expert": float(worth(source)), "random": 0.0, "cheat": worth(source) ** 2 / 10}
+    card = {"ok": True, **own, "paid": 0.5}
+    return Verdict(not refused, "line 1: import is not allowed" if refused else "", card)
+
+
+def values(source: str) -> list[float]:
+    """A program's at six moments: rising, or falling if its worth is even."""
+    return [(-1) ** (worth(source) + 1) * step for step in range(6)]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +54,7 @@ def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge)
+    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
     monkeypatch.setattr(asking, "workshop", lambda _: workshop)
     server.script.clear()
     server.requests.clear()
@@ -266,7 +281,7 @@ def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
     assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
     (row,) = lines_of(folder / "image.attempts.jsonl")
     assert row["accepted"]
-    assert row["card"] == {"ok": True}
+    assert row["card"]["ok"]
     # The text-only reward is common to all cameras.
     assert main(["vlm", "reward", *words, "cams=[rgb_default]", "flavour=text"]) == 0
     assert len(server.requests) == 2
@@ -296,6 +311,97 @@ def test_a_program_refused_too_often_leaves_its_attempts(study, words, server, c
     rows = lines_of(folder / "image.attempts.jsonl")
     assert [row["accepted"] for row in rows] == [False, False]
     assert not (folder / "image.txt").exists()
+
+
+def programs(*worths: int | str) -> list[str]:
+    """Answers with such programs; a text is one as it is."""
+    sources = [one if isinstance(one, str) else f"reward = {one}" for one in worths]
+    return [json.dumps({"explanation": "e", "program": source}) for source in sources]
+
+
+def test_several_samples_are_compared(study, words, server, capsys):
+    server.script[:] = programs(3, 4, 5)
+    assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 0
+    assert len(server.requests) == 3
+    # Each sample is a conversation of its own.
+    assert all(len(body["contents"]) == 1 for body in server.requests)
+    folder = study / "rewards/dep_front+seg_side"
+    for name, own in (("image.txt", 3), ("image_2.txt", 4), ("image_3.txt", 5)):
+        assert (folder / name).read_text() == f"reward = {own}\n"
+    assert (folder / "image_3.attempts.jsonl").exists()
+    names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")][-3:]
+    own = "reward/dep_front+seg_side/image"
+    assert names == [own, f"{own}/2", f"{own}/3"]
+    rows = rows_of(folder / "image.samples.csv")
+    assert [row["expert - random"] for row in rows] == ["3.000", "4.000", "5.000"]
+    assert [row["expert - cheat"] for row in rows] == ["2.100", "2.400", "2.500"]
+    assert [row["rho with 1"] for row in rows] == ["1.000", "-1.000", "1.000"]
+    said = capsys.readouterr().out
+    assert "most from random actions in sample 3, from cheating in sample 3" in said
+    # Asked again, all is there; without two of them, the record gives the same.
+    assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 2
+    before = contents(folder)
+    (folder / "image_2.txt").unlink()
+    (folder / "image_3.txt").unlink()
+    assert main(["vlm", "reward", "size=16", CAMS, "samples=3"]) == 0
+    assert contents(folder) == before
+    assert len(server.requests) == 3
+
+
+def test_the_sample_that_is_trained_on_is_chosen_and_named(study, words, server, monkeypatch):
+    server.script[:] = programs(3, 4)
+    assert main(["vlm", "reward", *words, CAMS, "samples=2"]) == 0
+    (_, run), *_ = trained(monkeypatch, "reward.sample=2")
+    text = (run.folder / "reward.txt").read_text()
+    assert text.startswith("# From results/main/vlm/rewards/dep_front+seg_side/image_2.txt.")
+    assert run.config()["reward"]["sample"] == 2
+    with pytest.raises(ValueError, match=r"no image reward \(sample 3\) .* samples=3 vlm=gemini"):
+        trained(monkeypatch, "reward.sample=3", "seed=1")
+    with pytest.raises(ValueError, match=r"reward\.sample: 0 is not 1"):
+        trained(monkeypatch, "reward.sample=0", "seed=2")
+
+
+def test_a_sample_that_fails_does_not_take_the_others_with_it(study, words, server, capsys):
+    server.script[:] = programs(3, "import os", 5)
+    assert main(["vlm", "reward", *words, CAMS, "samples=3", "attempts=1"]) == 2
+    assert "image/2: no usable answer in 1 attempts" in capsys.readouterr().err
+    folder = study / "rewards/dep_front+seg_side"
+    kept = {path.name for path in folder.glob("*.txt")}
+    assert kept == {"image.txt", "image_3.txt"}
+    assert [row["sample"] for row in rows_of(folder / "image.samples.csv")] == ["1", "3"]
+
+
+def test_programs_for_all_sets_are_one_command(study, words, server, capsys):
+    """And a sweep over them finds each."""
+    server.otherwise = lambda schema, prompt: programs(3)[0]
+    assert main(["vlm", "reward", *words, "cams=all"]) == 0
+    assert len(server.requests) == 14
+    swept = yaml.safe_load((CONF / "experiment" / "table2.yaml").read_text())
+    sets = re.findall(r"\[[^\]]*\]", swept["hydra"]["sweeper"]["params"]["cams"])
+    assert len(sets) == 14
+    for cams in sets:
+        job = config.compose([f"cams={cams}", "reward=vlm_img", "reward.recording=null"], "job")
+        found = rewards.load(job["reward"])(random_signals(1, seed=0))
+        assert float(rewards.potential(found)[0]) == 3
+    capsys.readouterr()
+    (study / "rewards/rgb_default/image.txt").unlink()
+    assert main(["vlm", "reward", *words, "cams=all"]) == 0
+    assert capsys.readouterr().out.count("is there already") == 13
+    # What was removed is in the record.
+    assert len(server.requests) == 14
+
+
+def test_sets_can_be_listed_and_one_that_fails_is_named(study, words, server, capsys):
+    server.script[:] = programs(3, "import os", 5)
+    sets = "cams=[rgb_default],[dep_front,seg_side],[seg_side]"
+    assert main(["vlm", "reward", *words, sets, "attempts=1"]) == 2
+    error = capsys.readouterr().err
+    assert "1 of 3 sets have no program: dep_front+seg_side" in error
+    assert (study / "rewards/rgb_default/image.txt").read_text() == "reward = 3\n"
+    assert (study / "rewards/seg_side/image.txt").read_text() == "reward = 5\n"
+    assert main(["vlm", "reward", *words, "cams=[rgb_default],[rgb_top]"]) == 2
+    assert "rgb_top" in capsys.readouterr().err
+    assert len(server.requests) == 3
 
 
 def test_a_refusal_is_said(study, words, server, capsys):
@@ -342,6 +448,7 @@ def test_any_openai_compatible_server_can_be_asked(study, server):
         (["question", "vlm=gemini", "vlm.model=other"], "choose another study="),
         (["reward"], "cams: name the cameras"),
         (["reward", CAMS, "flavour=sound"], "choose from text, image"),
+        (["reward", CAMS, "samples=0"], "samples: 0 must be at least 1"),
     ],
 )
 def test_a_mistake_is_one_message_that_names_the_key(study, arguments, said, capsys, server):

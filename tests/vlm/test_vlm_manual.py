@@ -29,13 +29,13 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge)
+    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, lambda _: [])
     monkeypatch.setattr(asking, "workshop", lambda _: workshop)
 
 
 def judge(source: str) -> Verdict:
     refused = "import" in source
-    return Verdict(not refused, "line 1: import is not allowed" if refused else "", {})
+    return Verdict(not refused, "line 1: import is not allowed" if refused else "", {"ok": True})
 
 
 @contextmanager

@@ -44,7 +44,9 @@ from needlehoop.vlm.writing import Verdict, Work, Workshop, reward_prompt, write
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
 FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
-WORKSHOP = Workshop(FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}))
+WORKSHOP = Workshop(
+    FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
+)
 CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
 
 
@@ -118,7 +120,7 @@ BAD = (
 def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     """Requests for a reward of a model that never gets it right, with the real judge."""
     gates = config.as_type(config.compose([], "check")["gates"], Gates, "gates")
-    gates = replace(gates, episodes=1, random_signals=50, audit="refuse")
+    gates = replace(gates, episodes=1, random_signals=50, random_episodes=1, audit="refuse")
     quick = replace(settings, engine=replace(settings.engine, threads=1))
     workshop = open_workshop(quick, gates)
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]

@@ -401,7 +401,7 @@ def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
     recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
     work = Work(Conversation(recorder, "reward/text", 3))
-    workshop = Workshop({}, "", 0.0, 9.0, judge)
+    workshop = Workshop({}, "", 0.0, 9.0, judge, lambda _: [])
     assert write_program(work, ["write"], workshop) == "reward = 9\n"
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
     rows = work.attempts()
