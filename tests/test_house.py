@@ -26,6 +26,7 @@ FLOORS = (
     "vlm",
     "probe",
     "bench",
+    "demonstrations",
     "groups",
     "config",
     "making",

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from needlehoop.cli.bench import add_commands as add_bench_commands
+from needlehoop.cli.demonstrations import add_commands as add_demonstrations_command
 from needlehoop.cli.export import add_commands as add_export_commands
 from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
@@ -58,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     add_vlm_commands(commands)
     add_study_commands(commands)
     add_probe_commands(commands)
+    add_demonstrations_command(commands)
     return parser
 
 

@@ -1,0 +1,1 @@
+"""Episodes for learners elsewhere: who flies them, and the layouts in which they are written."""

@@ -1,0 +1,199 @@
+"""Episodes as datasets: what was flown is what is read back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from needlehoop import config
+from needlehoop.cli.main import main
+from needlehoop.demonstrations.demonstrators import scripted
+from needlehoop.demonstrations.export import new_folder
+from needlehoop.demonstrations.flights import Flight, fly
+from needlehoop.demonstrations.spread import of_images, of_rows
+
+WORDS = ["cams=[dep_front,seg_side]", "image_size=32", "seed=5"]
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[Flight]:
+    return list(fly(config.settings(WORDS), scripted("smooth"), 3))
+
+
+def export(out: Path, *words: str) -> int:
+    return main(["demonstrations", *WORDS, "episodes=3", f"out={out}", *words])
+
+
+def test_flights_are_whole_episodes(flights):
+    for flight in flights:
+        t = len(flight)
+        assert flight.threaded
+        assert flight.terminated
+        assert flight.images["dep_front"].shape == (t + 1, 32, 32, 4)
+        assert flight.images["seg_side"].shape == (t + 1, 32, 32, 3)
+        assert flight.vectors["proprio"].shape == (t + 1, 8)
+        assert flight.actions.shape == (t, 5)
+        assert np.abs(flight.actions).max() <= 1
+        # An episode's rewards add up to its last potential.
+        assert 8.0 < flight.rewards.sum() < 9.2
+        assert not np.array_equal(flight.images["seg_side"][0], flight.images["seg_side"][-1])
+
+
+@pytest.mark.parametrize("who", ["smooth", "perturbed"])
+def test_a_flight_does_not_depend_on_how_many_there_are(who):
+    settings = replace(config.settings(WORDS), cams=("seg_side",), image_size=8)
+    (alone,) = fly(settings, scripted(who), 1)
+    first, _ = fly(settings, scripted(who), 2)
+    assert np.array_equal(alone.actions, first.actions)
+    assert np.array_equal(alone.images["seg_side"], first.images["seg_side"])
+
+
+def test_minari_reads_what_was_flown(tmp_path, monkeypatch, flights):
+    minari = pytest.importorskip("minari")
+    assert export(tmp_path / "smooth-v0") == 0
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    dataset = minari.load_dataset("smooth-v0")
+    assert dataset.total_episodes == 3
+    assert dataset.total_steps == sum(map(len, flights))
+    assert dataset.storage.metadata["algorithm_name"] == "smooth"
+    for flown, read in zip(flights, dataset.iterate_episodes(), strict=True):
+        for name, rows in {**flown.images, **flown.vectors}.items():
+            assert np.array_equal(read.observations[name], rows)
+            assert dataset.observation_space[name].contains(rows[0])
+        assert np.array_equal(read.actions, flown.actions)
+        assert np.array_equal(read.rewards, flown.rewards)
+        assert read.terminations.tolist() == [False] * (len(flown) - 1) + [True]
+        assert not read.truncations.any()
+        assert read.infos["success"].tolist() == [False] * len(flown) + [True]
+
+
+def test_torchrl_reads_what_was_flown(tmp_path, monkeypatch, flights):
+    pytest.importorskip("minari")
+    from tensordict import TensorDict
+    from torchrl.data.datasets import MinariExperienceReplay
+
+    # TorchRL 0.14.1 fills its tensors and then keeps empty ones of their shapes.
+    monkeypatch.setattr(TensorDict, "memmap_like", TensorDict.memmap)
+    assert export(tmp_path / "smooth-v0") == 0
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    replay = MinariExperienceReplay(
+        "smooth-v0", batch_size=4, root=tmp_path / "torchrl", load_from_local_minari=True
+    )
+    assert len(replay) == sum(map(len, flights))
+    steps = replay[:]
+    actions = np.concatenate([flight.actions for flight in flights])
+    assert np.array_equal(steps["action"].numpy(), actions)
+    seen = np.concatenate([flight.images["dep_front"][1:] for flight in flights])
+    assert np.array_equal(steps["next", "observation", "dep_front"].numpy(), seen)
+    assert int(steps["next", "done"].sum()) == 3
+
+
+def test_lerobot_layout_holds_what_was_flown(tmp_path, flights):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    out = tmp_path / "smooth"
+    assert export(out, "format=lerobot") == 0
+    info = json.loads((out / "meta/info.json").read_text())
+    total = sum(map(len, flights))
+    assert (info["codebase_version"], info["fps"]) == ("v3.0", 25)
+    assert (info["total_episodes"], info["total_frames"]) == (3, total)
+    place = {"chunk_index": 0, "file_index": 0}
+    table = parquet.read_table(out / info["data_path"].format(**place))
+    rows = table.to_pydict()
+    columns = {name for name, one in info["features"].items() if one["dtype"] != "video"}
+    assert set(rows) == columns
+    assert np.array_equal(rows["action"], np.concatenate([f.actions for f in flights]))
+    state = np.concatenate([f.vectors["proprio"][:-1] for f in flights])
+    assert np.array_equal(rows["observation.state"], state)
+    assert sum(rows["next.success"]) == 3
+    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    for episode, flown in zip(episodes, flights, strict=True):
+        own = slice(episode["dataset_from_index"], episode["dataset_to_index"])
+        assert rows["frame_index"][own] == list(range(len(flown)))
+        assert set(rows["episode_index"][own]) == {episode["episode_index"]}
+
+
+def test_lerobot_films_show_what_was_seen(tmp_path, flights):
+    pytest.importorskip("pyarrow")
+    import imageio.v2 as imageio
+
+    out = tmp_path / "smooth"
+    assert export(out, "format=lerobot") == 0
+    seen = np.concatenate([flight.images["dep_front"][:-1] for flight in flights])
+    for name, wanted in (
+        ("dep_front", seen[..., :3]),
+        ("dep_front_depth", seen[..., 3:].repeat(3, -1)),
+    ):
+        path = out / f"videos/observation.images.{name}/chunk-000/file-000.mp4"
+        with imageio.get_reader(path) as film:
+            shown = np.stack([np.asarray(frame) for frame in film])
+            assert film.get_meta_data()["fps"] == 25
+        assert shown.shape == wanted.shape
+        # Compressed, so not to the bit; but each frame is nearest to its own.
+        assert np.abs(shown.astype(int) - wanted).mean() < 3
+        assert (
+            np.abs(shown.astype(int) - wanted)[40].mean()
+            < np.abs(shown[40].astype(int) - wanted[30]).mean()
+        )
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["format=zarr"], "format: 'zarr' is unknown; choose from minari, lerobot"),
+        (["demonstrator=nobody"], "demonstrator: 'nobody' is unknown; choose from smooth"),
+        (["episodes=0"], "episodes: 0 must be at least 1"),
+        (["cams=[]"], "cams: demonstrations need at least one camera"),
+        (["obs.frame_stack=3"], "obs.frame_stack: 3"),
+    ],
+)
+def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys, words, message):
+    pytest.importorskip("minari")
+    assert export(tmp_path / "smooth-v0", *words) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_minari_wants_a_version_in_the_name(tmp_path, capsys):
+    pytest.importorskip("minari")
+    assert export(tmp_path / "smooth") == 2
+    assert "such as smooth-v0" in capsys.readouterr().err
+
+
+def test_a_folder_that_exists_is_kept_unless_told(tmp_path):
+    out = tmp_path / "data"
+    out.mkdir()
+    (out / "mine").write_text("kept")
+    with pytest.raises(ValueError, match="overwrite=true"), new_folder(out, overwrite=False):
+        raise AssertionError("written over")
+    assert (out / "mine").read_text() == "kept"
+    with new_folder(out, overwrite=True) as folder:
+        (folder / "new").touch()
+        assert (out / "mine").exists()
+    assert [path.name for path in out.iterdir()] == ["new"]
+
+
+def test_an_export_that_breaks_off_leaves_nothing(tmp_path):
+    def write():
+        with new_folder(tmp_path / "data", overwrite=False) as folder:
+            (folder / "half").touch()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+def test_spreads_are_by_column_and_by_channel():
+    rows = np.array([[0.0, 10.0], [2.0, 30.0]])
+    assert of_rows(rows)["mean"] == [1.0, 20.0]
+    assert of_rows(rows)["count"] == [2]
+    images = np.zeros((2, 4, 4, 3), dtype=np.uint8)
+    images[..., 1] = 255
+    spread = of_images(images)
+    assert spread["max"] == [[[0.0]], [[1.0]], [[0.0]]]
+    assert spread["q50"] == [[[0.0]], [[1.0]], [[0.0]]]
+    assert spread["count"] == [2]
