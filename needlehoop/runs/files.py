@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
@@ -22,6 +22,9 @@ POLICY = "policy.safetensors"
 SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
 
+DAGGER, EXPERT = "dagger", "expert"
+"""``algo.kind`` of imitation, and what stands where others have the name of their reward."""
+
 SIGNALS = "signals"
 """Stands among the cameras where the agent is told the state."""
 
@@ -34,6 +37,11 @@ def listed(names: str | Iterable[Any]) -> list[str]:
 def seen(cams: Iterable[str], signals: bool = False) -> str:
     """What a run's folder calls that which its agent sees: ``dep_front+seg_side``."""
     return "+".join((*cams, *([SIGNALS] if signals else [])))
+
+
+def taught_by(values: Mapping[str, Any]) -> str:
+    """What the run of a composed config is called by: its reward, or ``expert`` in imitation."""
+    return EXPERT if values["algo"].get("kind") == DAGGER else str(values["reward"]["kind"])
 
 
 def check_name(key: str, name: str) -> None:

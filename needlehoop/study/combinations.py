@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import re
 
+from needlehoop.runs.files import EXPERT
+
 HUMAN = "human"
 """The reward of the paper's first comparison."""
 
-REWARDS = {"human": "human", "vlm_text": "VLM, text", "vlm_img": "VLM, text + image"}
+REWARDS = {
+    "human": "human",
+    "vlm_text": "VLM, text",
+    "vlm_img": "VLM, text + image",
+    EXPERT: "none: an expert was imitated",
+}
 """Rewards as the paper names them; others go by their own name."""
 
 LISTS = {

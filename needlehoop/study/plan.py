@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 
-from needlehoop.runs.files import seen
+from needlehoop.runs.files import DAGGER, EXPERT, seen
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.records import Place
 
-_KEYS = ("experiment", "cams", "reward", "seed")
+_KEYS = ("experiment", "algo", "cams", "reward", "seed")
 _MODEL = "+model"
 
 
@@ -20,8 +20,8 @@ def planned(words: Sequence[str]) -> list[Place]:
 
     Args:
         words: as ``train.py`` takes them: ``experiment=table2``, ``cams=[a,b],[c]``,
-            ``reward=human,sparse``, ``seed=0,1,2``. What an experiment sweeps over may be
-            given anew; by default the reward is human and the seed 0.
+            ``reward=human,sparse``, ``seed=0,1,2``, ``algo=dagger``. What an experiment sweeps
+            over may be given anew; by default the reward is human and the seed 0.
 
     Raises:
         ValueError: another key, an unknown experiment, camera or reward, or no cameras.
@@ -31,6 +31,8 @@ def planned(words: Sequence[str]) -> list[Place]:
     if "experiment" in given:
         own |= _experiment(given.pop("experiment"))
     own |= given
+    if own.pop("algo", None) == DAGGER:
+        return _taught(own)
     seeds = [_seed(text) for text in own["seed"].split(",")]
     if _MODEL in own:
         models = [model.strip().rpartition(".") for model in own[_MODEL].split(",")]
@@ -40,6 +42,14 @@ def planned(words: Sequence[str]) -> list[Place]:
         pairs = list(product(_combinations(own["cams"]), rewards))
     _check(pairs)
     return sorted(Place(seen(cams), reward, seed) for (cams, reward), seed in product(pairs, seeds))
+
+
+def _taught(own: Mapping[str, str]) -> list[Place]:
+    """The runs of a sweep that an expert teaches."""
+    seeds = [_seed(text) for text in own["seed"].split(",")]
+    combinations = _combinations(own["cams"])
+    _check([(cams, own["reward"]) for cams in combinations])
+    return sorted(Place(seen(cams), EXPERT, seed) for cams in combinations for seed in seeds)
 
 
 def _pair(word: str) -> tuple[str, str]:

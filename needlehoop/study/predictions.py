@@ -1,4 +1,4 @@
-"""Who foretold which cameras would do: models' rankings, the probe, what the paper measured."""
+"""Who foretold which cameras would do: models' rankings, the probe, imitation."""
 
 from __future__ import annotations
 
@@ -8,19 +8,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from needlehoop.runs.files import EXPERT
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import label
-from needlehoop.study.records import LeftOut
+from needlehoop.study.final import Final, final
+from needlehoop.study.records import LeftOut, read_study
 from needlehoop.study.rows import UnreadableError, read_text
+from needlehoop.study.statistics import rate
 
 PAPERS_VLM = "the paper's VLM"
 OWN_VLM = "VLM"
 PROBE = "probe"
+IMITATION = "imitation"
 
 _PROBE = Path("probe/ranking.csv")
 """Beside the studies."""
+
+_IMITATION = Path("imitation")
+"""The study of runs that an expert taught, beside the others."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ def predictions(
 
     Args:
         own: of the study's own model.
-        results: the folder of all studies, for the probe.
+        results: the folder of all studies, for the probe and for imitation.
         lists: to cut scores of single sets into.
 
     Returns:
@@ -82,6 +89,8 @@ def predictions(
             found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
+    if (results / _IMITATION).is_dir():
+        found.append(scored(IMITATION, _imitated(results / _IMITATION), lists))
     return tuple(one for one in found if one.lists), left_out
 
 
@@ -120,6 +129,19 @@ def scored(
     known = set(scores)
     chosen = [m for m in map(frozenset, lists) if (m <= known if whole else m & known)]
     return Prediction(who, {m: {name: scores[name] for name in m & known} for m in chosen})
+
+
+def _imitated(folder: Path) -> dict[str, float]:
+    """Success of imitation by set, over its finished seeds; what is wrong there its study says."""
+    found: dict[str, list[Final]] = {}
+    for run in read_study(folder).runs:
+        end = final(run)
+        if run.place.reward == EXPERT and end is not None and end.finished:
+            found.setdefault(run.place.cameras, []).append(end)
+    return {
+        cameras: rate([end.success for end in ends], [end.episodes for end in ends]).value
+        for cameras, ends in found.items()
+    }
 
 
 def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from needlehoop.study.agreement import Agreement, agreement
 from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
-from needlehoop.study.predictions import Prediction, scored
+from needlehoop.study.predictions import IMITATION, Prediction, scored
 from needlehoop.study.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.table import Table
 
@@ -39,7 +39,8 @@ def rankings(findings: Findings) -> Table:
         ]
     note = (
         "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
-        " by mean place. The probe cannot tell all of these apart: its own table has the intervals."
+        " by mean place; imitation by success over its seeds. The probe cannot tell all of these"
+        " apart: its own table has the intervals."
     )
     head = ("list", "cameras", *(one.who for one in shown))
     return Table("rankings", "Rankings side by side", head, tuple(rows), note)
@@ -76,7 +77,10 @@ def ranking_chart(findings: Findings) -> Figure:
 
 
 def agreements(findings: Findings) -> Table:
-    """How well each prediction fits what was measured, here and in the paper, list by list."""
+    """How well each prediction fits what was measured, here and in the paper, list by list.
+
+    Imitation predicts, and is predicted: what flies ranks cameras as well.
+    """
     published = paper.measured()
     sides = []
     if findings.study is not None:
@@ -84,10 +88,14 @@ def agreements(findings: Findings) -> Table:
         theirs = scored(PAPERS_MEASURED, published, paper.lists().values())
         sides += [(one, MEASURED, ours) for one in (*findings.predictions, theirs)]
     sides += [(one, PAPERS_MEASURED, published) for one in findings.predictions]
+    flown = [one for one in findings.predictions if one.who == IMITATION]
+    for imitation in flown:
+        values = {name: score for own in imitation.lists.values() for name, score in own.items()}
+        sides += [(one, IMITATION, values) for one in findings.predictions if one not in flown]
     rows = []
     for one, against, values in sides:
         for members, scores in one.lists.items():
-            if against == PAPERS_MEASURED and not members <= set(published):
+            if against != MEASURED and not members <= set(values):
                 continue
             missing = [cameras for cameras in members if cameras not in values]
             if missing:
@@ -96,7 +104,10 @@ def agreements(findings: Findings) -> Table:
                 said = _said(agreement(scores, {cameras: values[cameras] for cameras in members}))
             rows.append((f"{one.who} against {against}", list_name(members), *said))
     head = ("what", "list", "tau-b", "p", "rho", "p", "best found", "worst found", "regret")
-    note = "Two-sided permutation p-values; regret is the return lost by taking the predicted best."
+    note = (
+        "Two-sided permutation p-values; regret is the return lost by taking the predicted best,"
+        " against imitation the share of successes."
+    )
     return Table("agreement", "Agreement of predictions", head, tuple(rows), note)
 
 

@@ -151,11 +151,22 @@ def test_planned_runs_are_those_that_the_words_sweep_over():
     assert len(full) == 20
 
 
+def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
+    assert planned(["algo=dagger", "cams=[seg_side]", "seed=0,1"]) == [
+        Place("seg_side", "expert", 0),
+        Place("seg_side", "expert", 1),
+    ]
+    imitation = planned(["experiment=imitation"])
+    assert len(imitation) == 17 * 3
+    table2 = {place.cameras for place in planned(["experiment=table2"])}
+    assert table2 <= {place.cameras for place in imitation}
+
+
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("experiment=table3", "'table3' is unknown; choose from full, rewards, segdep, table2"),
-        ("steps=5", "'steps=5' is not understood; choose from experiment, cams, reward, seed"),
+        ("experiment=table3", "'table3' is unknown; choose from full, imitation, rewards, segdep"),
+        ("steps=5", "'steps=5' is not understood; choose from experiment, algo, cams, reward"),
         ("cams=rgb_back", "cams: 'rgb_back' is unknown; choose from dep_default, dep_front"),
         ("cams=[]", "cams: '' is unknown"),
         ("seed=1", "cams: give experiment=… or cams=…"),

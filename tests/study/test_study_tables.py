@@ -223,3 +223,26 @@ def test_the_papers_lists_hold_its_14_combinations():
         "dep_seg": 6,
     }
     assert {name for members in lists.values() for name in members} == set(paper.measured())
+
+
+def test_imitation_is_a_ranking_of_its_own(tmp_path):
+    sets = ["rgb_default", "rgb_default+dep_default", "rgb_front+rgb_side", "rgb_front+dep_side"]
+    pairs = [(cameras, "expert") for cameras in (*sets, "dep_front+rgb_side")]
+    imitation = write_study(tmp_path / "imitation", pairs, seeds=2)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    findings = study_findings(study)
+    assert "imitation" in rankings(findings).header
+    said = {row["what"] for row in dicts(agreements(findings)) if row["tau-b"]}
+    assert {
+        "imitation against the paper's measured",
+        "probe against imitation",
+        "the paper's VLM against imitation",
+    } <= said
+    # In its own study it is what was measured.
+    own = study_findings(imitation)
+    assert own.main_reward == "expert"
+    assert "imitation" not in rankings(own).header
+    said = {row["what"] for row in dicts(agreements(own)) if row["tau-b"]}
+    assert "probe against measured" in said
