@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import cattrs
 from hydra import compose as hydra_compose
@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop import groups
-from needlehoop.runs.files import listed
+from needlehoop.runs.files import DAGGER, listed
 from needlehoop.runs.shipped import CONF
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from needlehoop.learning.job import Job
 
 T = TypeVar("T")
+
+_ALGORITHMS = {False: "PpoConfig", True: "DaggerConfig"}
+"""Values of algorithms, by whether they are imitation's."""
 
 
 def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
@@ -209,6 +212,18 @@ def _truth(value: Any, _: type) -> bool:
     return value
 
 
+def _is_algorithm(kind: Any) -> bool:
+    """Whether it is the union of the algorithms' values; by name, since they bring torch."""
+    return {one.__name__ for one in get_args(kind)} == {*_ALGORITHMS.values()}
+
+
+def _algorithm(value: Any, union: Any) -> Any:
+    """By its ``kind``, which PPO's values have none of."""
+    wanted = _ALGORITHMS[value.get("kind") == DAGGER]
+    (kind,) = (one for one in get_args(union) if one.__name__ == wanted)
+    return _converter.structure(value, kind)
+
+
 def _names(value: Any, _: type) -> tuple[str, ...]:
     """A list of names, or one string with commas between them."""
     return tuple(listed(value))
@@ -218,3 +233,4 @@ _converter = cattrs.Converter(forbid_extra_keys=True)
 _converter.register_structure_hook(int, _whole_number)
 _converter.register_structure_hook(bool, _truth)
 _converter.register_structure_hook_func(lambda kind: kind == tuple[str, ...], _names)
+_converter.register_structure_hook_func(_is_algorithm, _algorithm)

@@ -17,6 +17,7 @@ from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
+from needlehoop.trained import initial_weights
 
 _EXISTING = ("auto", "stop", "resume")
 
@@ -39,6 +40,8 @@ class Session(AbstractContextManager):
     """Its checkpoint; ``None``: it begins."""
     lock: Lock | None
     """On its folder; ``None`` where nothing is left to do."""
+    weights: dict[str, Any] | None = None
+    """Of the agent that it begins with; ``None``: of none."""
 
     def __exit__(self, *_: object) -> None:
         if self.lock is not None:
@@ -88,6 +91,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         run = Run.open(folder)
         _check_same(run, values)
         return _continue(run, again=True)
+    weights = None if job.init is None else initial_weights(job)
     lock = Lock(folder)
     try:
         reward = rewards.text(rewards.load(job.env.reward))
@@ -97,7 +101,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     except BaseException:
         lock.release()
         raise
-    return Session(job, run, values, None, lock)
+    return Session(job, run, values, None, lock, weights)
 
 
 def _continue(run: Run, again: bool = False) -> Session:
@@ -120,7 +124,8 @@ def _continue(run: Run, again: bool = False) -> Session:
         if again and not begun and not (run.folder / CHECKPOINT).exists():
             run.go_on(None)
             run.note(**provenance(), wall_time=0.0, stopped=False)
-            return Session(job, run, values, None, lock)
+            weights = None if job.init is None else initial_weights(job)
+            return Session(job, run, values, None, lock, weights)
         checkpoint = run.checkpoint()
         path = run.folder / CHECKPOINT
         _check_config(path, checkpoint, values)

@@ -12,7 +12,7 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 
-from needlehoop.runs.files import OUTCOME, listed, seen
+from needlehoop.runs.files import OUTCOME, listed, seen, taught_by
 from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
 from needlehoop.runs.reading import UnreadableError, read_json
@@ -34,7 +34,7 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
         "run": " ".join(overrides),
         "study": values["study"],
         "cameras": seen(listed(values["cams"]), values["obs"]["signals"]),
-        "reward": values["reward"]["kind"],
+        "reward": taught_by(values),
         "seed": values["seed"],
     }
 

@@ -25,7 +25,13 @@ from needlehoop.runs.run import Run
 from needlehoop.session import open_session
 
 
-def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = None) -> bool:
+def train(
+    job: Job,
+    run: Run,
+    logger: Logger,
+    state: dict[str, Any] | None = None,
+    weights: dict[str, Any] | None = None,
+) -> bool:
     """Train until the job's steps are done, or until a signal asks to stop.
 
     Args:
@@ -33,17 +39,18 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
         run: where its files go.
         logger: where else.
         state: the checkpoint to go on from.
+        weights: of another run's agent, to begin with.
 
     Returns:
         Whether the steps are done.
     """
-    learner = Learner(job, state and state["learner"])
+    learner = Learner(job, state and state["learner"], weights)
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
     shown = {"return": math.nan, "success": math.nan}
     bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
     with bar, Interruption() as interruption:
         for buffer, losses in learner:
-            update = learner.ppo.done_updates
+            update = learner.done_updates
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
             row = {**at, "steps_per_second": rate, **episode_columns(buffer), **losses}
@@ -67,7 +74,7 @@ def train(job: Job, run: Run, logger: Logger, state: dict[str, Any] | None = Non
                 run.note(steps=learner.steps, wall_time=round(wall, 1), stopped=interruption.asked)
             if interruption.asked:
                 break
-    return learner.ppo.done_updates == job.updates
+    return learner.done_updates == job.updates
 
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
@@ -100,7 +107,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
             return "done before"
         logger = build_logger(job.logger, job.place, session.values, run.folder)
         try:
-            if session.is_trained or train(job, run, logger, session.state):
+            if session.is_trained or train(job, run, logger, session.state, session.weights):
                 finish(job, run, logger)
                 return "done"
             print(f"stopped; go on with: {command} resume={run.folder}")

@@ -2,15 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
 
 from needlehoop import config
 from needlehoop.learning.evaluate import load_agent
-from needlehoop.learning.job import pick_device
+from needlehoop.learning.job import Job, pick_device
 from needlehoop.learning.policy import Policy
 from needlehoop.learning.weights import actor_of, build_actor, read_config, read_weights
 from needlehoop.runs.files import POLICY
 from needlehoop.runs.run import Run
+
+_NETWORKS = ("cams", "image_size", "obs", "encoder", "algo.network", "episode.control")
+"""Settings that decide an agent's networks."""
+
+
+def initial_weights(job: Job) -> dict[str, Tensor]:
+    """The weights of the agent that a job is to begin with, that of the run ``job.init``.
+
+    Raises:
+        ValueError: no such run, none trained yet, or one with other networks.
+    """
+    assert job.init is not None
+    run = Run.open(Path(job.init))
+    theirs = config.job(run.config())
+    for key in _NETWORKS:
+        have, want = _setting(theirs, key), _setting(job, key)
+        if have != want:
+            raise ValueError(f"init: {run.folder} has {key}={have}; this run has {want}")
+    return load_agent(run, theirs, torch.device("cpu")).state_dict()
+
+
+def _setting(job: Job, key: str) -> Any:
+    """A setting of a job by its key; the networks' without what their weights replace."""
+    group, _, name = key.rpartition(".")
+    if key == "algo.network":
+        return replace(job.algo.network, sigma=1.0)
+    if key == "encoder":
+        return job.encoder
+    return getattr(getattr(job.env, group) if group else job.env, name)
 
 
 def policy_of(run: str | Path, device: str) -> Policy:

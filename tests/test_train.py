@@ -319,3 +319,69 @@ def test_evaluate_refuses_what_it_does_not_know(finished, capsys, words, said):
 def test_evaluate_refuses_a_folder_that_is_no_run(tmp_path, capsys):
     assert cli.main(["evaluate", str(tmp_path)]) == 2
     assert "no run" in capsys.readouterr().err
+
+
+TAUGHT = ["cams=[seg_side]", "algo=dagger", *TINY, "algo.minibatches=3"]
+
+
+@pytest.fixture(scope="module")
+def imitated(tmp_path_factory) -> Path:
+    """The folder of a run that an expert taught."""
+    results = tmp_path_factory.mktemp("taught")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(results)
+        run_train(patch, *TAUGHT, "results=.")
+    return results / "main/seg_side/expert/seed0"
+
+
+def test_an_imitated_run_is_a_run_like_any_other(imitated):
+    (run,) = read_study(imitated.parents[2]).runs
+    assert str(run.place) == "seg_side/expert/seed0"
+    assert run.finished
+    assert run.evaluation["episodes"] == 3
+    rows = table(imitated / "metrics.csv")
+    assert [row["step"] for row in rows] == ["64", "128", "192"]
+    assert all(float(row["error"]) > 0 for row in rows)
+    # The expert flew all of the first buffer: the learner ended no episode.
+    assert rows[0]["episodes"] == "0"
+    assert rows[0]["success"] == ""
+    assert int(float(rows[-1]["episodes"])) > 0
+
+
+def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
+    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=3"]
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, *words, "results=.")
+    ours = weights(tmp_path / "main/seg_side/human/seed0")
+    theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
+    changed = {name for name in ours if not torch.equal(ours[name], theirs[name])}
+    # Warming up, the value head moves and nothing else.
+    assert changed
+    assert {name.split(".")[:3][-1] for name in changed} == {"2"}
+
+
+def test_after_the_warm_up_the_policy_moves(imitated, tmp_path, monkeypatch):
+    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2"]
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, *words, "results=.")
+    ours = weights(tmp_path / "main/seg_side/human/seed0")
+    theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
+    mean = [name for name in ours if name.endswith("mean.weight")]
+    assert mean
+    assert not torch.equal(ours[mean[0]], theirs[mean[0]])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["cams=[rgb_side]"], "has cams=('seg_side',); this run has ('rgb_side',)"),
+        (["cams=[seg_side]", "algo.network.hidden=64"], "has algo.network="),
+        (["cams=[seg_side]", "image_size=64"], "has image_size=32; this run has 64"),
+    ],
+)
+def test_an_agent_of_other_networks_is_refused(imitated, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as refused:
+        run_train(monkeypatch, *TINY, *words, f"init={imitated}", "results=.")
+    assert message in str(refused.value)
+    assert not (tmp_path / "main").exists()

@@ -33,7 +33,8 @@ class Stopwatch:
         aside.begin = self._timed(lambda work: self._timed(begin(work), "images"), "images")
         # Networks, folding and the optimiser share their work in one place.
         learner.workers.map = self._timed(learner.workers.map)
-        learner.ppo.update = self._during(learner.ppo.update, "learning")
+        method: Any = learner.method
+        method.ppo.update = self._during(method.ppo.update, "learning")
 
     def clear(self) -> None:
         """Start anew."""

@@ -12,10 +12,19 @@ from torch import Tensor
 
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.dagger import Dagger
+from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.job import Job
+from needlehoop.learning.lessons import Lessons
 from needlehoop.learning.ppo import Ppo
 
-_PARTS = {"ppo": dict, "env": dict, "rng": Tensor}
+_PPO, _DAGGER = "ppo", "dagger"
+
+_PARTS = {
+    _PPO: {_PPO: dict, "env": dict, "rng": Tensor},
+    _DAGGER: {_DAGGER: dict, "lessons": dict, "rng": Tensor},
+}
+"""Of a learner's state, by method."""
 
 
 def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
@@ -37,11 +46,12 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
         raise _unfit(path, "wall_time", f"{wall!r} is not a time")
     if not isinstance(learner, Mapping):
         raise _unfit(path, "learner", "missing")
-    for name, kind in _PARTS.items():
+    method = _DAGGER if isinstance(job.algo, DaggerConfig) else _PPO
+    for name, kind in _PARTS[method].items():
         if not isinstance(learner.get(name), kind):
             raise _unfit(path, f"learner.{name}", "missing")
-    if learner["ppo"].get("done_updates") != update:
-        raise _unfit(path, "learner.ppo.done_updates", f"is not {update}, as update is")
+    if learner[method].get("done_updates") != update:
+        raise _unfit(path, f"learner.{method}.done_updates", f"is not {update}, as update is")
 
 
 def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> None:
@@ -61,9 +71,20 @@ def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> Non
     check_like("learner.rng", state["rng"], torch.get_rng_state())
 
 
+def check_lessons(state: Mapping[str, Any], dagger: Dagger, lessons: Lessons) -> None:
+    """The same of imitation; errors as in ``check_learner``."""
+    check_like("learner.dagger", state["dagger"], dagger.moved_state())
+    flown = lessons.blank(state["dagger"]["done_updates"])
+    check_like("learner.lessons", state["lessons"], {**lessons.state_dict(), "flown": flown})
+    check_like("learner.rng", state["rng"], torch.get_rng_state())
+
+
 def check_agent(state: Mapping[str, Any], agent: Agent) -> None:
     """That a learner's state has the weights of an agent; errors as in ``check_learner``."""
-    check_like("learner.ppo.agent", state["ppo"].get("agent"), agent.state_dict())
+    method = _PPO if _PPO in state else _DAGGER
+    own = state.get(method)
+    found = own.get("agent") if isinstance(own, Mapping) else None
+    check_like(f"learner.{method}.agent", found, agent.state_dict())
 
 
 def check_like(path: str, found: Any, like: Any) -> None:

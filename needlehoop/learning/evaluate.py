@@ -26,6 +26,7 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent
+from needlehoop.learning.methods import agent_state
 from needlehoop.learning.weights import actor_of, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
@@ -130,7 +131,7 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
         read_weights(weights, actor_of(agent))
     else:
         check_agent(state["learner"], agent)
-        agent.load_state_dict(state["learner"]["ppo"]["agent"])
+        agent.load_state_dict(agent_state(state["learner"]))
     return agent
 
 

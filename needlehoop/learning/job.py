@@ -10,9 +10,9 @@ import torch
 
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.hyperparameters import PpoConfig
+from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.precision import convolution_dtype
-from needlehoop.runs.files import check_name, seen
+from needlehoop.runs.files import EXPERT, check_name, seen
 
 LOGGERS = ("csv", "wandb")
 WEIGHTS = ("float32", "bfloat16")
@@ -66,7 +66,7 @@ class Job:
     """Values in ``conf/config.yaml`` and the groups it names."""
 
     env: Settings
-    algo: PpoConfig
+    algo: PpoConfig | DaggerConfig
     encoder: EncoderConfig
     logger: LoggerConfig
     evaluation: Evaluation
@@ -80,6 +80,8 @@ class Job:
     precision: str
     checkpoint_every: int
     """Buffers between checkpoints."""
+    init: str | None = None
+    """Folder of the run whose agent this one begins with; runs older than it have none."""
     weights: str = WEIGHTS[0]
     """What ``policy.safetensors`` keeps its numbers in; runs older than it have none."""
 
@@ -117,8 +119,8 @@ class Job:
 
     @property
     def reward_name(self) -> str:
-        """What the run's folder calls the reward."""
-        return str(self.env.reward["kind"])
+        """What the run's folder calls the reward, or who taught the run."""
+        return EXPERT if isinstance(self.algo, DaggerConfig) else str(self.env.reward["kind"])
 
     @property
     def place(self) -> str:

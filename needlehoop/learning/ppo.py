@@ -50,9 +50,19 @@ class Ppo:
         updates: buffers until the schedules end.
         seed: decides the minibatches.
         workers: to share the work; the result is the same with any number.
+        warmup: buffers from which the value function alone learns, without the trunk that it
+            shares with the policy.
     """
 
-    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, workers: Workers):
+    def __init__(
+        self,
+        agent: Agent,
+        config: PpoConfig,
+        updates: int,
+        seed: int,
+        workers: Workers,
+        warmup: int = 0,
+    ):
         self.agent, self.config, self.updates = agent, config, updates
         self.done_updates = 0
         self._gae = GAE(
@@ -80,8 +90,10 @@ class Ppo:
         # A GPU needs no parts.
         shards = config.shards if next(agent.parameters()).device.type == "cpu" else 1
         self.running = ParallelAgent(agent.computing(), shards, workers)
-        copies = list(self.running.agent.parameters())
-        self._optimizer = Optimizer(list(agent.parameters()), copies, workers)
+        self._workers, self._warmup = workers, warmup
+        policy_s = {id(weight) for weight in agent.actor.parameters()}
+        self._policy_s = {i for i, w in enumerate(agent.parameters()) if id(w) in policy_s}
+        self._optimizer = self._new_optimizer()
         self._normalizers = {
             path.rpartition(".")[2]: module
             for path, module in agent.named_modules()
@@ -96,6 +108,9 @@ class Ppo:
             batch: ``(num_envs, horizon)`` steps.
             after: what was seen after its cuts; both as ``Collector.collect`` returns them.
         """
+        if self.done_updates == self._warmup > 0:
+            # Adam's of the warm-up has seen no gradient of the policy, and would leap at one.
+            self._optimizer = self._new_optimizer()
         rate = self._schedule()
         self._estimate(batch, after)
         steps = batch.select(*_LEARNT_FROM).reshape(-1)
@@ -124,8 +139,19 @@ class Ppo:
         """One step of the optimiser on a minibatch; returns what the loss reports."""
         slopes, told = self._judge(steps, self.running.forward(seen, rows))
         self.running.backward(slopes)
-        self._optimizer.step(self.running.write)
+        self._optimizer.step(self._write)
         return told
+
+    def _new_optimizer(self) -> Optimizer:
+        copies = list(self.running.agent.parameters())
+        return Optimizer(list(self.agent.parameters()), copies, self._workers)
+
+    def _write(self, weight: int, rows: slice, out: Tensor) -> None:
+        """A weight's gradient, for the optimiser; none of the policy's in the warm-up."""
+        if self.done_updates < self._warmup and weight in self._policy_s:
+            out.zero_()
+        else:
+            self.running.write(weight, rows, out)
 
     def _judge(
         self, steps: TensorDictBase, said: Sequence[Tensor]

@@ -1,0 +1,135 @@
+"""Imitation: who flies, what is labelled, what is learnt, and going on."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+import torch
+
+from needlehoop import config
+from needlehoop.learning.hyperparameters import DaggerConfig
+from needlehoop.learning.learner import Learner
+from needlehoop.learning.lessons import LEARNER
+from needlehoop.learning.methods import Imitation
+
+SMALL = [
+    "algo=dagger",
+    "cams=[seg_side]",
+    "image_size=32",
+    "num_envs=4",
+    "algo.horizon=8",
+    "algo.minibatch=16",
+    "algo.minibatches=6",
+    "algo.memory=200",
+    "episode.max_steps=6",
+    "steps=128",
+    "engine.threads=1",
+]
+"""Four buffers of 32 steps."""
+
+
+def learner(*overrides: str, state=None) -> Learner:
+    return Learner(config.job(config.compose([*SMALL, *overrides], "job")), state)
+
+
+def test_an_algorithm_brings_its_own_length_and_the_command_line_has_the_last_word():
+    own = config.job(config.compose(["algo=dagger", "cams=seg_side"], "job"))
+    assert isinstance(own.algo, DaggerConfig)
+    assert own.steps < 200_000
+    assert own.place == "main/seg_side/expert/seed0"
+    assert config.job(config.compose(SMALL, "job")).steps == 128
+    assert config.job(config.compose(["cams=seg_side"], "job")).steps == 1_500_000
+
+
+def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
+    taught = learner("algo.noise=0", "algo.handover=0.5")
+    turns = [(buffer.clone(), told) for buffer, told in taught]
+    first, told = turns[0]
+    assert told["share"] == 0.0
+    assert not first[LEARNER].any()
+    assert torch.equal(first["action"], first["label"])
+    # Episodes of the expert's do not count as the learner's.
+    assert not first["next", "done"].any()
+    last, told = turns[-1]
+    assert told["share"] == 1.0
+    assert last[LEARNER].all()
+    assert not torch.equal(last["action"], last["label"])
+    assert last["next", "done"].sum() >= 4
+    assert last["label"].abs().max() <= 1.0
+
+
+def test_noise_leads_the_expert_astray_and_not_its_labels():
+    buffer, _ = next(iter(learner("algo.noise=0.8")))
+    assert not torch.equal(buffer["action"], buffer["label"])
+    assert buffer["label"].abs().max() <= 1.0
+
+
+def test_the_policy_comes_to_do_what_the_expert_does():
+    """By more than chance: without learning, the error of buffers differs by 0.02 at most."""
+    taught = learner(
+        *("cams=[]", "obs=signals", "num_envs=16", "algo.horizon=20", "steps=2560"),
+        *("algo.minibatches=40", "algo.minibatch=64", "algo.memory=2560", "episode.max_steps=40"),
+    )
+    told = [losses for _, losses in taught]
+    assert told[-1]["error"] < 0.6 * told[0]["error"]
+    # The deviation becomes what is left of the error.
+    assert told[-1]["sigma"] < told[0]["sigma"]
+
+
+def test_the_value_function_is_left_as_it_is():
+    taught = learner()
+    before = {name: one.clone() for name, one in taught.agent.state_dict().items()}
+    next(iter(taught))
+    changed = {n for n, one in taught.agent.state_dict().items() if not torch.equal(one, before[n])}
+    value = {name for name in before if "module.2" in name}
+    assert value
+    assert changed
+    assert not changed & value
+
+
+@pytest.mark.parametrize("stop", [1, 3])
+def test_a_resumed_run_gives_the_same_bits(stop):
+    whole = learner()
+    expected = [told for _, told in whole]
+    begun = learner()
+    for _, _ in begun:
+        if begun.done_updates == stop:
+            break
+    # Through a file, as a checkpoint goes.
+    file = io.BytesIO()
+    torch.save(begun.state_dict(), file)
+    file.seek(0)
+    rest = learner(state=torch.load(file, weights_only=True))
+    assert rest.done_updates == stop
+    found = [told for _, told in rest]
+    clocks = {"seconds_collect", "seconds_update"}
+    for own, other in zip(expected[stop:], found, strict=True):
+        assert {k: v for k, v in own.items() if k not in clocks} == {
+            k: v for k, v in other.items() if k not in clocks
+        }
+    ours, theirs = whole.agent.state_dict(), rest.agent.state_dict()
+    assert [name for name in ours if not torch.equal(ours[name], theirs[name])] == []
+
+
+def test_memory_keeps_the_newest_frames():
+    taught = learner("algo.memory=50")
+    assert [told["frames"] for _, told in taught] == [32, 50, 50, 50]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("minibatches", "0", r"algo\.minibatches: 0 must be at least 1"),
+        ("bend", "0", r"algo\.bend: 0\.?0? must be positive"),
+        ("noise", "-1", r"algo\.noise: -1\.?0? must not be negative"),
+        ("epochs", "3", r"algo\.epochs"),
+    ],
+)
+def test_hyperparameters_are_checked(key, value, message):
+    with pytest.raises(ValueError, match=message):
+        learner(f"algo.{key}={value}")
+
+
+def test_imitation_is_a_method_of_its_own():
+    assert isinstance(learner().method, Imitation)
