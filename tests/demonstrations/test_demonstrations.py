@@ -116,6 +116,8 @@ def test_lerobot_layout_holds_what_was_flown(tmp_path, flights):
         assert set(rows["episode_index"][own]) == {episode["episode_index"]}
 
 
+# imageio-ffmpeg leaves its pipes for the garbage collector to close.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_lerobot_films_show_what_was_seen(tmp_path, flights):
     pytest.importorskip("pyarrow")
     import imageio.v2 as imageio
