@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from needlehoop import config
+from needlehoop import config, rewards
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import written
+from needlehoop.vlm.card import card
 from needlehoop.vlm.gates import Gates
 from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
 from needlehoop.vlm.providers.contract import config_of
@@ -42,6 +43,22 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     except RuntimeError as error:
         raise written.RewardError(f"reward: no program was written: {error}") from error
     print(f"reward written to {found.paths[-1]}")
+
+
+def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
+    """What the gates have against the program that a training is about to be paid by.
+
+    Empty where nothing is refused or flagged, and for rewards that are no programs.
+
+    Args:
+        values: the composed config of the training, for its gates.
+        settings: its environment, with the reward.
+    """
+    reward = rewards.load(settings.reward)
+    if not isinstance(reward, written.Written):
+        return []
+    found = card(reward.program, settings, config.as_type(values["gates"], Gates, "gates"))
+    return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 
 def workshop(values: Mapping[str, Any]) -> Workshop:

@@ -88,6 +88,8 @@ def _models(conf: Path) -> list[str]:
     """What experiments sweep over as ``+model``: cameras and reward in one word."""
     found = []
     for file in sorted((conf / "experiment").glob("*.yaml")):
-        params = yaml.safe_load(file.read_text())["hydra"]["sweeper"]["params"]
+        # Not every experiment is a sweep.
+        hydra = yaml.safe_load(file.read_text()).get("hydra", {})
+        params = hydra.get("sweeper", {}).get("params", {})
         found += [name.strip() for name in params.get("+model", "").split(",") if name.strip()]
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -9,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop import config, rewards
-from needlehoop.asking import ask_where_missing
+from needlehoop.asking import ask_where_missing, objections
 from needlehoop.learning.checkpoint import check_state
 from needlehoop.learning.job import Job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
+from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
 from needlehoop.trained import initial_weights
@@ -92,12 +94,16 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         _check_same(run, values)
         return _continue(run, again=True)
     weights = None if job.init is None else initial_weights(job)
+    against = objections(values, job.env)
+    if against:
+        # Said, not refused: others' programs are here to be tried as they are.
+        print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     lock = Lock(folder)
     try:
         reward = rewards.text(rewards.load(job.env.reward))
         run = Run.create(folder, _plain(values), reward, values["overwrite"])
         # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
-        run.note(command=[*command.removeprefix("python ").split(), *overrides])
+        run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)
     except BaseException:
         lock.release()
         raise
@@ -162,7 +168,8 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Settings that differ, and that results depend on."""
     keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
-    return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
+    began = completed(before)
+    return sorted(key for key in keys if began.get(key) != _plain(now.get(key)))
 
 
 def _plain(value: Any) -> Any:

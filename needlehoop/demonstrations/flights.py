@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -32,14 +31,14 @@ class Flight:
     ``images`` ``(t + 1, h, w, c)`` uint8 by camera; ``vectors`` ``(t + 1, k)`` float32:
     ``proprio`` always, ``signals`` where the settings ask for them; ``actions`` ``(t, k)``
     float32, as they were carried out; ``rewards`` ``(t,)`` float32. It ends by success
-    (``threaded``) or by its time limit.
+    (``episode.success``) or by its time limit.
     """
 
     images: dict[str, np.ndarray]
     vectors: dict[str, np.ndarray]
     actions: np.ndarray
     rewards: np.ndarray
-    threaded: bool
+    success: bool
     terminated: bool
 
     def __len__(self) -> int:
@@ -123,9 +122,8 @@ class _Log:
         self.begin(seen)
         self._actions.append(action[env].to(torch.float32).numpy().copy())
         self._rewards.append(float(moment.reward[env]))
-        signals: Any = moment.signals
         self._last = {
-            "threaded": bool(signals.threaded[env]),
+            "success": bool(moment.success[env]),
             "terminated": bool(moment.terminated[env]),
         }
 

@@ -124,7 +124,7 @@ class _Writer:
             "action": flight.actions,
             "next.reward": flight.rewards,
             "next.done": last,
-            "next.success": last & flight.threaded,
+            "next.success": last & flight.success,
             "timestamp": (np.arange(n) / self._rate).astype(np.float32),
             "frame_index": np.arange(n),
             "episode_index": np.full(n, len(self._episodes)),

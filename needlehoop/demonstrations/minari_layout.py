@@ -71,7 +71,7 @@ def _observed(flight: Flight) -> spaces.Dict:
 def _episode(flight: Flight) -> EpisodeBuffer:
     last = np.arange(len(flight)) == len(flight) - 1
     # Minari has a row of infos for each observation, the one after the reset included.
-    success = np.append(False, last & flight.threaded)
+    success = np.append(False, last & flight.success)
     observations: Any = {**flight.images, **flight.vectors}
     rows: dict[str, Any] = {
         "observations": observations,

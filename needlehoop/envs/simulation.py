@@ -15,7 +15,7 @@ from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Readings, Signals
 from needlehoop.task.control import act
 from needlehoop.task.episode import Episode
-from needlehoop.task.facts import is_terminated, is_truncated, observe
+from needlehoop.task.facts import is_successful, is_terminated, is_truncated, observe
 from needlehoop.task.memory import State, begin
 from needlehoop.task.start import draws, start
 
@@ -25,7 +25,8 @@ class Moment:
     """What is known after a reset or a step; leading dimension ``n``.
 
     ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
-    (the potential's rise; the first step pays it whole). ``has_grasped`` and
+    (the potential's rise; the first step pays it whole). ``success``: the task is done now, as
+    ``episode.success`` has it. ``has_grasped`` and
     ``has_touched``: at some time in this episode. ``steps``: taken in it.
     """
 
@@ -33,6 +34,7 @@ class Moment:
     terms: dict[str, Tensor]
     potential: Tensor
     reward: Tensor
+    success: Tensor
     terminated: Tensor
     truncated: Tensor
     has_grasped: Tensor
@@ -52,6 +54,7 @@ class Moment:
             "lifted": s.lifted,
             "touched": s.touched,
             "threaded": s.threaded,
+            "success": self.success,
             "cheat": self.cheat,
             "has_grasped": self.has_grasped,
             "has_touched": self.has_touched,
@@ -185,6 +188,7 @@ class Simulation:
             terms=terms,
             potential=total,
             reward=reward,
+            success=is_successful(self.episode, signals),
             terminated=is_terminated(self.episode, signals),
             truncated=is_truncated(self.episode, self.state, signals),
             has_grasped=self.state.has_grasped,

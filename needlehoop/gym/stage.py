@@ -92,7 +92,7 @@ def info(moment: Moment) -> dict[str, Any]:
     return {
         "facts": {name: _array(fact) for name, fact in moment.facts().items()},
         "terms": {name: _array(term) for name, term in moment.terms.items()},
-        "success": _array(moment.signals.threaded),
+        "success": _array(moment.success),
         "cheat": _array(moment.cheat),
         "potential": _array(moment.potential),
         "steps": _array(moment.steps),

@@ -9,10 +9,11 @@ from needlehoop.learning.networks import HeadConfig
 
 @dataclass(frozen=True)
 class PpoConfig:
-    """Values in ``conf/algo/ppo.yaml``; a buffer holds ``num_envs * horizon`` steps."""
+    """Values in ``conf/algo/ppo.yaml``."""
 
     horizon: int
-    """Steps of each environment per buffer."""
+    """Steps of each environment after which an advantage is cut off and the value stands in for
+    the rest."""
     minibatch: int
     shards: int
     """Parts of the agent's work on a minibatch that threads do side by side."""
@@ -35,11 +36,16 @@ class PpoConfig:
     warmup: int = 0
     """Buffers, in a run that begins with another's agent, from which the value function alone
     learns; runs older than it have none."""
+    buffer: int | None = None
+    """Steps of all environments that are collected before they are learnt from; ``None``: one
+    horizon of each. Runs older than it have none."""
 
     def __post_init__(self) -> None:
         for key in ("horizon", "minibatch", "shards", "epochs"):
             if getattr(self, key) < 1:
                 raise ValueError(f"algo.{key}: {getattr(self, key)} must be at least 1")
+        if self.buffer is not None and self.buffer < 1:
+            raise ValueError(f"algo.buffer: {self.buffer} must be at least 1, or null")
         if self.warmup < 0:
             raise ValueError(f"algo.warmup: {self.warmup} is negative")
         for key in ("learning_rate", "epsilon", "epsilon_end", "value_coefficient"):

@@ -94,6 +94,11 @@ class Job:
             )
         if self.env.cams:
             self.encoder.check_fit(self.env.image_size)
+        least = self.env.num_envs * self.algo.horizon
+        if self.buffer % least:
+            raise ValueError(
+                f"algo.buffer: {self.buffer} is not a multiple of num_envs * algo.horizon = {least}"
+            )
         if self.updates < 1:
             raise ValueError(f"steps: {self.steps} is less than one buffer of {self.buffer} steps")
         if self.checkpoint_every < 1:
@@ -109,8 +114,9 @@ class Job:
 
     @property
     def buffer(self) -> int:
-        """Steps per buffer."""
-        return self.env.num_envs * self.algo.horizon
+        """Steps per buffer, over all environments."""
+        own = None if isinstance(self.algo, DaggerConfig) else self.algo.buffer
+        return self.env.num_envs * self.algo.horizon if own is None else own
 
     @property
     def updates(self) -> int:

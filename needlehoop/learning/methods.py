@@ -71,7 +71,8 @@ class Reinforcement:
             check_learner(state, self.ppo, env)
             self.ppo.load_state_dict(state["ppo"])
             env.restore(state["env"])
-        self._collector = Collector(env, self.ppo.running, job.algo.horizon, workers)
+        steps = job.buffer // job.env.num_envs
+        self._collector = Collector(env, self.ppo.running, steps, workers)
 
     @property
     def done_updates(self) -> int:

@@ -9,7 +9,8 @@ from typing import Any
 from tensordict import TensorDictBase
 
 EPISODE_FACTS = {
-    "success": "threaded",
+    "success": "success",
+    "threaded": "threaded",
     "touched": "has_touched",
     "cheat": "cheat",
     "grasped": "has_grasped",

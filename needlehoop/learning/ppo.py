@@ -26,6 +26,8 @@ _LEARNING_RATE_END = 1e-10
 
 _LEARNT_FROM = ("action", "action_log_prob", "state_value", "advantage", "value_target")
 
+_ESTIMATED_FROM = ("state_value", "next")
+
 _OUTPUTS = ("loc", "scale", "state_value_now")
 """Of the agent, as the loss knows them; ``state_value`` is the one it collected with."""
 
@@ -181,6 +183,7 @@ class Ppo:
 
         The value of a step's successor is that of the next row, which the policy computed
         on the way; only where an episode or the buffer was cut off has it to be asked for.
+        Advantages look no further than a horizon ahead.
         """
         values = batch["state_value"]
         following = torch.cat((values[:, 1:], torch.zeros_like(values[:, :1])), 1)
@@ -189,7 +192,10 @@ class Ppo:
         seen = self.agent.prepare(*(after[key] for key in self.agent.in_keys))
         _, _, following[cut] = self.running.outputs(seen)
         batch["next", "state_value"] = following
-        self._gae(batch)
+        pieces = batch.select(*_ESTIMATED_FROM).reshape(-1, self.config.horizon)
+        self._gae(pieces)
+        for key in ("advantage", "value_target"):
+            batch[key] = pieces[key].reshape(values.shape)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides the next update."""

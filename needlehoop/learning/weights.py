@@ -24,6 +24,7 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, Trunk
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import POLICY, write_whole
+from needlehoop.runs.older import completed
 
 _CONFIG = "config"
 """Under this name the file's metadata have the run's config, as JSON."""
@@ -98,8 +99,8 @@ def read_config(path: Path) -> dict[str, Any]:
     with _reading(path), safe_open(path, framework="pt") as file:
         found = file.metadata() or {}
     try:
-        return json.loads(found[_CONFIG])
-    except (KeyError, json.JSONDecodeError) as error:
+        return completed(json.loads(found[_CONFIG]))
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} holds no policy of needlehoop: no config in it") from error
 
 

@@ -19,6 +19,7 @@ from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, write_whole
+from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
@@ -56,7 +57,7 @@ class Folder:
         before: dict[str, Any] = {}
         if path.exists() and any(file.is_file() for file in path.iterdir()):
             try:
-                before = read_yaml(held) if held.is_file() else {}
+                before = completed(read_yaml(held)) if held.is_file() else {}
             except UnreadableError as error:
                 raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:
@@ -83,7 +84,7 @@ class Folder:
 
     def has(self, seed: int, name: str) -> bool:
         """Whether a combination's errors are there."""
-        return self._file(seed, name).exists()
+        return errors_of(self.path, seed, name).exists()
 
     def names(self, seeds: int) -> list[str]:
         """Combinations whose errors are there for every seed below ``seeds``."""
@@ -98,7 +99,7 @@ class Folder:
         for episode, (mean, frames) in enumerate(zip(found.mean, found.frames, strict=True)):
             cells = ["" if np.isnan(value) else f"{value:.4g}" for value in mean.flatten()]
             rows.append((episode, KINDS[episode % len(KINDS)], *frames, *cells))
-        path = self._file(seed, name)
+        path = errors_of(self.path, seed, name)
         path.parent.mkdir(exist_ok=True)
         write_whole(path, csv_text(_COLUMNS, rows))
         self._note()
@@ -109,7 +110,7 @@ class Folder:
         Raises:
             ValueError: the file is not one that ``save`` wrote.
         """
-        path = self._file(seed, name)
+        path = errors_of(self.path, seed, name)
         try:
             header, *rows = csv.reader(io.StringIO(read_text(path, TABLE)))
         except (UnreadableError, csv.Error) as error:
@@ -132,8 +133,10 @@ class Folder:
             text = json.dumps({**self._origin, **facts}, indent=2)
             write_whole(self.path / MANIFEST, text + "\n")
 
-    def _file(self, seed: int, name: str) -> Path:
-        return self.path / f"seed{seed}" / f"{name}.csv"
+
+def errors_of(place: Path, seed: int, name: str) -> Path:
+    """The file of a combination's errors in a probe's folder."""
+    return place / f"seed{seed}" / f"{name}.csv"
 
 
 def _manifest(path: Path) -> dict[str, Any]:

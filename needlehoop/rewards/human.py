@@ -18,11 +18,14 @@ if TYPE_CHECKING:
 class Human:
     """Approach, grasp, lift, insert; values in ``conf/reward/human.yaml``.
 
-    ``tolerance`` (m), ``rate`` (1/m) and ``reach`` (m) shape the distance terms
-    ``exp(-rate * clamp(d - tolerance, 0, reach))``: the paper's 0.05, 4 and 100 in scene
-    units of 1/20 m. The weights are ours; their sum is the top of the paper's 0 to 9.
+    ``tolerance``, ``rate`` and ``reach`` shape the distance terms
+    ``exp(-rate * clamp(d - tolerance, 0, reach))``, where ``d`` is in scene units of ``unit`` m:
+    the paper gives 0.05, 4 and 100, and not the unit. That one is 1/20 m is our reading, of the
+    size of its instrument. The weights are ours as well; their sum is the top of the paper's 0
+    to 9.
     """
 
+    unit: float
     tolerance: float
     rate: float
     reach: float
@@ -33,6 +36,10 @@ class Human:
     closed_below: float
     """The closed-jaw bonus needs a jaw command below this, rad."""
     time: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.unit < float("inf"):
+            raise ValueError(f"reward.unit: {self.unit} is not a positive number of metres")
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name."""
@@ -51,5 +58,5 @@ class Human:
         }
 
     def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
-        beyond = (distance(a, b) - self.tolerance).clamp(0.0, self.reach)
-        return torch.exp(-self.rate * beyond)
+        beyond = distance(a, b) - self.tolerance * self.unit
+        return torch.exp(-self.rate / self.unit * beyond.clamp(0.0, self.reach * self.unit))

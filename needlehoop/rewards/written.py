@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,11 +35,14 @@ FIRST = 1
 """The sample that a reward is, unless another is asked for."""
 
 _KEYS = {
-    "file": {"path", "clip", "program"},
-    "vlm_text": {"cams", "results", "study", "recording", "sample", "clip", "program"},
-    "vlm_img": {"cams", "results", "study", "recording", "sample", "clip", "program"},
+    "file": {"path", "unit", "clip", "program"},
+    "vlm_text": {"cams", "results", "study", "recording", "sample", "unit", "clip", "program"},
+    "vlm_img": {"cams", "results", "study", "recording", "sample", "unit", "clip", "program"},
 }
 
+
+_UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
+"""How a program says how many metres a scene unit has."""
 
 CLIPPED = "clipped"
 """The term by which a total is kept within its limits."""
@@ -229,7 +233,7 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     """
     if config.get("kind") not in KINDS:
         return dict(config)
-    source = _source(config)
+    source = _scaled(_source(config), config["unit"])
     return {**config, "program": {"text": source.text, "origin": source.origin}}
 
 
@@ -239,13 +243,27 @@ def load(config: Mapping[str, Any]) -> Written:
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
     """
-    source = _source(config)
+    source = _scaled(_source(config), config["unit"])
     clip = _limits(config["clip"])
     try:
         program = compile_program(source.text)
     except ProgramError as error:
         raise ValueError(f"reward: {source.origin}, {error}") from error
     return Written(program, source.origin, clip)
+
+
+def _scaled(source: Source, unit: Any) -> Source:
+    """A program whose scene units have so many metres; ``None`` leaves it as it is."""
+    if unit is None:
+        return source
+    if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0 < unit < float("inf"):
+        raise ValueError(f"reward.unit: {unit!r} is not null or a positive number of metres")
+    if len(_UNIT.findall(source.text)) != 1:
+        raise ValueError(
+            f"reward.unit: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
+            " leave it null"
+        )
+    return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
 
 
 def _limits(clip: Any) -> tuple[float, float] | None:
@@ -261,9 +279,6 @@ def _source(config: Mapping[str, Any]) -> Source:
     """The pinned program, or the one that the config points at."""
     kind = config["kind"]
     keys = _KEYS[kind] | {"kind"}
-    if config.get("program") is not None and "sample" not in config:
-        # Runs that began before there were samples keep their program.
-        keys -= {"sample"}
     if keys != set(config):
         odd = ", ".join(sorted(keys ^ set(config)))
         raise ValueError(

@@ -22,6 +22,7 @@ from needlehoop.runs.files import (
     set_aside,
     write_whole,
 )
+from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.table import Table
@@ -86,20 +87,16 @@ class Run:
         return cls(folder)
 
     def config(self) -> dict[str, Any]:
-        """The composed config that the run began with.
+        """The composed config that the run began with, completed by what is newer than it.
 
         Raises:
             ValueError: the file is damaged.
         """
         if self._config is None:
             try:
-                values = read_yaml(self.folder / CONFIG)
+                self._config = completed(read_yaml(self.folder / CONFIG))
             except UnreadableError as error:
                 raise _damaged(self.folder / CONFIG, error) from error
-            if isinstance(values.get("engine"), dict):
-                # Runs older than the choice of a renderer were made with the tracer.
-                values["engine"].setdefault("renderer", "tracer")
-            self._config = values
         return self._config
 
     def manifest(self) -> dict[str, Any]:

@@ -62,10 +62,18 @@ def _pair(word: str) -> tuple[str, str]:
 
 def _experiment(name: str) -> dict[str, str]:
     """What an experiment's file sweeps over."""
-    valid = _options("experiment")
+    files = {
+        option: read_yaml(CONF / f"experiment/{option}.yaml") for option in _options("experiment")
+    }
+    # Not every experiment is a sweep.
+    valid = {
+        option: values["hydra"]["sweeper"]["params"]
+        for option, values in files.items()
+        if "hydra" in values
+    }
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    return read_yaml(CONF / "experiment" / f"{name}.yaml")["hydra"]["sweeper"]["params"]
+    return valid[name]
 
 
 def _combinations(text: str) -> list[list[str]]:

@@ -36,6 +36,8 @@ _OUTCOME = {
 }
 """What an evaluation says, and between what."""
 
+_HUMAN = "return_human"
+
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
     r"|policy\.safetensors|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
@@ -103,8 +105,13 @@ class Record:
     @property
     def planned_steps(self) -> int:
         """Environment steps that the run is to have: the whole buffers in ``steps``."""
-        buffer = self.config["num_envs"] * self.config["algo"]["horizon"]
-        return self.config["steps"] // buffer * buffer
+        return self.config["steps"] // self.buffer * self.buffer
+
+    @property
+    def buffer(self) -> int:
+        """Environment steps per buffer."""
+        algo = self.config["algo"]
+        return algo.get("buffer") or self.config["num_envs"] * algo["horizon"]
 
     @property
     def steps(self) -> int:
@@ -227,11 +234,14 @@ def _config(path: Path, root: Path) -> dict[str, Any]:
             raise UnreadableError(f"has no usable {key}")
     if not all(isinstance(camera, str) for camera in config["cams"]):
         raise UnreadableError("has no usable cams")
-    counts = {key: config.get(key) for key in ("seed", "steps", "num_envs")}
-    for key, value in (*counts.items(), ("algo.horizon", config["algo"].get("horizon"))):
+    counts: dict[str, Any] = {key: config.get(key) for key in ("seed", "steps", "num_envs")}
+    counts["algo.horizon"] = config["algo"].get("horizon")
+    # Runs older than it have none.
+    counts["algo.buffer"] = config["algo"].get("buffer") or 1
+    for key, value in counts.items():
         if type(value) is not int or not 0 <= value < 2**64:
             raise UnreadableError(f"has no usable {key}")
-    sizes = (config["num_envs"], config["algo"]["horizon"], config["steps"])
+    sizes = [counts[key] for key in ("num_envs", "steps", "algo.horizon", "algo.buffer")]
     if min(sizes) < 1 or max(sizes) > _LARGEST:
         raise UnreadableError("has no steps")
     return config
@@ -250,7 +260,9 @@ def _json(
     except UnreadableError as error:
         reading.leave(path, str(error))
         return None
-    odd = [key for key, (low, high) in numbers.items() if not _between(found.get(key), low, high)]
+    # Evaluations older than it have none.
+    limits = {**numbers, **({_HUMAN: numbers["return"]} if _HUMAN in found and numbers else {})}
+    odd = [key for key, (low, high) in limits.items() if not _between(found.get(key), low, high)]
     if numbers and not _between(found.get("steps_trained") or 0, 0, _LARGEST):
         odd.append("steps_trained")
     if odd:

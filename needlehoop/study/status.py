@@ -175,8 +175,7 @@ def _state(run: Record, silent: float) -> str:
     if run.stopped and _changed(run.folder / files.MANIFEST) >= _last_sign(run):
         return STOPPED
     rate = _rate(run)
-    buffer = run.config["num_envs"] * run.config["algo"]["horizon"]
-    patience = max(_QUIET, 5 * buffer / rate) if rate else _QUIET
+    patience = max(_QUIET, 5 * run.buffer / rate) if rate else _QUIET
     return RUNNING if silent <= patience else STOPPED
 
 

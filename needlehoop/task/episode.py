@@ -7,6 +7,7 @@ from dataclasses import dataclass
 CONTROLS = {"tip": 5, "pose": 7}
 """Length of the action by control mode."""
 GRASPS = ("weld", "friction")
+SUCCESSES = ("thread", "touch")
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Episode:
     max_steps: int
     """Actions after which an episode is truncated."""
     end_on_success: bool
-    """Whether ``threaded`` terminates the episode."""
+    """Whether success terminates the episode."""
     translation: float
     """Largest move of the tip's target per action and axis."""
     rotation: float
@@ -41,11 +42,15 @@ class Episode:
     """``touched``: the tip is this near the goal."""
     thread_depth: float
     """``threaded``: the tip is at least this far beyond the hoop's plane."""
+    success: str = SUCCESSES[0]
+    """``thread``: the needle is through the hoop. ``touch``: its tip is at the goal, as in the
+    paper. Runs older than it have none."""
 
     def __post_init__(self) -> None:
         for key, value, valid in (
             ("control", self.control, tuple(CONTROLS)),
             ("grasp", self.grasp, GRASPS),
+            ("success", self.success, SUCCESSES),
         ):
             if value not in valid:
                 raise ValueError(

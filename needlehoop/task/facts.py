@@ -70,9 +70,14 @@ def observe(
     return state, signals, weld
 
 
+def is_successful(episode: Episode, signals: Signals) -> Tensor:
+    """Whether the task is done, as the config has it; ``(n,)`` bool."""
+    return signals.touched if episode.success == "touch" else signals.threaded
+
+
 def is_terminated(episode: Episode, signals: Signals) -> Tensor:
     """Success ends an episode, unless the config lets it run on; ``(n,)`` bool."""
-    return signals.threaded & episode.end_on_success
+    return is_successful(episode, signals) & episode.end_on_success
 
 
 def is_truncated(episode: Episode, state: State, signals: Signals) -> Tensor:

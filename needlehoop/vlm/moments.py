@@ -59,7 +59,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         # Not looked at: the moments are scored later, by as many programs as need be.
         reward=NONE,
         # The cheat must get to stay where it is, and the expert to stop once through.
-        episode=replace(settings.episode, end_on_success=True),
+        episode=replace(settings.episode, end_on_success=True, success="thread"),
     )
     simulation, _ = build(blind)
     moments: list[Signals] = []

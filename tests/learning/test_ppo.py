@@ -100,7 +100,9 @@ def learn(ppo: Ppo, buffer: TensorDict) -> dict[str, float]:
     return ppo.update(buffer, buffer["next"].select(*ppo.agent.in_keys)[cut])
 
 
-def plain_advantages(agent: Agent, buffer: TensorDict, gamma: float, lam: float) -> torch.Tensor:
+def plain_advantages(
+    agent: Agent, buffer: TensorDict, gamma: float, lam: float, horizon: int = STEPS
+) -> torch.Tensor:
     """Generalised advantages, one step after the other; every successor is looked at anew."""
     with torch.no_grad():
         successors = agent(buffer["next"].select(*agent.in_keys))["state_value"]
@@ -112,7 +114,7 @@ def plain_advantages(agent: Agent, buffer: TensorDict, gamma: float, lam: float)
             future = 0.0 if ends["terminated"][env, step] else float(successors[env, step])
             value = float(buffer["state_value"][env, step])
             surprise = float(ends["reward"][env, step]) + gamma * future - value
-            goes_on = not bool(ends["done"][env, step])
+            goes_on = not bool(ends["done"][env, step]) and (step + 1) % horizon
             later = surprise + gamma * lam * later * goes_on
             advantages[env, step] = later
     return advantages.unsqueeze(-1)
@@ -138,6 +140,16 @@ def test_time_outs_bootstrap_and_terminations_do_not(seen, endings):
     torch.testing.assert_close(buffer["value_target"], expected + values, atol=1e-5, rtol=1e-5)
     standardised = (expected - expected.mean()) / expected.std()
     torch.testing.assert_close(buffer["advantage"], standardised, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 4])
+def test_advantages_look_no_further_than_a_horizon_into_a_longer_buffer(horizon):
+    agent = make_agent()
+    buffer = make_buffer(agent, 1, *ENDINGS["both"])
+    expected = plain_advantages(agent, buffer, VALUES["gamma"], VALUES["lam"], horizon)
+    values = buffer["state_value"].clone()
+    learn(make_ppo(agent, horizon=horizon), buffer)
+    torch.testing.assert_close(buffer["value_target"], expected + values, atol=1e-5, rtol=1e-5)
 
 
 def test_the_shards_gradients_add_up_to_that_of_torchrls_loss():

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from needlehoop import config, rewards
 from needlehoop.rewards.human import Human
+from needlehoop.runs.older import completed
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.facts import is_terminated
@@ -99,7 +100,7 @@ def test_nearer_is_worth_more_until_the_tolerance(human, term):
     moved, facts = DISTANCES[term]
     away = np.linspace(0.0, 0.1, 41)
     worth = [terms_of(human, **{moved: (0.0, d, 0.0)}, **facts)[term] for d in away]
-    within = away <= human.tolerance
+    within = away <= human.tolerance * human.unit
     assert 1 < within.sum() < len(away)
     full = getattr(human, term)
     assert [worth[i] for i in range(len(away)) if within[i]] == [full] * int(within.sum())
@@ -112,16 +113,32 @@ def test_nearer_is_worth_more_until_the_tolerance(human, term):
 @pytest.mark.parametrize("term", DISTANCES)
 def test_a_distance_falls_off_at_the_rate(human, term):
     moved, facts = DISTANCES[term]
-    half = human.tolerance + math.log(2) / human.rate
+    half = (human.tolerance + math.log(2) / human.rate) * human.unit
     assert terms_of(human, **{moved: (half, 0, 0)}, **facts)[term] == pytest.approx(
         getattr(human, term) / 2
     )
 
 
 def test_beyond_reach_nothing_changes(human):
-    short = replace(human, reach=0.01)
+    short = replace(human, reach=0.01 / human.unit)
     worth = [terms_of(short, tool_midpoint=(d, 0, 0))["grasp"] for d in (0.02, 0.03, 3.0)]
     assert worth[0] == worth[1] == worth[2] > 0
+
+
+def test_a_larger_scene_unit_makes_every_length_larger(human, values):
+    larger = rewards.load({**values["human"], "unit": 2 * human.unit})
+    for away in (0.001, 0.004, 0.03):
+        near, far = ({"tool_midpoint": (x, 0, 0)} for x in (away, 2 * away))
+        assert terms_of(larger, **far)["grasp"] == pytest.approx(terms_of(human, **near)["grasp"])
+
+
+def test_runs_older_than_scene_units_gave_metres(human, values):
+    metres = {**values["human"], "tolerance": 0.0025, "rate": 80.0, "reach": 5.0}
+    del metres["unit"]
+    before = rewards.load(completed({"reward": metres})["reward"])
+    for away in (0.001, 0.01, 0.05):
+        given_ = {"tool_midpoint": (away, 0, 0)}
+        assert terms_of(before, **given_) == pytest.approx(terms_of(human, **given_))
 
 
 def test_what_is_grasped_or_lifted_is_paid_in_full_at_any_distance(human):

@@ -13,6 +13,7 @@ from needlehoop import train as page
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
+from needlehoop.runs.older import completed
 from needlehoop.vlm.moments import random_signals
 
 
@@ -185,14 +186,51 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     assert rewards.pin(human) == human
 
 
-def test_a_pinned_program_from_before_there_were_samples_still_loads(place):
+def test_a_run_from_before_there_were_samples_and_units_keeps_its_program(place):
     place("rewards/dep_front/image.txt", 3)
-    values = config.compose(["reward=vlm_img", "cams=[dep_front]"])["reward"]
-    pinned = rewards.pin(values)
-    del pinned["sample"], values["sample"]
-    assert worth(rewards.load(pinned)) == 5
-    with pytest.raises(ValueError, match="sample missing or unknown"):
-        rewards.load(values)
+    values = config.compose(["reward=vlm_img", "cams=[dep_front]"])
+    values["reward"] = rewards.pin(values["reward"])
+    del values["reward"]["sample"], values["reward"]["unit"]
+    with pytest.raises(ValueError, match="sample, unit missing or unknown"):
+        rewards.load(values["reward"])
+    assert worth(rewards.load(completed(values)["reward"])) == 5
+
+
+def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
+    file = tmp_path / "mine.txt"
+    file.write_text("unit = 0.05\nreward = 9 / unit")
+    assert worth(loaded("reward=file", f"reward.path={file}")) == pytest.approx(180)
+    given = config.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
+    assert worth(rewards.load(given)) == pytest.approx(90)
+    pinned = rewards.pin(given)
+    file.unlink()
+    # What the run writes down is what it is paid by.
+    assert "unit = 0.1\n" in rewards.text(rewards.load(pinned))
+    assert rewards.pin(pinned) == pinned
+
+
+@pytest.mark.parametrize("flavour", ["vlm_text", "vlm_img"])
+def test_every_program_of_the_papers_is_in_scene_units(flavour):
+    words = [f"reward={flavour}", "cams=[dep_front,seg_side]"]
+    assert "unit = 0.05\n" in rewards.text(loaded(*words))
+    assert "unit = 0.2\n" in rewards.text(loaded(*words, "reward.unit=0.2"))
+
+
+@pytest.mark.parametrize("unit", ["0", "-1", "true", "inf", "[1]"])
+def test_a_unit_that_is_none_is_refused_by_name(unit, tmp_path):
+    file = tmp_path / "mine.txt"
+    file.write_text("unit = 0.05\nreward = 9 / unit")
+    with pytest.raises(ValueError, match=r"reward\.unit: "):
+        loaded("reward=file", f"reward.path={file}", f"reward.unit={unit}")
+    with pytest.raises(ValueError, match=r"reward\.unit: "):
+        loaded(f"reward.unit={unit}")
+
+
+def test_a_program_without_units_takes_none(tmp_path):
+    file = tmp_path / "mine.txt"
+    file.write_text("reward = 9")
+    with pytest.raises(ValueError, match=r"reward\.unit: .*mine.txt has no line such as unit"):
+        loaded("reward=file", f"reward.path={file}", "reward.unit=0.1")
 
 
 def test_another_sample_is_another_file(place):

@@ -17,7 +17,7 @@ from needlehoop.scene.layout import Layout
 from needlehoop.task import crossing
 from needlehoop.task.control import act
 from needlehoop.task.episode import CONTROLS, GRASPS, Episode
-from needlehoop.task.facts import is_terminated, is_truncated, observe
+from needlehoop.task.facts import is_successful, is_terminated, is_truncated, observe
 from needlehoop.task.memory import State, begin
 from needlehoop.task.start import DRAWS, Start, draws, start
 
@@ -438,6 +438,24 @@ def test_success_terminates_and_only_time_truncates(
     state, signals, _ = observe(layout, episode, state, seen(layout, needle))
     assert bool(is_terminated(episode, signals)) == terminated
     assert bool(is_truncated(episode, state, signals)) == truncated
+
+
+@pytest.mark.parametrize(("success", "at_goal"), [("thread", False), ("touch", True)])
+def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
+    """A tip at the goal, before the plane; and a needle that is through, its tip beyond."""
+    episode = replace(episode, success=success, goal_radius=0.001)
+    state = state_of(layout, episode, grasped=True)
+    _, tip = layout.needle_angles
+    through_, before = through(layout), needle_at(layout, (0.0, -0.0005, 0.0), tip)
+    for needle, wanted in ((before, at_goal), (through_, not at_goal)):
+        _, signals, _ = observe(layout, episode, state, seen(layout, needle))
+        assert bool(is_successful(episode, signals)) == wanted
+        assert bool(is_terminated(episode, signals)) == wanted
+
+
+def test_another_success_is_refused_by_name(episode):
+    with pytest.raises(ValueError, match=r"episode\.success: 'win' .* choose from thread, touch"):
+        replace(episode, success="win")
 
 
 # Actions.

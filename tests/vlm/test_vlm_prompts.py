@@ -277,7 +277,7 @@ def leaks(text: str, settings: Settings) -> list[str]:
     words |= {"success", "succeeds", "beyond the", "radius of the goal", "goal's radius"}
     words |= {f.name for f in fields(Human)} | {f.name for f in fields(settings.episode)}
     # Plain words that the task can't be told without.
-    words -= {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "jaw", "rotation"}
+    words -= {"grasp", "lift", "hoop", "closed", "time", "rate", "reach", "unit", "jaw", "rotation"}
     words -= {"control", "translation"}
     found = [name for name in sorted(words) if re.search(rf"\b{name}\b", said)]
     lines = [line.strip().lower() for line in inspect.getsource(Human.__call__).splitlines()[2:]]
@@ -286,7 +286,8 @@ def leaks(text: str, settings: Settings) -> list[str]:
     # When the needle is held and lifted is what signals mean; when the task is done is not told.
     near = [episode.goal_radius, episode.thread_depth]
     limits = [*near]
-    limits += [float(reward[name]) for name in ("tolerance", "rate", "closed_below")]
+    unit = reward["unit"]
+    limits += [reward["tolerance"] * unit, reward["rate"] / unit, reward["closed_below"]]
     values = [f"{1000 * value:g} mm" for value in near] + [str(value) for value in limits]
     values += [str(float(reward[name])) for name in ("grasp", "lift", "hoop", "closed")]
     return found + [v for v in values if re.search(rf"(?<![\d.]){re.escape(v)}(?!\d)", said)]

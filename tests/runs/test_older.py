@@ -1,0 +1,43 @@
+"""Configs that lack what is newer than they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from needlehoop import config
+from needlehoop.runs.older import completed
+from needlehoop.runs.run import Run
+
+RESULTS = Path(__file__).parents[2] / "results"
+KEPT = [path.parent for path in sorted(RESULTS.glob("*/*/*/seed*/config.yaml"))]
+
+
+@pytest.mark.parametrize("folder", KEPT, ids=lambda one: str(one.relative_to(RESULTS)))
+def test_every_run_that_is_kept_is_read(folder):
+    job = config.job(Run.open(folder).config())
+    assert job.place.endswith(str(folder.relative_to(RESULTS / folder.parts[-4])))
+
+
+def test_todays_config_lacks_nothing():
+    for words in (["cams=[seg_side]"], ["cams=[seg_side]", "algo=dagger"], ["obs=signals"]):
+        values = config.compose(words, "config")
+        assert completed(values) == values
+
+
+def test_what_is_not_there_to_be_completed_is_left_alone():
+    assert completed({}) == {}
+    assert completed({"engine": 5, "reward": [1]}) == {"engine": 5, "reward": [1]}
+    before = {"algo": {"network": {}}}
+    found = completed(before)
+    assert found["algo"]["network"] == {"told": []}
+    assert found["algo"]["warmup"] == 0
+    assert before == {"algo": {"network": {}}}
+
+
+def test_an_older_run_drew_with_rays():
+    values = yaml.safe_load((KEPT[0] / "config.yaml").read_text())
+    assert "renderer" not in values["engine"]
+    assert completed(values)["engine"]["renderer"] == "tracer"
