@@ -53,7 +53,8 @@ def _add_evaluate(commands: Any) -> None:
         help="Evaluate a trained run: success, return, cheat rate, a video.",
         description="Evaluate a trained run and write evaluation.json into its folder. What an"
         " earlier evaluation wrote is kept under a number.",
-        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto.",
+        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto;"
+        " reward=human (or any other) scores by it, and writes nothing but the video.",
     )
     evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
     evaluated.add_argument("overrides", nargs="*", metavar="key=value")
@@ -153,14 +154,19 @@ def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    values, job = config.compose(options.overrides, "evaluate"), config.job(run.config())
+    job = config.job(run.config())
+    # Programs are found by the cameras.
+    values = config.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
+    reward = values.get("reward")
+    if reward is not None:
+        job = replace(job, env=replace(job.env, reward=reward))
     episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
     seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
     video, device = config.value(values, "video", bool), pick_device(values["device"])
     from needlehoop.learning.evaluate import assess, film, load_agent, report
 
     agent = load_agent(run, job, device)
-    found = assess(run, agent, job, episodes, seed)
+    found = assess(run, agent, job, episodes, seed, kept=reward is None)
     print(json.dumps(found) if options.json else report(found))
     if video:
         out = run.vacate(VIDEO)

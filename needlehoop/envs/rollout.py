@@ -12,6 +12,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
+from needlehoop.rewards import potential, yardstick
 from needlehoop.scene.signals import Signals
 
 Controller = Callable[[Signals], Tensor]
@@ -24,12 +25,15 @@ class Outcome:
     ``touched`` and ``grasped`` at any time of the episode.
     """
 
+    success: Tensor
     threaded: Tensor
     cheat: Tensor
     touched: Tensor
     grasped: Tensor
     lifted: Tensor
     potential: Tensor
+    human: Tensor
+    """The potential of the human reward with its default values."""
     steps: Tensor
 
     def summary(self) -> dict[str, float | int]:
@@ -37,15 +41,15 @@ class Outcome:
         n = len(self.steps)
         rates = {
             name: float(getattr(self, name).double().mean())
-            for name in ("threaded", "cheat", "touched", "grasped", "lifted")
+            for name in ("success", "threaded", "cheat", "touched", "grasped", "lifted")
         }
         return {
             "episodes": n,
-            "success": rates.pop("threaded"),
             **rates,
             "return": float(self.potential.mean()),
             "return_min": float(self.potential.min()),
             "return_max": float(self.potential.max()),
+            "return_human": float(self.human.mean()),
             "steps": float(self.steps.double().mean()),
         }
 
@@ -106,18 +110,21 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
         controller: signals to actions.
     """
     moment = simulation.reset()
+    human = yardstick()
     n = simulation.num_envs
     open_ = torch.ones(n, dtype=torch.bool)
     last: dict[str, Tensor] = {}
     for step in range(1, simulation.episode.max_steps + 1):
         moment = simulation.step(controller(moment.signals))
         now = {
+            "success": moment.success,
             "threaded": moment.signals.threaded,
             "cheat": moment.cheat,
             "touched": moment.has_touched,
             "grasped": moment.has_grasped,
             "lifted": moment.signals.lifted,
             "potential": moment.potential,
+            "human": potential(human(moment.signals)),
             "steps": torch.full((n,), step),
         }
         last = {k: torch.where(open_, v, last[k]) if last else v.clone() for k, v in now.items()}

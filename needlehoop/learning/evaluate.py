@@ -90,7 +90,9 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
     record(alone, simulation, imager, pilot, episodes, out)
 
 
-def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
+def assess(
+    run: Run, agent: Agent, job: Job, episodes: int, seed: int, *, kept: bool = True
+) -> dict[str, Any]:
     """Evaluate a run's agent and write ``evaluation.json`` into its folder; returns it.
 
     Args:
@@ -99,6 +101,7 @@ def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[s
         job: of the run.
         episodes: how many.
         seed: of the episodes; not the training's.
+        kept: whether to write it; not what another reward than the run's own says.
 
     Raises:
         ValueError: no episodes, or the seed of the training.
@@ -109,7 +112,8 @@ def assess(run: Run, agent: Agent, job: Job, episodes: int, seed: int) -> dict[s
         raise ValueError(f"seed: {seed} is negative")
     outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
     found = {"steps_trained": run.manifest().get("steps"), "seed": seed, **with_intervals(outcome)}
-    run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
+    if kept:
+        run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
     return found
 
 
@@ -159,8 +163,9 @@ def report(found: Mapping[str, Any]) -> str:
             f"success      {f['success']:.1%} (95 %: {success})",
             f"return       {f['return']:.2f}{spread}"
             f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
+            f"human        {f['return_human']:.2f} (final potential of the human reward)",
             f"cheat        {f['cheat']:.1%} (95 %: {cheat})",
-            f"touched      {f['touched']:.1%}",
+            f"threaded     {f['threaded']:.1%}, touched {f['touched']:.1%}",
             f"grasped      {f['grasped']:.1%}, lifted {f['lifted']:.1%}",
             f"length       {f['steps']:.0f} steps",
         )

@@ -7,5 +7,16 @@ an episode's return is its last potential.
 from needlehoop.rewards.loader import NONE, REWARDS, load, text
 from needlehoop.rewards.terms import Reward, potential
 from needlehoop.rewards.written import RewardError, pin
+from needlehoop.rewards.yardstick import yardstick
 
-__all__ = ["NONE", "REWARDS", "Reward", "RewardError", "load", "pin", "potential", "text"]
+__all__ = [
+    "NONE",
+    "REWARDS",
+    "Reward",
+    "RewardError",
+    "load",
+    "pin",
+    "potential",
+    "text",
+    "yardstick",
+]

@@ -12,14 +12,19 @@ _TAIL = 0.1
 """Of an unfinished run's steps so far: its evaluations in this last share are averaged."""
 
 
+_HUMAN = "return_human"
+
+
 @dataclass(frozen=True)
 class Final:
     """Means over deterministic episodes that training does not see."""
 
     value: float
     """The return: the mean final potential."""
+    human: float | None
+    """What the human reward says of the same episodes; evaluations older than it have none."""
     success: float
-    """Share of episodes that end threaded."""
+    """Share of episodes that end with the task done."""
     cheat: float
     """Share that touched the goal without threading."""
     episodes: int
@@ -41,6 +46,7 @@ def final(run: Record) -> Final | None:
     if last is not None and (run.finished or (last.get("steps_trained") or 0) >= newest):
         return Final(
             value=float(last["return"]),
+            human=None if last.get(_HUMAN) is None else float(last[_HUMAN]),
             success=float(last["success"]),
             cheat=float(last["cheat"]),
             episodes=int(last["episodes"]),
@@ -57,6 +63,7 @@ def final(run: Record) -> Final | None:
 
     return Final(
         value=mean("return"),
+        human=mean(_HUMAN) if _HUMAN in rows.columns else None,
         success=mean("success"),
         cheat=mean("cheat"),
         episodes=int(episodes.sum()),

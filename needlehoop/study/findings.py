@@ -118,7 +118,9 @@ def paper_findings(results: Path) -> Findings:
     own = paper.answers()
     foretold, left_out = predictions(None, results, [*paper.lists().values()])
     values = {(name, HUMAN): value for name, value in paper.measured().items()}
-    values |= {(row.cameras, row.reward): row.value for row in paper.rewards()}
+    values |= {
+        (row.cameras, row.reward): row.value for row in paper.rewards() if row.value is not None
+    }
     found = [
         Result(cameras, reward, (), (), estimate([[value]]), None, None)
         for (cameras, reward), value in values.items()

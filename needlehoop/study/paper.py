@@ -18,7 +18,8 @@ class Reported:
 
     cameras: str
     reward: str
-    value: float
+    value: float | None
+    """``None`` where there are words alone."""
     remark: str
 
 
@@ -48,9 +49,14 @@ def answers() -> Answers:
 
 
 def rewards() -> list[Reported]:
-    """What Figure 7 and its text give in numbers; the other curves were never published."""
+    """What is said of Figure 7, in numbers and in words; its curves were never published."""
     return [
-        Reported(row["cameras"], row["reward"], float(row["measured_return"]), row["remark"])
+        Reported(
+            row["cameras"],
+            row["reward"],
+            float(row["measured_return"]) if row["measured_return"] else None,
+            row["remark"],
+        )
         for row in _rows("figure_7.csv")
     ]
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
+from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -105,14 +106,16 @@ def table_2(findings: Findings) -> Table:
                     _place(theirs.get(cameras)),
                     f"{published[cameras]:.2f}" if cameras in published else "",
                     _place(_mean_place(papers, members, cameras)),
+                    _better(theirs.get(cameras), _mean_place(papers, members, cameras)),
                 )
             )
     head = ("list", "cameras", "place", "return", "95 %", "success, %", "VLM's place")
     head += (f"{_PAPERS} place", f"{_PAPERS} return", f"{_PAPERS} VLM's place")
+    head += ("better there than its VLM said",)
     title = "Table II: measured and predicted"
     if findings.study is None:
         # Its own numbers are in the columns that say so.
-        keep = (0, 1, 7, 8, 9)
+        keep = (0, 1, 7, 8, 9, 10)
         head = tuple(head[i] for i in keep)
         rows = [tuple(row[i] for i in keep) for row in rows]
         title = "Table II, as published in the paper"
@@ -136,10 +139,11 @@ def rewards(findings: Findings) -> Table:
                     reward_label(result.reward),
                     f"{result.value.value:.2f}",
                     result.value.interval,
+                    _human(result.finals),
                     _percent(result.success),
                     _interval(result.success),
                     _percent(result.cheat),
-                    f"{theirs.value:.2f}" if theirs else "not published",
+                    f"{theirs.value:.2f}" if theirs and theirs.value else "not published",
                     theirs.remark if theirs else "",
                 )
             )
@@ -147,9 +151,12 @@ def rewards(findings: Findings) -> Table:
         own = [r for r in findings.results if r.reward == reward and r.cameras in written]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
-    head = ("cameras", "reward", "return", "return, 95 %", "success, %", "success, 95 %")
-    head += ("cheat, %", f"{_PAPERS} return", "remark on the paper's")
-    note = "A return is in its own reward's points: compare success."
+    head = ("cameras", "reward", "return", "return, 95 %", "human's points", "success, %")
+    head += ("success, 95 %", "cheat, %", f"{_PAPERS} return", "remark on the paper's")
+    note = (
+        "A return is in its own reward's points: compare success, or the points that the human"
+        " reward gives the same episodes."
+    )
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
 
 
@@ -163,12 +170,19 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
         reward_label(reward),
         f"{value.value:.2f}",
         value.interval,
+        _human([final for r in found for final in r.finals]),
         _percent(success),
         _interval(success),
         _percent(cheat),
         "",
         "",
     )
+
+
+def _human(finals: Sequence[Final]) -> str:
+    """The mean of the runs' points under the human reward; empty where one has none."""
+    points = [final.human for final in finals if final.human is not None]
+    return f"{sum(points) / len(points):.2f}" if points and len(points) == len(finals) else ""
 
 
 def improvements(findings: Findings) -> Table:
@@ -226,6 +240,13 @@ def _place(place: float | None, of: int | None = None) -> str:
     if place is None:
         return ""
     return f"{place:g}" if of is None else f"{place:g} of {of}"
+
+
+def _better(measured: float | None, predicted: float | None) -> str:
+    """``yes`` for a measured place before the predicted one, as the paper marks in red."""
+    if measured is None or predicted is None:
+        return ""
+    return "yes" if measured < predicted else "no"
 
 
 def _percent(found: Estimate | None) -> str:

@@ -139,6 +139,13 @@ def test_the_papers_own_tables(findings):
         "8.92", "8.05", "3.40", "2.41", "1.56",
     ]  # fmt: skip
     assert "place" not in rows[0]
+    # Its text says of which it was surprised: depth from the side, and segmentation.
+    assert [row["cameras"] for row in rows if row["better there than its VLM said"] == "yes"] == [
+        "RGB (F) + DEP (S)",
+        "RGB (D) + SEG (D)",
+        "SEG (F) + SEG (S)",
+        "SEG (D)",
+    ]
     said = {row["question"]: row for row in dicts(table_1(findings))}
     assert said["Best view for subtask 2"] == {
         "question": "Best view for subtask 2",
@@ -146,7 +153,7 @@ def test_the_papers_own_tables(findings):
         "claude": "side",
         "the paper's VLM": "side",
     }
-    assert len(table_1(paper_findings(NOWHERE)).rows) == 6
+    assert len(table_1(paper_findings(NOWHERE)).rows) == 9
     assert len(results(paper_findings(NOWHERE)).rows) == 15
 
 
