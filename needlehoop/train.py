@@ -20,7 +20,7 @@ from needlehoop.learning.loggers import Logger, build_logger
 from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import actor_of, write_weights
 from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
-from needlehoop.runs.interruption import Interruption
+from needlehoop.runs.interruption import Interruption, terminable
 from needlehoop.runs.run import Run
 from needlehoop.session import open_session
 
@@ -82,12 +82,14 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     agent = load_agent(run, job, job.torch_device)
     write_weights(run.folder, actor_of(agent), run.config(), job.weights)
     own = job.evaluation
+    films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
+    print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
     found = assess(run, agent, job, own.final_episodes, own.seed + 1)
     if own.video_episodes:
         film(job.env, agent, own.video_episodes, own.seed + 1, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
     run.finish()
-    print(f"\n{report(found)}\nrun          {run.folder}")
+    print(f"{report(found)}\nrun          {run.folder}")
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
@@ -108,8 +110,12 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
         logger = build_logger(job.logger, job.place, session.values, run.folder)
         try:
             if session.is_trained or train(job, run, logger, session.state, session.weights):
-                finish(job, run, logger)
-                return "done"
+                try:
+                    with terminable():
+                        finish(job, run, logger)
+                    return "done"
+                except KeyboardInterrupt:
+                    run.note(stopped=True)
             print(f"stopped; go on with: {command} resume={run.folder}")
             return "stopped"
         finally:

@@ -19,6 +19,7 @@ import yaml
 
 from needlehoop import config
 from needlehoop.cli import main as cli
+from needlehoop.pictures import film
 from needlehoop.study.records import read_study
 
 ROOT = Path(__file__).parent.parent
@@ -314,6 +315,72 @@ def test_evaluate_refuses_what_it_does_not_know(finished, capsys, words, said):
     message = capsys.readouterr().err
     assert [part for part in said if part not in message] == []
     assert (finished / "evaluation.json").read_bytes() == before
+
+
+def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished, capsys):
+    words = ["episodes=3", "--json"]
+    assert cli.main(["evaluate", str(finished), *words]) == 0
+    own = json.loads(capsys.readouterr().out)
+    kept = (finished / "evaluation.json").read_text()
+    assert cli.main(["evaluate", str(finished), *words, "reward=sparse"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["return"] == found["success"]
+    assert found["return_human"] == pytest.approx(own["return_human"])
+    assert own["return_human"] == pytest.approx(own["return"])
+    assert (finished / "evaluation.json").read_text() == kept
+
+
+def test_the_papers_setting_trains(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = [word for word in TINY if not word.startswith(("num_envs", "algo.horizon", "encoder"))]
+    words = ["+experiment=paper", "cams=[seg_side]", *small, "steps=256", "algo.buffer=128"]
+    run_train(monkeypatch, *words, "algo.horizon=8", "results=.")
+    run = tmp_path / "main/seg_side/human/seed0"
+    rows = table(run / "metrics.csv")
+    assert [row["step"] for row in rows] == ["128", "256"]
+    assert {"success", "threaded", "touched", "cheat"} <= set(rows[0])
+    kept = config.job(yaml.safe_load((run / "config.yaml").read_text()))
+    assert (kept.env.num_envs, kept.env.episode.success) == (8, "touch")
+    assert kept.algo.network.told == ()
+    assert kept.encoder.name == "resnet"
+    full = config.job(config.compose(["+experiment=paper", "cams=[seg_side]"], "config"))
+    assert full.buffer == 10_240
+
+
+def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "never.txt").write_text("reward = 20")
+    words = ["cams=[seg_side]", *TINY, "reward=file", "reward.path=never.txt", "results=."]
+    run_train(monkeypatch, *words)
+    said = capsys.readouterr().err
+    assert "reward: the gates on this program: refused, rises to 20.000" in said
+    manifest = json.loads((tmp_path / "main/seg_side/file/seed0/manifest.json").read_text())
+    assert "refused, rises to 20.000; the most allowed is 9 and a bonus of 2" in manifest["gates"]
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(tmp_path, monkeypatch, kind):
+    monkeypatch.chdir(tmp_path)
+    words = [word for word in TINY if not word.startswith("evaluation.video")]
+    frame = film._frame
+
+    def stopped(*seen):
+        os.kill(os.getpid(), kind)
+        return frame(*seen)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(film, "_frame", stopped)
+        run_train(monkeypatch, "cams=[seg_side]", *words, "results=.")
+    run = tmp_path / "main/seg_side/human/seed0"
+    assert not list(run.glob("video*"))
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["stopped"]
+    assert not manifest.get("finished")
+    run_train(monkeypatch, f"resume={run}")
+    assert (run / "video.mp4").exists()
+    assert json.loads((run / "manifest.json").read_text())["finished"]
 
 
 def test_evaluate_refuses_a_folder_that_is_no_run(tmp_path, capsys):

@@ -20,7 +20,7 @@ from needlehoop.cli.study import add_commands as add_study_commands
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
 from needlehoop.runs.terminal import printable
 
-_TRAIN = "train"
+_TRAIN, _VERSION = "train", "--version"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,6 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from needlehoop.cli.train import run
 
         run(given[1:], f"needlehoop {_TRAIN}")
+        return 0
+    if given[:1] == [_VERSION]:
+        from importlib.metadata import version
+
+        print(f"needlehoop {version('needlehoop')}")
         return 0
     parser = _parser()
     options, rest = parser.parse_known_args(given)
@@ -50,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="needlehoop", description="Needle through a hoop: simulate it, look at it, measure it."
     )
+    parser.add_argument(_VERSION, action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True)
     summary = "Train an agent: python train.py, for those who have no checkout."
     commands.add_parser(_TRAIN, help=summary, add_help=False)

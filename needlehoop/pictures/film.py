@@ -7,6 +7,7 @@ from pathlib import Path
 import imageio.v2 as imageio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from tqdm import tqdm
 
 from needlehoop.envs.images import Imager
 from needlehoop.envs.rollout import Controller
@@ -46,11 +47,16 @@ def record(
         return _frame(settings, photographer(engine.data(0)), imager(engine.render()))
 
     try:
-        with imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video:
+        with (
+            imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video,
+            # Half a second a frame on a slow core; nothing is shown where nobody watches.
+            tqdm(desc="film", unit="frame", leave=False, disable=None) as bar,
+        ):
             for _ in range(episodes):
                 moment, over = simulation.reset(), False
                 while not over:
                     video.append_data(look())
+                    bar.update()
                     moment = simulation.step(controller(moment.signals))
                     over = bool(moment.terminated[0] | moment.truncated[0])
                 last = look()

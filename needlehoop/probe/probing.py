@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import torch
 from tqdm import tqdm
 
 from needlehoop.learning.precision import convolution_dtype
-from needlehoop.probe.folder import Folder
+from needlehoop.probe.folder import Folder, errors_of
 from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.regression import Reader, fold
@@ -27,23 +28,33 @@ def probe(plan: Plan, folder: Folder) -> None:
     Raises:
         ValueError: episodes that do not come to every phase.
     """
-    wanted = {seen(one): one for one in plan.combinations} | {TRUTH: ()}
-    todo = {
-        seed: {name: one for name, one in wanted.items() if not folder.has(seed, name)}
-        for seed in range(plan.scope.seeds)
-    }
+    todo = missing(plan, folder.path)
     total = plan.fit.updates * sum(map(len, todo.values()))
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     with _torch_threads(1), tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
-        for seed, missing in todo.items():
-            if missing or not folder.has(seed, CONSTANT):
-                _probe_seed(plan, folder, seed, missing, bar)
+        for seed, lacking in todo.items():
+            if lacking or not folder.has(seed, CONSTANT):
+                _probe_seed(plan, folder, seed, lacking, bar)
+
+
+def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
+    """Combinations of a plan, the baseline of the true state among them, that a folder lacks.
+
+    By seed and name; also of a folder that is not there.
+    """
+    wanted = {seen(one): one for one in plan.combinations} | {TRUTH: ()}
+    return {
+        seed: {
+            name: one for name, one in wanted.items() if not errors_of(place, seed, name).exists()
+        }
+        for seed in range(plan.scope.seeds)
+    }
 
 
 def _probe_seed(
-    plan: Plan, folder: Folder, seed: int, missing: Mapping[str, tuple[str, ...]], bar: tqdm
+    plan: Plan, folder: Folder, seed: int, lacking: Mapping[str, tuple[str, ...]], bar: tqdm
 ) -> None:
-    learnt, held_out = _frames(plan, seed, missing.values(), bar)
+    learnt, held_out = _frames(plan, seed, lacking.values(), bar)
     episodes = plan.episodes.held_out
     folder.save(seed, CONSTANT, errors(held_out, constant(learnt, held_out), episodes))
     bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
@@ -63,7 +74,7 @@ def _probe_seed(
         try:
             jobs = [
                 pool.submit(measure, name, _reader(plan, learnt, cameras, seed))
-                for name, cameras in missing.items()
+                for name, cameras in lacking.items()
             ]
             for job in as_completed(jobs):
                 job.result()

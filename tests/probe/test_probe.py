@@ -237,7 +237,7 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
 
 
 def _run(tmp_path: Path, *words: str) -> int:
-    return cli.main(["probe", f"results={tmp_path}", *TINY, *words])
+    return cli.main(["probe", f"results={tmp_path}", "compute=true", *TINY, *words])
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -433,3 +433,11 @@ def test_showing_the_shipped_probe_changes_none_of_its_files(tmp_path, monkeypat
     assert cli.main(["probe"]) == 0
     shown = {path.relative_to(copy): path.read_bytes() for path in copy.rglob("*.*")}
     assert shown == {path.relative_to(shipped): path.read_bytes() for path in shipped.rglob("*.*")}
+
+
+def test_what_is_not_measured_is_not_measured_unasked(tmp_path, capsys):
+    assert cli.main(["probe", f"results={tmp_path}", "cams=rgb_default", "seeds=1"]) == 2
+    said = capsys.readouterr().err
+    assert f"compute: {tmp_path}/probe lacks 2 measurements" in said
+    assert "cams=rgb_default seeds=1 compute=true` makes them, in about a minute" in said
+    assert not list(tmp_path.iterdir())
