@@ -165,7 +165,7 @@ def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("experiment=table3", "'table3' is unknown; choose from full, imitation, rewards, segdep"),
+        ("experiment=table3", "'table3' is unknown; choose from fast, full, imitation"),
         ("steps=5", "'steps=5' is not understood; choose from experiment, algo, cams, reward"),
         ("cams=rgb_back", "cams: 'rgb_back' is unknown; choose from dep_default, dep_front"),
         ("cams=[]", "cams: '' is unknown"),
