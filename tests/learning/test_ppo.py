@@ -114,7 +114,7 @@ def plain_advantages(
             future = 0.0 if ends["terminated"][env, step] else float(successors[env, step])
             value = float(buffer["state_value"][env, step])
             surprise = float(ends["reward"][env, step]) + gamma * future - value
-            goes_on = not bool(ends["done"][env, step]) and (step + 1) % horizon
+            goes_on = not bool(ends["done"][env, step]) and (step + 1) % horizon > 0
             later = surprise + gamma * lam * later * goes_on
             advantages[env, step] = later
     return advantages.unsqueeze(-1)
