@@ -1,27 +1,36 @@
-"""Stable-Baselines3's PPO on the dm_control environment: needs ``needlehoop[bench]``."""
+"""Stable-Baselines3's PPO, on our environments and on dm_control's. Extra ``bench``."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-# Extras of the benchmark: not in the environment in which the checks run.
-import gymnasium  # pyright: ignore[reportMissingImports]
+import gymnasium
+import mujoco
 import numpy as np
 import torch
-from stable_baselines3 import PPO  # pyright: ignore
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # pyright: ignore
-from stable_baselines3.common.vec_env import DummyVecEnv  # pyright: ignore
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
 from needlehoop.envs.settings import Settings
+from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold
 from needlehoop.learning.job import Job
 from needlehoop.learning.precision import convolution_dtype
-from needlehoop.pictures.opengl import OpenGLEnvironment
+from needlehoop.runs.machine import available_cpus, machine
+
+DM_CONTROL_ENVS = 8
+"""The paper's number of environments."""
+
+STEPS = 32
+"""Of each environment per round; times the above, one minibatch."""
 
 
-class GymEnvironment(gymnasium.Env):
+class OpenGLGymEnvironment(gymnasium.Env):
     """The dm_control environment, seen by MuJoCo's renderer, as a gymnasium one.
 
     Args:
@@ -30,6 +39,9 @@ class GymEnvironment(gymnasium.Env):
     """
 
     def __init__(self, settings: Settings, env: int):
+        # Finds an OpenGL library when it is imported, or raises.
+        from needlehoop.pictures.opengl import OpenGLEnvironment
+
         self._environment = OpenGLEnvironment(settings, env)
         size = settings.image_size
         self.observation_space = gymnasium.spaces.Dict(
@@ -73,22 +85,83 @@ class Encoders(BaseFeaturesExtractor):
         return torch.cat(parts, -1)
 
 
-def build_sb3(job: Job, num_envs: int, steps: int) -> PPO:
-    """SB3's PPO with a job's hyperparameters and network sizes.
+def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
+    """Environment steps per second of SB3's PPO, on our engine and on dm_control's renderer.
+
+    Both learn with the job's hyperparameters and encoders, in turns in one process; the first
+    round of each warms up and is not counted.
 
     Args:
-        job: cameras, encoder, hyperparameters.
-        num_envs: dm_control environments, stepped one after the other.
-        steps: of each environment per buffer.
+        job: cameras, encoder, hyperparameters; nothing is written anywhere.
+        rounds: that are counted.
+
+    Raises:
+        ValueError: ``rounds`` below 1, or no cameras.
     """
+    if rounds < 1:
+        raise ValueError(f"rounds: {rounds} must be at least 1")
+    if not job.env.cams:
+        raise ValueError("cams: the benchmark needs at least one camera")
+    ours = runner(job, StableBaselinesVecEnv(job.env))
+    theirs = runner(job, opengl_envs(job.env))
+    rates = [(ours(), theirs()) for _ in range(rounds + 1)][1:]
+    mean, other = (len(rates) / sum(1 / one[who] for one in rates) for who in (0, 1))
+    return {
+        "machine": machine(),
+        "encoder": job.encoder.name,
+        "cams": list(job.env.cams),
+        "image_size": job.env.image_size,
+        "num_envs": {"needlehoop": job.env.num_envs, "dm_control": DM_CONTROL_ENVS},
+        "steps_per_second": {"needlehoop": round(mean, 1), "dm_control": round(other, 1)},
+        "ratio": round(mean / other, 1),
+        "ratio_of_each_round": [round(one / two, 1) for one, two in rates],
+    }
+
+
+def opengl_envs(settings: Settings) -> VecEnv:
+    """dm_control environments with MuJoCo's default renderer, stepped one after the other.
+
+    Raises:
+        RuntimeError: this machine has no OpenGL.
+    """
+    makers: list[Any] = [
+        partial(OpenGLGymEnvironment, settings, env) for env in range(DM_CONTROL_ENVS)
+    ]
+    try:
+        envs = DummyVecEnv(makers)
+        envs.reset()
+    except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
+        # What a machine without OpenGL raises, by backend.
+        raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
+    return envs
+
+
+def runner(job: Job, env: VecEnv) -> Callable[[], float]:
+    """A round of SB3's PPO, learning included, which returns its steps per second."""
+    model, steps = _build(job, env), env.num_envs * STEPS
+
+    def run() -> float:
+        # As a user of theirs has it: torch on all cores.
+        before = torch.get_num_threads()
+        torch.set_num_threads(available_cpus())
+        began = time.perf_counter()
+        model.learn(steps, reset_num_timesteps=False)
+        seconds = time.perf_counter() - began
+        torch.set_num_threads(before)
+        return steps / seconds
+
+    return run
+
+
+def _build(job: Job, env: VecEnv) -> PPO:
+    """SB3's PPO with a job's hyperparameters and network sizes."""
     dtype = convolution_dtype(job.precision, job.torch_device)
     layers = [job.algo.network.hidden] * job.algo.network.layers
-    makers: list[Any] = [partial(GymEnvironment, job.env, env) for env in range(num_envs)]
     return PPO(
         "MultiInputPolicy",
-        DummyVecEnv(makers),
-        n_steps=steps,
-        batch_size=min(job.algo.minibatch, num_envs * steps),
+        env,
+        n_steps=STEPS,
+        batch_size=min(job.algo.minibatch, env.num_envs * STEPS),
         n_epochs=job.algo.epochs,
         learning_rate=job.algo.learning_rate,
         gamma=job.algo.gamma,

@@ -1,12 +1,8 @@
-"""Speed of training, where its time goes, and Stable-Baselines3 on the same task."""
+"""Speed of training, where its time goes, and what more cores would bring."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
-
-import torch
 
 from needlehoop.bench.scaling import predict, serial_share
 from needlehoop.bench.stopwatch import Stopwatch
@@ -15,21 +11,18 @@ from needlehoop.learning.learner import Learner
 from needlehoop.learning.metrics import peak_memory
 from needlehoop.runs.machine import available_cpus, machine
 
-_SB3_ENVS, _SB3_STEPS = 8, 32
-"""The paper's number of environments; steps of each per round, 256 in all: one minibatch."""
-
 
 def measure_training(job: Job, rounds: int, *, alone: bool = False) -> dict[str, object]:
     """Environment steps per second of whole training, learning included.
 
-    All threads, one thread and, where it is installed, Stable-Baselines3 take turns in one
-    process, so what else the machine does hits all; the first buffer of each warms up and is
-    not counted.
+    All threads and one thread take turns in one process, so what else the machine does hits
+    both; the first buffer of each warms up and is not counted. Stable-Baselines3 is measured
+    elsewhere: its mere presence in the process slows this down.
 
     Args:
         job: what to train; its run is not written anywhere.
         rounds: buffers of ours that are counted.
-        alone: whether nobody takes turns with all threads.
+        alone: whether one thread takes no turns with all threads.
 
     Raises:
         ValueError: ``rounds`` below 1, or no cameras.
@@ -41,18 +34,14 @@ def measure_training(job: Job, rounds: int, *, alone: bool = False) -> dict[str,
     threads = job.env.engine.threads or available_cpus()
     whole = _Turns(job, threads, rounds)
     whole.take()
-    # Before the others add their own.
+    # Before the other adds its own.
     memory = peak_memory()
     single = None if alone or threads == 1 else _Turns(job, 1, rounds)
-    other, reason = (None, "alone=true") if alone else _other(job)
-    theirs = []
     for turn in range(rounds + 1):
         if turn:
             whole.take()
         if single is not None:
             single.take()
-        if other is not None:
-            theirs.append(other())
     found: dict[str, object] = {
         "machine": machine(),
         "device": str(whole.learner.device),
@@ -67,16 +56,9 @@ def measure_training(job: Job, rounds: int, *, alone: bool = False) -> dict[str,
         "peak_memory_gb": round(memory, 2),
         "share_of_time": whole.shares,
     }
-    if single is not None:
-        found |= _scaling(whole.rate / single.rate, single, threads)
-    if other is None:
-        return {**found, "stable_baselines3_missing": reason}
-    sb3 = (len(theirs) - 1) / sum(1 / r for r in theirs[1:])
-    return {
-        **found,
-        "stable_baselines3_steps_per_second": round(sb3, 1),
-        "ratio_to_stable_baselines3": round(whole.rate / sb3, 1),
-    }
+    if single is None:
+        return found
+    return found | _scaling(whole.rate / single.rate, single, threads)
 
 
 class _Turns:
@@ -122,28 +104,3 @@ def _scaling(ratio: float, single: _Turns, threads: int) -> dict[str, object]:
         "serial_share": round(serial, 3),
         "steps_per_second_predicted_by_cores": predict(single.rate, serial),
     }
-
-
-def _other(job: Job) -> tuple[Callable[[], float] | None, str | None]:
-    """One round of Stable-Baselines3, in steps per second; why not, where it can't be."""
-    try:
-        from needlehoop.bench.stable_baselines import build_sb3
-    except ImportError as error:
-        return None, f"{error}: pip install 'needlehoop[bench]'"
-    steps = _SB3_ENVS * _SB3_STEPS
-    try:
-        model = build_sb3(job, _SB3_ENVS, _SB3_STEPS)
-    except (AttributeError, OSError, RuntimeError) as error:
-        # What a machine without OpenGL raises, by backend.
-        return None, f"{type(error).__name__}: {error}"
-
-    def run() -> float:
-        # As a user of theirs has it: torch on all cores.
-        torch.set_num_threads(available_cpus())
-        began = time.perf_counter()
-        model.learn(steps, reset_num_timesteps=False)
-        seconds = time.perf_counter() - began
-        torch.set_num_threads(1)
-        return steps / seconds
-
-    return run, None

@@ -17,9 +17,9 @@ def add_commands(commands: Any) -> None:
         commands,
         "bench",
         _bench,
-        "Measure the environment's speed (the default), training's, a reward program's or that of"
-        " small commands, or the physics' stability.",
-        "speed|train|stability|program|startup (a bare word, or what=…) rounds=5 steps=40"
+        "Measure the environment's speed (the default), training's, Stable-Baselines3's on it, a"
+        " reward program's or that of small commands, or the physics' stability.",
+        "speed|train|sb3|stability|program|startup (a bare word, or what=…) rounds=5 steps=40"
         " episodes=1000; with train: turns=3 against=<folder of another checkout>",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
@@ -28,8 +28,9 @@ def add_commands(commands: Any) -> None:
 def _bench(options: argparse.Namespace) -> None:
     given = [f"what={word}" if "=" not in word else word for word in options.overrides]
     # Training has a config of its own, in which there is nothing else to choose.
-    train = [word for word in given if word != "what=train"]
-    found = _measure(given) if train == given else _measure_training(train)
+    learning = [word for word in given if word in ("what=train", "what=sb3")]
+    rest = [word for word in given if word not in learning]
+    found = _measure_learning(learning[-1], rest) if learning else _measure(given)
     if options.json:
         print(json.dumps(found))
     else:
@@ -58,15 +59,19 @@ def _measure(overrides: list[str]) -> dict[str, Any]:
         from needlehoop.bench.startup import measure_startup
 
         return measure_startup(config.value(values, "rounds", int))
-    valid = "speed, train, stability, program, startup"
+    valid = "speed, train, sb3, stability, program, startup"
     raise ValueError(f"what: {what!r} is unknown; choose from {valid}")
 
 
-def _measure_training(overrides: list[str]) -> dict[str, Any]:
+def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     from needlehoop import config
 
     values = config.compose(overrides, "bench_train")
     job, rounds = config.job(values), config.value(values, "rounds", int)
+    if what == "what=sb3":
+        from needlehoop.bench.stable_baselines import measure_sb3
+
+        return measure_sb3(job, rounds)
     from needlehoop.bench.against import compare_training
     from needlehoop.bench.training import measure_training
 

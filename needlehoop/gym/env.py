@@ -12,7 +12,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.gym.screen import MODES, Picture, Window, check_mode, rate
 from needlehoop.gym.stage import Stage, info, row
-from needlehoop.pictures.viewer import has_display
+from needlehoop.pictures.window import has_display
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
 """Frames per second are those of the default control step, 40 ms; an environment's own count."""

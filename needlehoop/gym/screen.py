@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import mujoco
 import numpy as np
 
-from needlehoop.engines.cpu import CpuEngine
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.pictures.portrait import Photographer
-from needlehoop.pictures.viewer import check_display, open_window
+from needlehoop.pictures.window import check_display, open_window
 
 MODES = ("human", "rgb_array")
 
@@ -33,12 +33,12 @@ class Picture:
     """Pictures of the scene from the place where those for people are taken.
 
     Args:
-        simulation: on the CPU engine.
+        simulation: what is pictured.
         size: height and width, px.
     """
 
     def __init__(self, simulation: Simulation, size: int):
-        self._engine = _engine(simulation)
+        self._engine = simulation.engine
         self._photographer = Photographer(self._engine.model, size)
 
     def __call__(self, env: int) -> np.ndarray:
@@ -47,10 +47,10 @@ class Picture:
 
 
 class Window:
-    """MuJoCo's viewer on environment 0, in real time at the fastest; opened when first shown.
+    """MuJoCo's viewer on environment 0; opened when first shown.
 
     Args:
-        simulation: on the CPU engine.
+        simulation: what is shown.
         settings: of the simulation, for the place to look from and the time of a step.
 
     Raises:
@@ -59,27 +59,21 @@ class Window:
 
     def __init__(self, simulation: Simulation, settings: Settings):
         check_display("render_mode=rgb_array gives pictures")
-        self._engine, self._settings = _engine(simulation), settings
+        self._engine, self._settings = simulation.engine, settings
+        self._data = mujoco.MjData(self._engine.model)
         self._viewer: Any = None
 
     def show(self) -> None:
         """Bring the window up to this moment; one that was closed by hand stays closed."""
         if self._viewer is None:
-            data = self._engine.data(0)
-            self._viewer = open_window(self._engine.model, data, self._settings.picture)
+            self._viewer = open_window(self._engine.model, self._data, self._settings.picture)
         if not self._viewer.is_running():
             return
         with self._viewer.lock():
-            # The same object that the window was opened on, renewed.
-            self._engine.data(0)
+            mujoco.mj_copyData(self._data, self._engine.model, self._engine.data(0))
         self._viewer.sync()
 
     def close(self) -> None:
         """Close the window."""
         if self._viewer is not None:
             self._viewer.close()
-
-
-def _engine(simulation: Simulation) -> CpuEngine:
-    assert isinstance(simulation.engine, CpuEngine)
-    return simulation.engine

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import time
-
-import mujoco
-import mujoco.viewer
-import numpy as np
 
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.dm_control_env import NeedleHoopTask, load
 from needlehoop.envs.settings import Settings
-from needlehoop.scene.cameras import View
+from needlehoop.pictures.window import check_display, open_window
 
 
 def view(settings: Settings, who: str) -> None:
@@ -41,40 +35,3 @@ def view(settings: Settings, who: str) -> None:
                 step = environment.step(act(task.moment.signals)[0].numpy())
             window.sync()
             time.sleep(max(0.0, period - (time.monotonic() - began)))
-
-
-def has_display() -> bool:
-    """Whether this machine can show a window."""
-    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return bool(named) or not sys.platform.startswith("linux")
-
-
-def check_display(instead: str) -> None:
-    """Raises ``RuntimeError`` where there is no display, with what there is ``instead``."""
-    if not has_display():
-        raise RuntimeError(
-            "view: no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without"
-            f" one, {instead} instead"
-        )
-
-
-def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.viewer.Handle:
-    """A window on ``data`` that stands at a view and runs beside the caller's program.
-
-    Args:
-        model: the scene.
-        data: shown at each ``sync``; changed under ``lock`` alone.
-        view: where to look from at first.
-    """
-    window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
-    _stand_at(window.cam, view, model.vis.global_.fovy)
-    return window
-
-
-def _stand_at(camera: mujoco.MjvCamera, view: View, fovy: float) -> None:
-    """Put the free camera where pictures are taken from; it can be moved from there."""
-    camera.lookat[:] = view.target
-    # MuJoCo's azimuth is the direction of looking, 90 along y; ours is where it stands.
-    camera.azimuth, camera.elevation = 90.0 - view.azimuth, -view.elevation
-    zoom = np.tan(np.deg2rad(view.fovy) / 2) / np.tan(np.deg2rad(fovy) / 2)
-    camera.distance = view.distance * zoom
