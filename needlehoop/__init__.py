@@ -8,11 +8,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from needlehoop.registration import register
 
@@ -28,19 +28,22 @@ __version__ = "0.1.0"
 
 def make_env(
     cams: Iterable[str] = (),
-    reward: str = "human",
+    reward: str | Callable[..., Any] = "human",
     num_envs: int = 8,
     seed: int = 0,
     overrides: Iterable[str] = (),
+    conf_dir: str | Path | None = None,
 ) -> NeedleHoopEnv:
     """A batched TorchRL environment.
 
     Args:
         cams: cameras, each ``<rendering>_<view>``.
-        reward: an option of ``conf/reward``.
+        reward: an option of ``conf/reward``; or a function of ``Signals`` to named terms
+            ``(n,)``, or to one tensor.
         num_envs: environments in lockstep.
         seed: decides every episode.
         overrides: any other setting, as on the command line: ``["task=wide"]``.
+        conf_dir: a folder of YAML of one's own, laid out as ``conf/``: views, tasks, rewards.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
@@ -48,34 +51,38 @@ def make_env(
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
     from needlehoop.making import settings
 
-    return NeedleHoopEnv(settings(cams, reward, overrides, num_envs=num_envs, seed=seed))
+    more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
+    return NeedleHoopEnv(settings(cams, reward, overrides, **more))
 
 
 def load(
     cams: Iterable[str] = (),
-    reward: str = "human",
+    reward: str | Callable[..., Any] = "human",
     seed: int = 0,
     overrides: Iterable[str] = (),
+    conf_dir: str | Path | None = None,
 ) -> dm_env.Environment:
     """A dm_control Environment; arguments as in ``make_env``."""
     from needlehoop.envs import dm_control_env as interface
     from needlehoop.making import settings
 
-    return interface.load(settings(cams, reward, overrides, seed=seed))
+    return interface.load(settings(cams, reward, overrides, seed=seed, conf_dir=conf_dir))
 
 
 def make_sb3(
     cams: Iterable[str] = ("dep_front", "seg_side"),
-    reward: str = "human",
+    reward: str | Callable[..., Any] = "human",
     num_envs: int = 8,
     seed: int = 0,
     overrides: Iterable[str] = (),
+    conf_dir: str | Path | None = None,
 ) -> StableBaselinesVecEnv:
     """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``."""
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
     from needlehoop.making import settings
 
-    return StableBaselinesVecEnv(settings(cams, reward, overrides, num_envs=num_envs, seed=seed))
+    more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
+    return StableBaselinesVecEnv(settings(cams, reward, overrides, **more))
 
 
 def make_env_of(run: str | Path, num_envs: int = 8, seed: int | None = None) -> NeedleHoopEnv:

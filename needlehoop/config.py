@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import cattrs
@@ -14,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop import groups
+from needlehoop import groups, own
 from needlehoop.runs.files import DAGGER, listed
 from needlehoop.runs.shipped import CONF
 
@@ -40,9 +41,11 @@ def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
     """The composed config as plain values; errors as in ``settings``."""
-    register()
+    words, folders = prepare(overrides)
+    places = ",".join(repr(f"file://{folder}") for folder in folders)
+    searched = [f"hydra.searchpath=[{places}]"] if places else []
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose_here(in_brackets(overrides), config)
+        return compose_here([*words, *searched], config)
 
 
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
@@ -135,9 +138,17 @@ def _plain(line: str) -> str:
     return line.removeprefix("env: ").removeprefix("env.")
 
 
-def register() -> None:
-    """Tell Hydra of the options that are not files."""
-    groups.register(CONF)
+def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
+    """A command line as Hydra takes it, and the folders of one's own that it named.
+
+    Hydra is told of the options that are not files, here and in those folders.
+
+    Raises:
+        ValueError: ``conf_dir`` is no config folder.
+    """
+    rest, folders = own.part(words)
+    groups.register(CONF, *folders)
+    return in_brackets(rest), folders
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:

@@ -14,14 +14,17 @@ CAMERAS = "cameras"
 """Where a composed config holds the options of the group ``cams`` that were chosen."""
 
 
-def register(conf: Path) -> None:
-    """Tell Hydra of what follows from the files of a config folder.
+def register(*folders: Path) -> None:
+    """Tell Hydra of what follows from the files of config folders.
 
-    Reading the folder keeps a new view or rendering a matter of one file: all of them are in
+    Reading the folders keeps a new view or rendering a matter of one file: all of them are in
     an environment's config, and every pair of them is an option of the group ``cams``.
     """
     store = ConfigStore.instance()
-    found = {group: _options(conf, group) for group in ("view", "rendering")}
+    found = {
+        group: sorted(name for folder in folders for name in options(folder, group))
+        for group in ("view", "rendering")
+    }
     defaults: list[Any] = [
         {f"{group}@{group}s.{name}": name} for group, names in found.items() for name in names
     ]
@@ -33,7 +36,7 @@ def register(conf: Path) -> None:
             name = f"{rendering}_{view}"
             node = {"view": view, "rendering": rendering}
             store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
-    for name in _models(conf):
+    for name in (name for folder in folders for name in _models(folder)):
         cameras, _, reward = name.rpartition(".")
         node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}
         store.store(group="model", name=name, node=node, package="_global_")
@@ -80,8 +83,9 @@ def check_cameras(cameras: Mapping[str, Any]) -> None:
             )
 
 
-def _options(conf: Path, group: str) -> list[str]:
-    return sorted(file.stem for file in (conf / group).glob("*.yaml"))
+def options(folder: Path, group: str) -> list[str]:
+    """Options of a group that are files of a config folder."""
+    return sorted(file.stem for file in (folder / group).glob("*.yaml"))
 
 
 def _models(conf: Path) -> list[str]:

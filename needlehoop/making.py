@@ -2,34 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from needlehoop import config
+from needlehoop import config, rewards
 from needlehoop.envs.settings import Settings
 from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
 
 
 def settings(
-    cams: str | Iterable[str], reward: str, overrides: Iterable[str], **more: Any
+    cams: str | Iterable[str],
+    reward: str | Callable[..., Any],
+    overrides: Iterable[str],
+    **more: Any,
 ) -> Settings:
     """Settings from arguments and overrides.
 
     Args:
         cams: cameras, each ``<rendering>_<view>``.
-        reward: an option of ``conf/reward``.
+        reward: an option of ``conf/reward``; or a function of ``Signals`` to named terms.
         overrides: any other setting, as on the command line.
         more: further settings; those that are ``None`` are left as they are.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    given = [f"{key}={value}" for key, value in more.items() if value is not None]
-    words = [f"cams=[{','.join(listed(cams))}]", f"reward={reward}", *given, *overrides]
-    return config.settings(words)
+    named = {"cams": f"[{','.join(listed(cams))}]", "reward": reward, **more}
+    if callable(reward):
+        del named["reward"]
+    words = [f"{key}={value}" for key, value in named.items() if value is not None]
+    found = config.settings([*words, *overrides])
+    return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
 def settings_of(run: str | Path, num_envs: int, seed: int | None) -> Settings:

@@ -104,8 +104,13 @@ def test_two_bad_settings_are_both_named():
 )
 def test_every_option_of_every_group_composes(group, option, tmp_path):
     (tmp_path / "mine.txt").write_text("reward = 1 * grasped")
+    (tmp_path / "mine.py").write_text("def paid(signals):\n    return signals.grasped.double()\n")
     # What an option can't do without.
-    more = {"file": [f"reward.path={tmp_path}/mine.txt"], "vlm_img": ["cams=[dep_front,seg_side]"]}
+    more = {
+        "file": [f"reward.path={tmp_path}/mine.txt"],
+        "python": [f"reward.function={tmp_path}/mine.py:paid"],
+        "vlm_img": ["cams=[dep_front,seg_side]"],
+    }
     composed = config.compose([f"{group}={option}", *more.get(option, [])])
     assert composed[group]
     config.structure(composed)

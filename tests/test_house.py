@@ -28,6 +28,7 @@ FLOORS = (
     "bench",
     "demonstrations",
     "groups",
+    "own",
     "config",
     "making",
     "trained",

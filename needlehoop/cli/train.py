@@ -29,10 +29,10 @@ def run(words: Sequence[str], command: str) -> None:
     Raises:
         SystemExit: with one line that names the mistake; or a sweep's run has failed.
     """
-    name, given = command.removeprefix("python "), config.in_brackets(words)
-    config.register()
+    name = command.removeprefix("python ")
     try:
-        _check(given)
+        given, folders = config.prepare(words)
+        _check(given, words)
     except ValueError as error:
         sys.exit(f"{name}: {error}")
     if said := foresight.reminder(given):
@@ -43,20 +43,20 @@ def run(words: Sequence[str], command: str) -> None:
         _run_one(composed, command)
 
     # Where Hydra looks for them.
-    sys.argv[1:] = given
+    sys.argv[1:] = [*given, *(f"--config-dir={folder}" for folder in folders)]
     try:
         hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")(job)()
     except KeyboardInterrupt:
         sys.exit(f"{name}: stopped; the same command goes on with a sweep")
 
 
-def _check(words: Sequence[str]) -> None:
+def _check(words: Sequence[str], typed: Sequence[str]) -> None:
     """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
     flags = {word for word in words if word.startswith("-")}
     if flags and flags <= foresight.MULTIRUN:
         config.check_choice(word for word in words if word not in flags)
     elif not flags and not any(word.startswith("+experiment=") for word in words):
-        config.compose(words, "config")
+        config.compose(typed, "config")
 
 
 def _run_one(composed: DictConfig, command: str) -> None:

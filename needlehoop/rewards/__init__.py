@@ -4,9 +4,10 @@ The terms are summed to a potential, and each step pays the potential's differen
 an episode's return is its last potential.
 """
 
-from needlehoop.rewards.loader import NONE, REWARDS, load, text
+from needlehoop.rewards.called import given
+from needlehoop.rewards.loader import NONE, REWARDS, load, pin, text
 from needlehoop.rewards.terms import Reward, potential
-from needlehoop.rewards.written import RewardError, pin
+from needlehoop.rewards.written import RewardError
 from needlehoop.rewards.yardstick import yardstick
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "REWARDS",
     "Reward",
     "RewardError",
+    "given",
     "load",
     "pin",
     "potential",

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from needlehoop.rewards import written
+from needlehoop.rewards import called, written
 from needlehoop.rewards.human import Human
 from needlehoop.rewards.sparse import Sparse
 from needlehoop.rewards.terms import Reward
 
 REWARDS = {"human": Human, "sparse": Sparse}
-"""Rewards that are classes; the other kinds are programs, ``written.KINDS``."""
+"""Rewards that are classes; other kinds are programs or functions: ``written``, ``called``."""
 
 NONE = {"kind": "sparse", "success": 1.0}
 """The config of a reward that nobody looks at."""
@@ -29,8 +29,10 @@ def load(config: Mapping[str, Any]) -> Reward:
     kind = values.pop("kind", None)
     if kind in written.KINDS:
         return written.load(config)
+    if kind == called.KIND or (kind not in REWARDS and kind in called.kinds()):
+        return called.load(config)
     if kind not in REWARDS:
-        valid = ", ".join((*REWARDS, *written.KINDS))
+        valid = ", ".join((*REWARDS, *written.KINDS, called.KIND, *called.kinds()))
         raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {valid}")
     names = {field.name for field in fields(REWARDS[kind])}
     if names != set(values):
@@ -44,8 +46,17 @@ def load(config: Mapping[str, Any]) -> Reward:
     return REWARDS[kind](**values)
 
 
+def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reward's config with what it names in it, so that a run goes on with no other reward.
+
+    Raises:
+        ValueError: as in ``load``.
+    """
+    return called.pin(config) if config.get("kind") == called.KIND else written.pin(config)
+
+
 def text(reward: Reward) -> str:
-    """A reward for the record: its values, then its source; a program's origin and source."""
-    if isinstance(reward, written.Written):
+    """A reward for the record: its values, then its source; or its origin and source."""
+    if isinstance(reward, written.Written | called.Called):
         return reward.text()
     return f"{reward!r}\n\n{inspect.getsource(type(reward))}"

@@ -1,0 +1,170 @@
+"""Rewards that are functions from outside the package.
+
+``function(signals, **values)`` returns named terms, or one tensor. It is given as it is, named
+as ``module:name`` or ``file.py:name``, or told by an installed package through an entry point.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+
+from needlehoop.rewards.written import RewardError
+
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
+
+KIND = "python"
+"""The kind of a reward that names its function; those of entry points are their own."""
+
+GROUP = "needlehoop.rewards"
+"""Of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
+
+_KEYS = {"function", "values", "source"}
+
+
+@dataclass(frozen=True)
+class Called:
+    """A function in use: its terms, which must be finite and one number per environment.
+
+    Args:
+        function: of ``Signals`` and the values.
+        values: its keyword arguments.
+        origin: where it is from.
+    """
+
+    function: Callable[..., Any]
+    values: Mapping[str, Any]
+    origin: str
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` float64 by name; a single tensor is the term ``reward``.
+
+        Raises:
+            RewardError: it returned something else, or a term is not finite.
+        """
+        found = self.function(signals, **self.values)
+        terms = {"reward": found} if isinstance(found, Tensor) else found
+        if not isinstance(terms, Mapping) or not terms:
+            raise RewardError(f"reward: {self.origin} returned {found!r}; expected named terms")
+        return {str(name): self._checked(name, term, signals) for name, term in terms.items()}
+
+    def _checked(self, name: Any, term: Any, signals: Signals) -> Tensor:
+        n = len(signals.jaw)
+        if not isinstance(term, Tensor) or tuple(term.shape) != (n,):
+            shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
+            raise RewardError(
+                f"reward: term {name!r} of {self.origin} is {shape}; expected a tensor ({n},)"
+            )
+        if not bool(torch.isfinite(term).all()):
+            bad = (~torch.isfinite(term)).nonzero().flatten().tolist()
+            raise RewardError(
+                f"reward: term {name!r} of {self.origin} is not finite in environments {bad}"
+            )
+        return term.double()
+
+    def text(self) -> str:
+        """For the record: where the function is from, its values and its source."""
+        return f"# {self.origin}, {dict(self.values)}\n{_source(self.function)}"
+
+
+def kinds() -> tuple[str, ...]:
+    """Kinds that installed packages tell of."""
+    return tuple(sorted(entry_points(group=GROUP).names))
+
+
+def given(function: Callable[..., Any]) -> dict[str, Any]:
+    """The config of a function at hand; it can't be written down for another process."""
+    return {"kind": KIND, "function": function, "values": {}, "source": None}
+
+
+def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reward's config with the function's source, so that a run goes on with no other.
+
+    Raises:
+        ValueError: as in ``load``.
+    """
+    if config.get("kind") != KIND:
+        return dict(config)
+    reward, name = load(config), config["function"]
+    file, _, function = str(name).rpartition(":")
+    if file.endswith(".py"):
+        name = f"{Path(file).resolve()}:{function}"
+    return {**config, "function": name, "source": _source(reward.function)}
+
+
+def load(config: Mapping[str, Any]) -> Called:
+    """The reward of a config whose ``kind`` is ``KIND`` or among ``kinds()``.
+
+    Raises:
+        ValueError: missing or unknown values, no such function, or one that is no longer what
+            the run began with.
+    """
+    kind, values = config["kind"], {k: v for k, v in config.items() if k != "kind"}
+    if kind != KIND:
+        (entry,) = entry_points(group=GROUP, name=kind)
+        return Called(entry.load(), values, f"the entry point {entry.name} ({entry.value})")
+    if odd := _KEYS ^ set(values):
+        raise ValueError(
+            f"reward: {', '.join(sorted(odd))} missing or unknown; {KIND} takes"
+            f" {', '.join(sorted(_KEYS))}"
+        )
+    function = values["function"]
+    if not callable(function):
+        function = _find(str(function))
+    if values["source"] not in (None, _source(function)):
+        raise ValueError(
+            f"reward.function: {config['function']} is no longer what the run began with"
+        )
+    name = getattr(function, "__qualname__", type(function).__name__)
+    origin = name if callable(config["function"]) else str(config["function"])
+    return Called(function, values["values"] or {}, origin)
+
+
+def _find(name: str) -> Callable[..., Any]:
+    """What ``module:name`` or ``file.py:name`` names."""
+    where, separator, attribute = name.rpartition(":")
+    if not separator:
+        raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
+    try:
+        module = _module(Path(where)) if where.endswith(".py") else import_module(where)
+    except (ImportError, OSError) as error:
+        raise ValueError(f"reward.function: {where!r}: {error}") from error
+    found = getattr(module, attribute, None)
+    if not callable(found):
+        raise ValueError(f"reward.function: {where!r} has no function {attribute!r}")
+    return found
+
+
+def _module(file: Path) -> Any:
+    return _loaded(file.resolve(), file.stat().st_mtime_ns)
+
+
+@cache
+def _loaded(file: Path, changed: int) -> Any:
+    # Settings are built many times over; a file is run once, and again when it has changed.
+    spec = spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no Python file")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _source(function: Callable[..., Any]) -> str:
+    """Its text, or what there is instead: a function from a prompt has none."""
+    thing = function if inspect.isroutine(function) or inspect.isclass(function) else type(function)
+    try:
+        return inspect.getsource(thing)
+    except (OSError, TypeError):
+        return f"{function!r}\n"
