@@ -1,7 +1,9 @@
 """Stable-Baselines3's PPO on the batched engine. Needs ``pip install 'needlehoop[sb3]'``.
 
 From the state, which tells in minutes whether an algorithm can do the task at all; with
-``--images``, from two cameras.
+``--images``, from two cameras. Measured, from the state: the needle grasped in 86 of the last 100
+episodes after 98 k steps, in 96 after 205 k; 254 k took 2.9 minutes of processor time, 5.3 on
+the clock of two cores that others used as well.
 """
 
 import argparse
@@ -9,7 +11,7 @@ from collections import deque
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import needlehoop
 
@@ -38,6 +40,9 @@ def main(
     """Train; returns the share of episodes that grasped the needle, after each buffer."""
     cams, words = (["dep_front", "seg_side"], []) if images else ([], ["obs=signals"])
     env = VecMonitor(needlehoop.make_sb3(cams, num_envs=num_envs, overrides=words))
+    if not images:
+        # The state is in metres: unscaled, millimetres would hardly move a network.
+        env = VecNormalize(env, norm_reward=False, norm_obs_keys=["signals"])
     model = PPO(
         "MultiInputPolicy",
         env,

@@ -141,9 +141,10 @@ def runner(job: Job, env: VecEnv) -> Callable[[], float]:
     model, steps = _build(job, env), env.num_envs * STEPS
 
     def run() -> float:
-        # As a user of theirs has it: torch on all cores.
+        # As a user of theirs has it: torch on all cores. Where others use them too, its threads
+        # mostly wait for each other, and engine.threads=1 says more.
         before = torch.get_num_threads()
-        torch.set_num_threads(available_cpus())
+        torch.set_num_threads(job.env.engine.threads or available_cpus())
         began = time.perf_counter()
         model.learn(steps, reset_num_timesteps=False)
         seconds = time.perf_counter() - began
