@@ -1,13 +1,15 @@
-# `make test` and `make train` do all the set-up on a fresh machine.
+# `make demo`, `make train` and `make test` do all the set-up on a fresh machine.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+# What training and the shipped agent need, and what tests, checks and documentation need beside.
 STAMP := $(VENV)/.installed
+TESTED := $(VENV)/.tested
 
 # Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
 ARGS ?=
 
-.PHONY: setup train test browser check format clean
+.PHONY: setup demo train test browser check format clean
 
 setup: $(STAMP)
 
@@ -15,13 +17,20 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needlehoop needs Python 3.11 or newer")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(TESTED): $(STAMP)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $@
+
+demo: $(STAMP)
+	$(BIN)/needlehoop watch $(ARGS)
 
 train: $(STAMP)
 	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
 
-test: $(STAMP) browser
+test: $(TESTED) browser
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # Debian's Chromium, which opens the report in a test; elsewhere that test is skipped.
@@ -30,12 +39,12 @@ browser:
 	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium chromium-driver; } \
 	  || echo "no chromedriver: the report is not opened in a browser"
 
-check: $(STAMP)
+check: $(TESTED)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-format: $(STAMP)
+format: $(TESTED)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 

@@ -1,8 +1,13 @@
-"""What pyproject.toml cannot say: a wheel carries ``conf/`` inside the package."""
+"""What pyproject.toml cannot say: a wheel carries ``conf/`` and the shipped agent's run."""
 
 from setuptools import find_packages, setup
 
+PLACES = {
+    "needlehoop.conf": "conf",
+    "needlehoop.agent": "results/reference/dep_front+seg_side/human/seed0",
+}
+
 setup(
-    packages=[*find_packages(include=["needlehoop", "needlehoop.*"]), "needlehoop.conf"],
-    package_dir={"needlehoop.conf": "conf"},
+    packages=[*find_packages(include=["needlehoop", "needlehoop.*"]), *PLACES],
+    package_dir=PLACES,
 )

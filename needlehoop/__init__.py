@@ -85,11 +85,13 @@ def make_sb3(
     return StableBaselinesVecEnv(settings(cams, reward, overrides, **more))
 
 
-def make_env_of(run: str | Path, num_envs: int = 8, seed: int | None = None) -> NeedleHoopEnv:
+def make_env_of(
+    run: str | Path | None = None, num_envs: int = 8, seed: int | None = None
+) -> NeedleHoopEnv:
     """The environment that a run was trained on, as ``make_env`` gives it.
 
     Args:
-        run: the run's folder.
+        run: the run's folder; by default the shipped agent's.
         num_envs: environments in lockstep.
         seed: decides every episode; by default those of the run's final evaluation.
 
@@ -98,23 +100,25 @@ def make_env_of(run: str | Path, num_envs: int = 8, seed: int | None = None) -> 
     """
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
     from needlehoop.making import settings_of
+    from needlehoop.runs.shipped import AGENT
 
-    return NeedleHoopEnv(settings_of(run, num_envs, seed))
+    return NeedleHoopEnv(settings_of(AGENT if run is None else run, num_envs, seed))
 
 
-def load_policy(run: str | Path, device: str = "auto") -> Policy:
+def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
     """A run's trained policy: ``policy(observation)`` is the action.
 
     Args:
-        run: the run's folder, or a ``policy.safetensors`` alone.
+        run: the run's folder, or a ``policy.safetensors`` alone; by default the shipped agent's.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
 
     Raises:
         ValueError: no trained policy there.
     """
+    from needlehoop.runs.shipped import AGENT
     from needlehoop.trained import policy_of
 
-    return policy_of(run, device)
+    return policy_of(AGENT if run is None else run, device)
 
 
 def __getattr__(name: str) -> ModuleType:

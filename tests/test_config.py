@@ -14,7 +14,9 @@ GROUPS = ("task", "episode", "reward", "engine", "obs")
 TRAINING = ("algo", "encoder", "logger")
 COMMANDS = {"gates": "check", "vlm": "ask"}
 """Groups that a command's config has, by command."""
-ENTRIES = sorted(file.stem for file in config.CONF.glob("*.yaml") if file.stem != "evaluate")
+ENTRIES = sorted(
+    file.stem for file in config.CONF.glob("*.yaml") if file.stem not in ("evaluate", "watch")
+)
 
 
 def options(group: str) -> list[str]:

@@ -11,16 +11,18 @@ from pathlib import Path
 
 import pytest
 
+from needlehoop.runs.files import POLICY
 from needlehoop.runs.shipped import CONF
 
 ROOT = Path(__file__).parent.parent
+AGENT = "results/reference/dep_front+seg_side/human/seed0"
 
 SCRIPT = """
 import contextlib, io, json, sys
 import needlehoop
 from needlehoop import config
 from needlehoop.cli.main import main
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.shipped import AGENT, RECORDINGS
 
 said = []
 for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_front", "stpes=9"]):
@@ -33,7 +35,7 @@ for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_
 values = config.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
 job = config.job(values)
 print(json.dumps({
-    "places": [needlehoop.__file__, str(config.CONF), str(RECORDINGS)],
+    "places": [needlehoop.__file__, str(config.CONF), str(RECORDINGS), str(AGENT)],
     "run": job.place,
     "views": sorted(values["views"]),
     "said": said,
@@ -45,7 +47,7 @@ print(json.dumps({
 def wheel(tmp_path_factory) -> Path:
     """The wheel of this source, built in a copy, without a network."""
     folder = tmp_path_factory.mktemp("source")
-    for name in ("needlehoop", "conf"):
+    for name in ("needlehoop", "conf", AGENT):
         leave = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=leave)
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
@@ -66,8 +68,11 @@ def test_a_wheel_carries_every_file_of_the_package_and_of_conf(wheel):
 
     with zipfile.ZipFile(wheel) as held:
         carried = {name for name in held.namelist() if ".dist-info/" not in name}
-    assert carried == files(ROOT / "needlehoop", "needlehoop") | files(
-        ROOT / "conf", "needlehoop/conf"
+    agent = {f"needlehoop/agent/{name}" for name in ("config.yaml", "manifest.json", POLICY)}
+    assert carried == (
+        files(ROOT / "needlehoop", "needlehoop")
+        | files(ROOT / "conf", "needlehoop/conf")
+        | (agent & files(ROOT / AGENT, "needlehoop/agent"))
     )
 
 

@@ -1,4 +1,4 @@
-"""Commands that show the scene, a controller or a run: ``needlehoop snapshot``, ``expert``, …"""
+"""Commands that show the scene or a controller: ``needlehoop snapshot``, ``expert``, …"""
 
 from __future__ import annotations
 
@@ -44,22 +44,6 @@ def add_commands(commands: Any) -> None:
     )
     signals = commands.add_parser("signals", help="Print the table of signals.")
     signals.set_defaults(run=_signals, overrides=[])
-    _add_evaluate(commands)
-
-
-def _add_evaluate(commands: Any) -> None:
-    evaluated = commands.add_parser(
-        "evaluate",
-        help="Evaluate a trained run: success, return, cheat rate, a video.",
-        description="Evaluate a trained run and write evaluation.json into its folder. What an"
-        " earlier evaluation wrote is kept under a number.",
-        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto;"
-        " reward=human (or any other) scores by it, and writes nothing but the video.",
-    )
-    evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
-    evaluated.add_argument("overrides", nargs="*", metavar="key=value")
-    evaluated.add_argument("--json", action="store_true", help="print one line of JSON")
-    evaluated.set_defaults(run=_evaluate)
 
 
 def _snapshot(options: argparse.Namespace) -> None:
@@ -145,34 +129,6 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
     record(settings, simulation, imager, controller(who, settings), episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
-
-
-def _evaluate(options: argparse.Namespace) -> None:
-    from needlehoop import config
-    from needlehoop.learning.job import pick_device
-    from needlehoop.runs.files import VIDEO
-    from needlehoop.runs.run import Run
-
-    run = Run.open(options.run_folder)
-    job = config.job(run.config())
-    # Programs are found by the cameras.
-    values = config.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
-    reward = values.get("reward")
-    if reward is not None:
-        job = replace(job, env=replace(job.env, reward=reward))
-    episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
-    seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
-    video, device = config.value(values, "video", bool), pick_device(values["device"])
-    from needlehoop.learning.evaluate import assess, film, load_agent, report
-
-    agent = load_agent(run, job, device)
-    found = assess(run, agent, job, episodes, seed, kept=reward is None)
-    print(json.dumps(found) if options.json else report(found))
-    if video:
-        out = run.vacate(VIDEO)
-        film(job.env, agent, filmed, seed, out)
-        if not options.json:
-            print(f"video        {out}")
 
 
 def _view(options: argparse.Namespace) -> None:

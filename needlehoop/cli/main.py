@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from needlehoop.cli.bench import add_commands as add_bench_commands
 from needlehoop.cli.demonstrations import add_commands as add_demonstrations_command
 from needlehoop.cli.export import add_commands as add_export_commands
+from needlehoop.cli.fly import add_commands as add_fly_commands
 from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
 from needlehoop.cli.study import add_commands as add_study_commands
@@ -60,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     summary = "Train an agent: python train.py, for those who have no checkout."
     commands.add_parser(_TRAIN, help=summary, add_help=False)
     add_commands(commands)
+    add_fly_commands(commands)
     add_export_commands(commands)
     add_bench_commands(commands)
     add_vlm_commands(commands)

@@ -67,6 +67,11 @@ class Settings:
         rewards.load(self.reward)
 
     @property
+    def period(self) -> float:
+        """Simulated time between two actions, s."""
+        return self.task.timestep * self.episode.substeps
+
+    @property
     def cameras(self) -> tuple[Camera, ...]:
         """The chosen cameras."""
         return parse_cameras(self.cams, self.views, self.renderings)

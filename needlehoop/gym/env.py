@@ -10,9 +10,9 @@ import numpy as np
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.screen import MODES, Picture, Window, check_mode, rate
+from needlehoop.gym.screen import MODES, Picture, check_mode
 from needlehoop.gym.stage import Stage, info, row
-from needlehoop.pictures.window import has_display
+from needlehoop.pictures.window import Window, has_display
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
 """Frames per second are those of the default control step, 40 ms; an environment's own count."""
@@ -58,12 +58,14 @@ class GymnasiumEnv(gymnasium.Env):
         if render_mode == "rgb_array":
             self._picture = Picture(self.simulation, render_size)
         elif render_mode == "human":
-            self._window = Window(self.simulation, self.settings)
+            self._window = Window(
+                self.simulation, self.settings, "render_mode=rgb_array gives pictures"
+            )
         self.observation_space = self._stage.observation_space
         self.action_space = self._stage.action_space
         # What can be had here, where METADATA has what can be asked for.
         modes = [mode for mode in MODES if mode != "human" or has_display()]
-        self.metadata = {"render_modes": modes, "render_fps": rate(settings)}
+        self.metadata = {"render_modes": modes, "render_fps": 1.0 / settings.period}
 
     @property
     def simulation(self) -> Simulation:

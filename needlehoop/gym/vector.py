@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.screen import Picture, check_mode, rate
+from needlehoop.gym.screen import Picture, check_mode
 from needlehoop.gym.stage import Stage, info, masked
 
 _MODES = ("rgb_array",)
@@ -61,7 +61,7 @@ class GymnasiumVectorEnv(VectorEnv):
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.metadata = {
             "render_modes": [*_MODES],
-            "render_fps": rate(settings),
+            "render_fps": 1.0 / settings.period,
             "autoreset_mode": self.autoreset_mode,
         }
         self._stage = Stage(settings, channels)

@@ -29,6 +29,8 @@ from needlehoop.learning.learner import build_agent
 from needlehoop.learning.methods import agent_state
 from needlehoop.learning.weights import actor_of, read_weights
 from needlehoop.pictures.film import record
+from needlehoop.pictures.viewer import play
+from needlehoop.pictures.window import Window
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
@@ -84,10 +86,19 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
         seed: of the episodes.
         out: an ``.mp4`` file; written whole or not at all.
     """
-    alone = replace(job_env, num_envs=1, seed=seed)
-    simulation, imager = build(alone)
-    pilot = Pilot(agent.actor, Observer(alone, simulation, imager), _device(agent))
+    alone, simulation, imager, pilot = _alone(job_env, agent, seed)
     record(alone, simulation, imager, pilot, episodes, out)
+
+
+def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
+    """The same episodes in a window, in real time.
+
+    Raises:
+        RuntimeError: this machine has no display.
+    """
+    alone, simulation, _, pilot = _alone(job_env, agent, seed)
+    window = Window(simulation, alone, "a film shows the same")
+    play(window, alone, simulation, pilot, range(episodes))
 
 
 def assess(
@@ -106,15 +117,20 @@ def assess(
     Raises:
         ValueError: no episodes, or the seed of the training.
     """
+    found = {"steps_trained": run.manifest().get("steps"), **try_out(agent, job, episodes, seed)}
+    if kept:
+        run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
+    return found
+
+
+def try_out(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
+    """Evaluate an agent on episodes that it was not trained on; arguments as in ``assess``."""
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
     if seed < 0:
         raise ValueError(f"seed: {seed} is negative")
     outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
-    found = {"steps_trained": run.manifest().get("steps"), "seed": seed, **with_intervals(outcome)}
-    if kept:
-        run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
-    return found
+    return {"seed": seed, **with_intervals(outcome)}
 
 
 def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
@@ -170,6 +186,16 @@ def report(found: Mapping[str, Any]) -> str:
             f"length       {f['steps']:.0f} steps",
         )
     )
+
+
+def _alone(
+    job_env: Settings, agent: Agent, seed: int
+) -> tuple[Settings, Simulation, Imager, Pilot]:
+    """One environment, and an agent that flies it."""
+    alone = replace(job_env, num_envs=1, seed=seed)
+    simulation, imager = build(alone)
+    pilot = Pilot(agent.actor, Observer(alone, simulation, imager), _device(agent))
+    return alone, simulation, imager, pilot
 
 
 def _device(agent: Agent) -> torch.device:

@@ -40,7 +40,7 @@ def record(
     engine = simulation.engine
     photographer = Photographer(engine.model, size)
     partial = out.with_name(out.stem + ".partial.mp4")
-    rate = 1.0 / (settings.task.timestep * settings.episode.substeps)
+    rate = 1.0 / settings.period
     out.parent.mkdir(parents=True, exist_ok=True)
 
     def look() -> np.ndarray:

@@ -1,13 +1,20 @@
-"""The interactive viewer: MuJoCo's own window, with somebody acting."""
+"""Episodes in a window, in real time, with somebody acting."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import count
 
+from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.dm_control_env import NeedleHoopTask, load
+from needlehoop.envs.rollout import Controller
 from needlehoop.envs.settings import Settings
-from needlehoop.pictures.window import check_display, open_window
+from needlehoop.envs.simulation import Simulation
+from needlehoop.pictures.window import Window, check_display
+
+_INSTEAD = "`needlehoop expert --video out.mp4` writes a video"
 
 
 def view(settings: Settings, who: str) -> None:
@@ -17,21 +24,39 @@ def view(settings: Settings, who: str) -> None:
         RuntimeError: this machine has no display.
         ValueError: an unknown controller.
     """
-    check_display("`needlehoop expert --video out.mp4` writes a video")
-    act = controller(who, settings)
-    environment = load(settings)
-    task = environment.task
-    assert isinstance(task, NeedleHoopTask)
-    model, data = environment.physics.model.ptr, environment.physics.data.ptr
-    period = settings.task.timestep * settings.episode.substeps
-    step = environment.reset()
-    with open_window(model, data, settings.picture) as window:
-        while window.is_running():
-            began = time.monotonic()
-            if step.last():
-                step = environment.reset()
-            assert task.moment is not None
-            with window.lock():
-                step = environment.step(act(task.moment.signals)[0].numpy())
-            window.sync()
-            time.sleep(max(0.0, period - (time.monotonic() - began)))
+    check_display(_INSTEAD)
+    alone = replace(settings, num_envs=1, cams=())
+    simulation, _ = build(alone)
+    play(Window(simulation, alone, _INSTEAD), alone, simulation, controller(who, alone), count())
+
+
+def play(
+    window: Window,
+    settings: Settings,
+    simulation: Simulation,
+    act: Controller,
+    episodes: Iterable[int],
+) -> None:
+    """Run episodes in real time in a window until they are over or it is closed.
+
+    Args:
+        window: on the simulation; closed at the end.
+        settings: of the simulation.
+        simulation: of one environment.
+        act: who acts.
+        episodes: as many as there are numbers.
+    """
+    try:
+        for _ in episodes:
+            moment, over = simulation.reset(), False
+            while not over:
+                window.show()
+                if window.is_closed:
+                    return
+                began = time.monotonic()
+                moment = simulation.step(act(moment.signals))
+                over = bool(moment.terminated[0] | moment.truncated[0])
+                time.sleep(max(0.0, settings.period - (time.monotonic() - began)))
+            window.show()
+    finally:
+        window.close()

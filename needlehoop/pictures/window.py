@@ -1,15 +1,58 @@
-"""MuJoCo's own window. Brings no OpenGL library but the window's."""
+"""MuJoCo's own window, and what it shows. Brings no OpenGL library but the window's."""
 
 from __future__ import annotations
 
 import os
 import sys
+from typing import Any
 
 import mujoco
 import mujoco.viewer
 import numpy as np
 
+from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.cameras import View
+
+
+class Window:
+    """MuJoCo's viewer on environment 0; opened when first shown.
+
+    Args:
+        simulation: what is shown.
+        settings: of the simulation, for the place to look from.
+        instead: what a machine without a display can do.
+
+    Raises:
+        RuntimeError: this machine has no display.
+    """
+
+    def __init__(self, simulation: Simulation, settings: Settings, instead: str):
+        check_display(instead)
+        self._engine, self._view = simulation.engine, settings.picture
+        # Data of its own: the engine's are on the move while the window draws.
+        self._data = mujoco.MjData(self._engine.model)
+        self._viewer: Any = None
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether it was open and is no more."""
+        return self._viewer is not None and not self._viewer.is_running()
+
+    def show(self) -> None:
+        """Bring the window up to this moment; one that was closed by hand stays closed."""
+        if self._viewer is None:
+            self._viewer = open_window(self._engine.model, self._data, self._view)
+        if self.is_closed:
+            return
+        with self._viewer.lock():
+            mujoco.mj_copyData(self._data, self._engine.model, self._engine.data(0))
+        self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._viewer is not None:
+            self._viewer.close()
 
 
 def has_display() -> bool:
@@ -22,8 +65,8 @@ def check_display(instead: str) -> None:
     """Raises ``RuntimeError`` where there is no display, with what there is ``instead``."""
     if not has_display():
         raise RuntimeError(
-            "view: no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without"
-            f" one, {instead} instead"
+            "no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without one,"
+            f" {instead} instead"
         )
 
 

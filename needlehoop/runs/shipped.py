@@ -1,4 +1,4 @@
-"""Folders that come with the package: settings and recordings."""
+"""Folders that come with the package: settings, recordings, a trained agent."""
 
 from __future__ import annotations
 
@@ -14,3 +14,11 @@ CONF = next(
 
 RECORDINGS = _PACKAGE / "recordings"
 """What models answered, each in a folder of its own."""
+
+_AGENT = "results/reference/dep_front+seg_side/human/seed0"
+
+AGENT = next(
+    (place for place in (_PACKAGE / "agent", _PACKAGE.parent / _AGENT) if place.is_dir()),
+    _PACKAGE / "agent",
+)
+"""A run's folder: the agent that is flown if none is named."""

@@ -13,8 +13,8 @@ import needlehoop
 from needlehoop import config
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
-from needlehoop.gym import screen
 from needlehoop.gym.env import GymnasiumEnv
+from needlehoop.pictures import window
 
 ID = "needlehoop:needlehoop/NeedleHoop-v0"
 
@@ -163,7 +163,7 @@ def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
     opened = []
     monkeypatch.setenv("DISPLAY", ":7")
     monkeypatch.setattr(
-        screen, "open_window", lambda *given: opened.append(Viewer(*given)) or opened[-1]
+        window, "open_window", lambda *given: opened.append(Viewer(*given)) or opened[-1]
     )
     env = gymnasium.make(ID, cams=["seg_side"], render_mode="human")
     assert env.metadata["render_modes"] == ["human", "rgb_array"]

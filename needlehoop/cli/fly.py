@@ -1,0 +1,106 @@
+"""Commands that fly a trained agent: ``needlehoop evaluate``, ``watch``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+
+def add_commands(commands: Any) -> None:
+    """Add the commands to the subparsers of ``needlehoop``."""
+    evaluated = commands.add_parser(
+        "evaluate",
+        help="Evaluate a trained run: success, return, cheat rate, a video.",
+        description="Evaluate a trained run and write evaluation.json into its folder. What an"
+        " earlier evaluation wrote is kept under a number.",
+        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto;"
+        " reward=human (or any other) scores by it, and writes nothing but the video.",
+    )
+    evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
+    evaluated.set_defaults(run=_evaluate)
+    watched = commands.add_parser(
+        "watch",
+        help="Watch a trained agent: a few fresh episodes, in a window or as a film.",
+        description="Fly a few episodes that the agent has never met, say what came of them, and"
+        " show some in a window, or write a film where there is no display. Nothing is written"
+        " into the run's folder; a film that is there is kept under a number.",
+        epilog="Keys: episodes=10 seed=… video_episodes=3 window=… out=watch.mp4 device=auto.",
+    )
+    watched.add_argument(
+        "run_folder", nargs="?", metavar="RUN", help="the run's folder; the shipped agent's if none"
+    )
+    watched.set_defaults(run=_watch)
+    for command in (evaluated, watched):
+        command.add_argument("overrides", nargs="*", metavar="key=value")
+        command.add_argument("--json", action="store_true", help="print one line of JSON")
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.learning.job import pick_device
+    from needlehoop.runs.files import VIDEO
+    from needlehoop.runs.run import Run
+
+    run = Run.open(options.run_folder)
+    job = config.job(run.config())
+    # Programs are found by the cameras.
+    values = config.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
+    reward = values.get("reward")
+    if reward is not None:
+        job = replace(job, env=replace(job.env, reward=reward))
+    episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
+    seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
+    video, device = config.value(values, "video", bool), pick_device(values["device"])
+    from needlehoop.learning.evaluate import assess, film, load_agent, report
+
+    agent = load_agent(run, job, device)
+    found = assess(run, agent, job, episodes, seed, kept=reward is None)
+    print(json.dumps(found) if options.json else report(found))
+    if video:
+        out = run.vacate(VIDEO)
+        film(job.env, agent, filmed, seed, out)
+        if not options.json:
+            print(f"video        {out}")
+
+
+def _watch(options: argparse.Namespace) -> None:
+    from needlehoop import config
+    from needlehoop.learning.job import pick_device
+    from needlehoop.pictures.window import check_display, has_display
+    from needlehoop.runs.files import set_aside
+    from needlehoop.runs.run import Run
+    from needlehoop.runs.shipped import AGENT
+
+    named, words = options.run_folder, options.overrides
+    if named is not None and "=" in named and not Path(named).exists():
+        named, words = None, [named, *words]
+    run = Run.open(AGENT if named is None else Path(named))
+    values, job = config.compose(words, "watch"), config.job(run.config())
+    episodes, shown = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
+    if shown < 1:
+        raise ValueError(f"video_episodes: {shown} must be at least 1")
+    seed = job.evaluation.seed + 2 if values["seed"] is None else config.value(values, "seed", int)
+    window = values["window"]
+    window = has_display() if window is None else config.value(values, "window", bool)
+    if window:
+        check_display("window=false writes a film")
+    out, device = Path(str(values["out"])), pick_device(values["device"])
+    if out.suffix.lower() != ".mp4":
+        raise ValueError(f"out: {str(out)!r} must end in .mp4")
+    from needlehoop.learning.evaluate import film, load_agent, report, try_out
+
+    agent = load_agent(run, job, device)
+    found = {"run": str(run.folder), **try_out(agent, job, episodes, seed)}
+    print(json.dumps(found) if options.json else f"run          {run.folder}\n{report(found)}")
+    if window:
+        from needlehoop.learning.evaluate import show
+
+        show(job.env, agent, shown, seed)
+        return
+    set_aside(out)
+    film(job.env, agent, shown, seed, out)
+    if not options.json:
+        print(f"film         {out}")
