@@ -13,7 +13,7 @@ from needlehoop import config
 from needlehoop.learning.evaluate import load_agent
 from needlehoop.learning.job import Job, pick_device
 from needlehoop.learning.policy import Policy
-from needlehoop.learning.weights import actor_of, build_actor, read_config, read_weights
+from needlehoop.learning.weights import Actor, actor_of, build_actor, read_config, read_weights
 from needlehoop.runs.files import POLICY
 from needlehoop.runs.run import Run
 
@@ -48,11 +48,17 @@ def _setting(job: Job, key: str) -> Any:
 
 
 def policy_of(run: str | Path, device: str) -> Policy:
-    """A run's policy, from ``policy.safetensors`` or else from its checkpoint.
+    """A run's policy as a function; arguments and errors as in ``actor_in``."""
+    return Policy(*actor_in(run, device))
+
+
+def actor_in(run: str | Path, device: str, precision: str | None = None) -> tuple[Job, Actor]:
+    """A run's job and its policy, from ``policy.safetensors`` or else from its checkpoint.
 
     Args:
         run: its folder; or a ``policy.safetensors``, which needs nothing beside it.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
+        precision: of the convolutions; ``None``: the run's.
 
     Raises:
         ValueError: neither of them there, or a damaged one.
@@ -61,9 +67,13 @@ def policy_of(run: str | Path, device: str) -> Policy:
     weights = where / POLICY if where.is_dir() else where
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)
-        job = config.job(opened.config())
-        return Policy(job, actor_of(load_agent(opened, job, chosen)))
-    job = config.job(read_config(weights))
+        job = _computing(config.job(opened.config()), precision)
+        return job, actor_of(load_agent(opened, job, chosen))
+    job = _computing(config.job(read_config(weights)), precision)
     actor = build_actor(job, chosen)
     read_weights(weights, actor)
-    return Policy(job, actor)
+    return job, actor
+
+
+def _computing(job: Job, precision: str | None) -> Job:
+    return job if precision is None else replace(job, precision=precision)

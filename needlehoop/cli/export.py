@@ -1,4 +1,4 @@
-"""``needlehoop export``: the arm or the scene as plain MJCF."""
+"""``needlehoop export``: the arm or the scene as plain MJCF, a policy as ONNX."""
 
 from __future__ import annotations
 
@@ -15,26 +15,56 @@ def add_commands(commands: Any) -> None:
         commands,
         "export",
         _export,
-        "Write the arm, or the whole scene, as MJCF and meshes that MuJoCo opens by itself.",
-        "out=psm what=arm|scene overwrite=false psm=parallelogram|serial",
+        "Write the arm, or the whole scene, as MJCF and meshes that MuJoCo opens by itself; or a"
+        " trained policy as ONNX.",
+        "what=arm|scene out=psm overwrite=false psm=parallelogram|serial; what=policy format=onnx"
+        " run=<folder; the shipped agent's if none> out=policy.onnx",
     )
 
 
 def _export(options: argparse.Namespace) -> None:
     from needlehoop import config
+
+    values = config.compose(options.overrides, "export")
+    settings, what = config.structure(values), values["what"]
+    overwrite = config.value(values, "overwrite", bool)
+    if what not in _FORMATS:
+        raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(_FORMATS)}")
+    if values["format"] not in (None, _FORMATS[what]):
+        raise ValueError(
+            f"format: {values['format']!r} is unknown; what={what} is written as {_FORMATS[what]}"
+        )
+    if what == "policy":
+        _export_policy(values["run"], Path(str(values["out"] or "policy.onnx")), overwrite)
+        return
+    if values["run"] is not None:
+        raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
     from needlehoop.scene import mjcf
     from needlehoop.scene.export import check_place, papers, write_folder
 
-    values = config.compose(options.overrides, "export")
-    settings, what, out = config.structure(values), values["what"], Path(str(values["out"]))
-    overwrite = config.value(values, "overwrite", bool)
-    if what not in _SPECS:
-        raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(_SPECS)}")
+    out = Path(str(values["out"] or "psm"))
     check_place(out, overwrite)
     name, spec = _SPECS[what]
     written = mjcf.write(spec(settings), name)
     write_folder(out, {**written, **papers()}, overwrite)
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
+
+
+def _export_policy(run: str | None, out: Path, overwrite: bool) -> None:
+    from needlehoop.runs.files import write_whole
+    from needlehoop.runs.shipped import AGENT
+
+    if out.suffix != ".onnx":
+        raise ValueError(f"out: {str(out)!r} must end in .onnx")
+    if out.exists() and not overwrite:
+        raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
+    from needlehoop.learning.onnx_file import PRECISION, onnx_bytes
+    from needlehoop.trained import actor_in
+
+    content = onnx_bytes(*actor_in(run or AGENT, "cpu", PRECISION))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, content)
+    print(f"{out}: {len(content) / 1e6:.1f} MB; look at it: https://netron.app")
 
 
 def _arm(settings: Any) -> Any:
@@ -73,5 +103,8 @@ def _scene(settings: Any) -> Any:
     return spec
 
 
+_FORMATS = {"arm": "mjcf", "scene": "mjcf", "policy": "onnx"}
+"""What there is to export, and as what."""
+
 _SPECS = {"arm": ("psm", _arm), "scene": ("scene", _scene)}
-"""What there is to export: the file's name, and what makes the spec."""
+"""Of an MJCF: the file's name, and what makes the spec."""

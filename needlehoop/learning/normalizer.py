@@ -24,10 +24,10 @@ class Normalizer(nn.Module):
         self.register_buffer("square", torch.zeros(size, dtype=torch.float64))
 
     def forward(self, x: Tensor) -> Tensor:
-        if self.count == 0:
-            return x
         deviation = (self.square - self.mean**2).clamp(min=1e-12).sqrt()
-        return ((x - self.mean) / deviation).clamp(-5.0, 5.0).float()
+        standard = ((x - self.mean) / deviation).clamp(-5.0, 5.0).float()
+        # Not a branch of Python, which an exporter could not follow.
+        return torch.where(self.count == 0, x.float(), standard)
 
     def learn(self, x: Tensor) -> None:
         """Take the rows of ``x`` into account."""
