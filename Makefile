@@ -9,7 +9,7 @@ TESTED := $(VENV)/.tested
 # Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
 ARGS ?=
 
-.PHONY: setup demo train test browser check format clean
+.PHONY: setup demo train test browser check docs format clean
 
 setup: $(STAMP)
 
@@ -44,9 +44,12 @@ check: $(TESTED)
 	$(BIN)/ruff check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+docs: $(TESTED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
 format: $(TESTED)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build site *.egg-info
