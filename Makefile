@@ -45,7 +45,7 @@ check: $(TESTED)
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: $(TESTED)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 format: $(TESTED)
 	$(BIN)/ruff format .

@@ -1,9 +1,10 @@
 """needlehoop: which cameras does a surgical robot need to learn a task?
 
->>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
->>> dm = needlehoop.load(cams=["rgb_default"])
->>> policy = needlehoop.load_policy("results/main/dep_front+seg_side/human/seed0")
->>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
+Examples:
+    >>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
+    >>> dm = needlehoop.load(cams=["rgb_default"])
+    >>> policy = needlehoop.load_policy("results/main/dep_front+seg_side/human/seed0")
+    >>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
 """
 
 from __future__ import annotations
