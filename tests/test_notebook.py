@@ -33,8 +33,7 @@ def test_the_tour_runs(tour, tmp_path):
     assert "threaded in" in said[-1][0].text
 
 
-def test_its_outputs_are_there_and_small(tour):
-    code = [cell for cell in tour.cells if cell.cell_type == "code"]
-    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+def test_its_outputs_are_small(tour):
     assert TOUR.stat().st_size < 200_000
-    assert not [out for cell in code for out in cell.outputs if out.output_type == "error"]
+    outputs = [out for cell in tour.cells if cell.cell_type == "code" for out in cell.outputs]
+    assert not [out for out in outputs if out.output_type == "error"]
