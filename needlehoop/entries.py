@@ -12,7 +12,7 @@ from needlehoop.gym.vector import GymnasiumVectorEnv
 from needlehoop.making import settings, settings_of
 
 PAIR = ("dep_front", "seg_side")
-"""What is seen if nothing is said: the cameras of the README's first run."""
+"""What is seen if nothing is said: the cameras of the first run in the README."""
 
 
 def single(

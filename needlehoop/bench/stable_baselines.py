@@ -112,7 +112,7 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
         "cams": list(job.env.cams),
         "image_size": job.env.image_size,
         "num_envs": {"needlehoop": job.env.num_envs, "dm_control": DM_CONTROL_ENVS},
-        "steps_per_second": {"needlehoop": round(mean, 1), "dm_control": round(other, 1)},
+        "steps_per_second": {"needlehoop": round(mean, 3), "dm_control": round(other, 3)},
         "ratio": round(mean / other, 1),
         "ratio_of_each_round": [round(one / two, 1) for one, two in rates],
     }

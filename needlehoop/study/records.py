@@ -84,7 +84,7 @@ class Record:
     manifest: Mapping[str, Any]
     """Empty where it can't be read."""
     metrics: Rows | None
-    """A row per buffer; columns as in the README."""
+    """A row per buffer; columns as in docs/first-run.md."""
     evaluations: Rows | None
     """A row per evaluation on the way."""
     evaluation: Mapping[str, Any] | None
