@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import cattrs
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
@@ -15,8 +14,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop import groups, own
-from needlehoop.runs.files import DAGGER, listed
+from needlehoop import groups, own, strict
 from needlehoop.runs.shipped import CONF
 
 if TYPE_CHECKING:
@@ -25,9 +23,6 @@ if TYPE_CHECKING:
     from needlehoop.learning.job import Job
 
 T = TypeVar("T")
-
-_ALGORITHMS = {False: "PpoConfig", True: "DaggerConfig"}
-"""Values of algorithms, by whether they are imitation's."""
 
 
 def settings(overrides: Iterable[str] = (), config: str = "env") -> Settings:
@@ -51,7 +46,7 @@ def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
     """The same where Hydra is set up, and knows the options, already."""
     try:
-        groups.check_choice(overrides)
+        groups.check_choice(overrides, CONF)
         return plain(hydra_compose(config, overrides=list(overrides)))
     except (HydraException, OmegaConfBaseException) as error:
         message = _explain(error, config)
@@ -86,21 +81,18 @@ def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
         path: where the values stand in the config.
     """
     if path:
-        return _structure(dict(values), kind, path)
+        return _structure(values, kind, path)
     names = getattr(kind, "__dataclass_fields__", {})
     return _structure({name: values[name] for name in names}, kind)
 
 
-def value(values: Mapping[str, Any], key: str, kind: type[T]) -> T:
-    """One whole number, truth or text of a composed config.
+def value(values: Mapping[str, Any], key: str, kind: Any) -> Any:
+    """One value of a composed config: a whole number, a truth, a text, a list of names, …
 
     Raises:
         ValueError: it is something else; says the key.
     """
-    try:
-        return _converter.structure(values[key], kind)
-    except ValueError as error:
-        raise ValueError(f"{key}: {error}") from error
+    return strict.structure(values[key], kind, key)
 
 
 def check_choice(words: Iterable[str]) -> None:
@@ -110,7 +102,7 @@ def check_choice(words: Iterable[str]) -> None:
         ValueError: they do not, or a word is no override.
     """
     try:
-        groups.check_choice(words)
+        groups.check_choice(words, CONF)
     except HydraException as error:
         raise ValueError(_one_line(str(error))) from error
 
@@ -126,16 +118,22 @@ def in_brackets(words: Iterable[str]) -> list[str]:
     return [re.sub(r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]", word) for word in given]
 
 
-def _structure(values: dict[str, Any], kind: type[T], path: str = "") -> T:
+def quoted(word: str) -> str:
+    """``resume=`` with its path in quotes for Hydra, which takes ``=`` and ``{}`` for its own."""
+    key, _, path = word.partition("=")
+    if key != "resume" or path in ("", "null") or path[0] in "'\"":
+        return word
+    escaped = re.sub(r"(\\*)'", lambda found: 2 * found[1] + "\\'", path)
+    trailing = len(path) - len(path.rstrip("\\"))
+    return f"resume='{escaped}{trailing * chr(92)}'"
+
+
+def _structure(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
     try:
-        return _converter.structure(values, kind)
-    except cattrs.ClassValidationError as error:
-        raise ValueError("; ".join(_plain(line) for line in _flatten(error, path))) from error
-
-
-def _plain(line: str) -> str:
-    """``env`` is where the environment's keys live in a ``Job``, not in the YAML."""
-    return line.removeprefix("env: ").removeprefix("env.")
+        return strict.structure(values, kind, path)
+    except ValueError as error:
+        # Where the environment's keys live in a ``Job``, not in the YAML.
+        raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error
 
 
 def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
@@ -191,57 +189,3 @@ def _explain(error: Exception, config: str) -> str:
 def _one_line(text: str) -> str:
     """Hydra's message without the folders it searched."""
     return re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()
-
-
-def _flatten(error: BaseException, path: str = "") -> Iterable[str]:
-    """One line per invalid value, named by its key."""
-    if isinstance(error, cattrs.IterableValidationError | cattrs.ClassValidationError):
-        notes = {id(inner): note for inner, note in error.group_exceptions()[0]}
-        for inner in error.exceptions:
-            note = notes.get(id(inner))
-            name = str(getattr(note, "name", getattr(note, "index", ""))) if note else ""
-            yield from _flatten(inner, f"{path}.{name}" if path and name else path or name)
-    elif isinstance(error, KeyError):
-        yield f"{path or error.args[0]}: missing"
-    elif isinstance(error, cattrs.ForbiddenExtraKeysError):
-        yield f"{path}: unknown key {', '.join(sorted(error.extra_fields))}"
-    elif path and not str(error).startswith(path.split(".")[0]):
-        yield f"{path}: {error}"
-    else:
-        yield str(error)
-
-
-def _whole_number(value: Any, _: type) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value % 1 != 0:
-        raise ValueError(f"{value!r} is not a whole number")
-    return int(value)
-
-
-def _truth(value: Any, _: type) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{value!r} is not true or false")
-    return value
-
-
-def _is_algorithm(kind: Any) -> bool:
-    """Whether it is the union of the algorithms' values; by name, since they bring torch."""
-    return {one.__name__ for one in get_args(kind)} == {*_ALGORITHMS.values()}
-
-
-def _algorithm(value: Any, union: Any) -> Any:
-    """By its ``kind``, which PPO's values have none of."""
-    wanted = _ALGORITHMS[value.get("kind") == DAGGER]
-    (kind,) = (one for one in get_args(union) if one.__name__ == wanted)
-    return _converter.structure(value, kind)
-
-
-def _names(value: Any, _: type) -> tuple[str, ...]:
-    """A list of names, or one string with commas between them."""
-    return tuple(listed(value))
-
-
-_converter = cattrs.Converter(forbid_extra_keys=True)
-_converter.register_structure_hook(int, _whole_number)
-_converter.register_structure_hook(bool, _truth)
-_converter.register_structure_hook_func(lambda kind: kind == tuple[str, ...], _names)
-_converter.register_structure_hook_func(_is_algorithm, _algorithm)

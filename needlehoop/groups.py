@@ -10,8 +10,14 @@ import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
+from needlehoop.strict import told
+
 CAMERAS = "cameras"
 """Where a composed config holds the options of the group ``cams`` that were chosen."""
+
+
+_LONGEST = 100
+"""Characters of an option's name: it is that of a file."""
 
 
 def register(*folders: Path) -> None:
@@ -42,29 +48,39 @@ def register(*folders: Path) -> None:
         store.store(group="model", name=name, node=node, package="_global_")
 
 
-def check_choice(overrides: Iterable[str]) -> None:
-    """What Hydra lets pass, or stumbles over, in the choice of cameras.
+def check_choice(overrides: Iterable[str], conf: Path) -> None:
+    """What Hydra lets pass, or stumbles over, in the choice of options.
 
     Args:
         overrides: as Hydra takes them, sweeps included.
+        conf: folder of the groups.
 
     Raises:
-        ValueError: a choice of ``cams`` that is no list of names, or has one of them twice.
+        ValueError: a choice of ``cams`` that is no list of names, or has one of them twice; of
+            another group, one that is no name.
         HydraException: what is no override at all.
     """
+    groups = {folder.name for folder in conf.iterdir() if folder.is_dir()}
     for override in OverridesParser.create().parse_overrides(list(overrides)):
-        if override.key_or_group != "cams" or override.is_delete():
+        group = override.key_or_group
+        if override.is_delete() or group not in {"cams", *groups}:
             continue
         swept = override.is_sweep_override()
         for chosen in override.sweep_iterator() if swept else [override.value()]:
-            names = [chosen] if isinstance(chosen, str) else chosen
-            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-                raise ValueError(
-                    f"cams: {chosen!r} is no list of cameras, as dep_front,seg_side is"
-                )
-            for name in names:
-                if names.count(name) > 1:
-                    raise ValueError(f"cams: {name!r} is named twice")
+            if group == "cams":
+                _check_cams(chosen)
+            elif not isinstance(chosen, str) or len(chosen) > _LONGEST:
+                valid = ", ".join(_options(conf, group))
+                raise ValueError(f"{group}: {told(chosen)} is no option; choose from {valid}")
+
+
+def _check_cams(chosen: Any) -> None:
+    names = [chosen] if isinstance(chosen, str) else chosen
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f"cams: {told(chosen)} is no list of cameras, as dep_front,seg_side is")
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"cams: {name!r} is named twice")
 
 
 def check_cameras(cameras: Mapping[str, Any]) -> None:

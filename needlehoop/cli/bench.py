@@ -6,9 +6,12 @@ import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.strict import Count, Range
+
+Rounds = Annotated[int, Range(1, 1_000_000)]
 
 
 def add_commands(commands: Any) -> None:
@@ -41,24 +44,24 @@ def _measure(overrides: list[str]) -> dict[str, Any]:
     from needlehoop import config
 
     values = config.compose(overrides, "bench")
-    settings, what = config.structure(values), values["what"]
+    settings, what = config.structure(values), config.value(values, "what", str)
     if what == "speed":
         from needlehoop.bench.speed import measure
 
-        rounds, steps = (config.value(values, key, int) for key in ("rounds", "steps"))
+        rounds, steps = (config.value(values, key, Rounds) for key in ("rounds", "steps"))
         return measure(settings, rounds, steps)
     if what == "stability":
         from needlehoop.bench.stability import shake
 
-        return shake(settings, config.value(values, "episodes", int)).as_dict()
+        return shake(settings, config.value(values, "episodes", Count)).as_dict()
     if what == "program":
         from needlehoop.bench.program import measure_program
 
-        return measure_program(settings.num_envs, config.value(values, "rounds", int))
+        return measure_program(settings.num_envs, config.value(values, "rounds", Rounds))
     if what == "startup":
         from needlehoop.bench.startup import measure_startup
 
-        return measure_startup(config.value(values, "rounds", int))
+        return measure_startup(config.value(values, "rounds", Rounds))
     valid = "speed, train, sb3, stability, program, startup"
     raise ValueError(f"what: {what!r} is unknown; choose from {valid}")
 
@@ -67,7 +70,7 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     from needlehoop import config
 
     values = config.compose(overrides, "bench_train")
-    job, rounds = config.job(values), config.value(values, "rounds", int)
+    job, rounds = config.job(values), config.value(values, "rounds", Rounds)
     if what == "what=sb3":
         from needlehoop.bench.stable_baselines import measure_sb3
 
@@ -75,13 +78,12 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     from needlehoop.bench.against import compare_training
     from needlehoop.bench.training import measure_training
 
-    if values["against"] is None:
+    against = config.value(values, "against", str | None)
+    if against is None:
         return measure_training(job, rounds, alone=config.value(values, "alone", bool))
     own = ("against=", "turns=")
     words = [word for word in overrides if not word.startswith(own)]
-    return compare_training(
-        Path(values["against"]).resolve(), words, config.value(values, "turns", int)
-    )
+    return compare_training(Path(against).resolve(), words, config.value(values, "turns", Rounds))
 
 
 def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:

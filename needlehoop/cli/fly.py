@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from needlehoop.strict import Count, Seed
+
 
 def add_commands(commands: Any) -> None:
     """Add the commands to the subparsers of ``needlehoop``."""
@@ -51,9 +53,11 @@ def _evaluate(options: argparse.Namespace) -> None:
     reward = values.get("reward")
     if reward is not None:
         job = replace(job, env=replace(job.env, reward=reward))
-    episodes, filmed = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
-    seed = job.evaluation.seed + 1 if values["seed"] is None else config.value(values, "seed", int)
-    video, device = config.value(values, "video", bool), pick_device(values["device"])
+    episodes, filmed = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
+    given = config.value(values, "seed", Seed | None)
+    seed = job.evaluation.final_seed if given is None else given
+    video = config.value(values, "video", bool)
+    device = pick_device(config.value(values, "device", str))
     from needlehoop.learning.evaluate import assess, film, load_agent, report
 
     agent = load_agent(run, job, device)
@@ -79,15 +83,15 @@ def _watch(options: argparse.Namespace) -> None:
         named, words = None, [named, *words]
     run = Run.open(AGENT if named is None else Path(named))
     values, job = config.compose(words, "watch"), config.job(run.config())
-    episodes, shown = (config.value(values, key, int) for key in ("episodes", "video_episodes"))
-    if shown < 1:
-        raise ValueError(f"video_episodes: {shown} must be at least 1")
-    seed = job.evaluation.seed + 2 if values["seed"] is None else config.value(values, "seed", int)
+    episodes, shown = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
+    given = config.value(values, "seed", Seed | None)
+    seed = job.evaluation.final_seed + 1 if given is None else given
     window = values["window"]
     window = has_display() if window is None else config.value(values, "window", bool)
     if window:
         check_display("window=false writes a film")
-    out, device = Path(str(values["out"])), pick_device(values["device"])
+    out = Path(config.value(values, "out", str))
+    device = pick_device(config.value(values, "device", str))
     if out.suffix.lower() != ".mp4":
         raise ValueError(f"out: {str(out)!r} must end in .mp4")
     from needlehoop.learning.evaluate import film, load_agent, report, try_out

@@ -7,9 +7,12 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.strict import Count, Range
+
+Pixels = Annotated[int, Range(1, 4096)]
 
 
 def add_commands(commands: Any) -> None:
@@ -51,7 +54,7 @@ def _snapshot(options: argparse.Namespace) -> None:
 
     values = config.compose(options.overrides, "snapshot")
     settings, out = config.structure(values), _png(values)
-    size, raw = config.value(values, "size", int), config.value(values, "raw", bool)
+    size, raw = config.value(values, "size", Pixels), config.value(values, "raw", bool)
     from needlehoop.pictures.sheet import contact_sheet
 
     _save(contact_sheet(settings, size, raw), out)
@@ -62,14 +65,16 @@ def _picture(options: argparse.Namespace) -> None:
 
     values = config.compose(options.overrides, "picture")
     settings, out = config.structure(values), _png(values)
-    size = config.value(values, "size", int)
+    size = config.value(values, "size", Pixels)
     from needlehoop.pictures.portrait import portrait
 
     _save(portrait(settings, size), out)
 
 
 def _png(values: dict[str, Any]) -> Path:
-    out = Path(values["out"])
+    from needlehoop import config
+
+    out = Path(config.value(values, "out", str))
     if out.suffix.lower() != ".png":
         raise ValueError(f"out: {str(out)!r} must end in .png")
     _spare(out, values, "out")
@@ -95,8 +100,9 @@ def _expert(options: argparse.Namespace) -> None:
     from needlehoop import config
 
     values = config.compose(options.overrides, "expert")
-    settings, who = config.structure(values), values["controller"]
-    episodes = config.value(values, "episodes", int)
+    settings, who = config.structure(values), config.value(values, "controller", str)
+    episodes = config.value(values, "episodes", Count)
+    filmed, grasps = config.value(values, "video_episodes", Count), _grasps(values)
     if options.video is not None:
         if options.video.suffix.lower() != ".mp4":
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
@@ -104,7 +110,7 @@ def _expert(options: argparse.Namespace) -> None:
     from needlehoop.envs.trials import run_trials
 
     summaries = {}
-    for grasp in values["grasps"]:
+    for grasp in grasps:
         tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
         summaries[grasp] = run_trials(tried, who, episodes).summary()
     if options.json:
@@ -112,7 +118,7 @@ def _expert(options: argparse.Namespace) -> None:
     else:
         _print_table(f"{who}, {episodes} episodes per grasp, seed {settings.seed}", summaries)
     if options.video is not None:
-        _film(settings, who, config.value(values, "video_episodes", int), options)
+        _film(settings, who, filmed, options)
 
 
 def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
@@ -120,8 +126,6 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
     from needlehoop.envs.controllers import controller
     from needlehoop.pictures.film import record
 
-    if episodes < 1:
-        raise ValueError(f"video_episodes: {episodes} must be at least 1")
     if not settings.cams:
         settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
     settings = replace(settings, num_envs=1)
@@ -135,10 +139,23 @@ def _view(options: argparse.Namespace) -> None:
     from needlehoop import config
 
     values = config.compose(options.overrides, "view")
-    settings = config.structure(values)
+    settings, who = config.structure(values), config.value(values, "controller", str)
     from needlehoop.pictures.viewer import view
 
-    view(settings, values["controller"])
+    view(settings, who)
+
+
+def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
+    from needlehoop import config
+    from needlehoop.task.episode import GRASPS
+
+    grasps = config.value(values, "grasps", tuple[str, ...])
+    for grasp in grasps:
+        if grasp not in GRASPS:
+            raise ValueError(f"grasps: {grasp!r} is unknown; choose from {', '.join(GRASPS)}")
+    if not grasps:
+        raise ValueError(f"grasps: name one or more of {', '.join(GRASPS)}")
+    return grasps
 
 
 def _signals(options: argparse.Namespace) -> None:

@@ -47,7 +47,8 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.probe.probing import missing, probe
     from needlehoop.probe.tables import PHASES_TABLE, all_tables
 
-    grid = config.as_type(values["grid"], Grid, "grid") if options.grid else None
+    asked = config.as_type(values["grid"], Grid, "grid")
+    grid = asked if options.grid else None
     plan = _plan(values, standing, grid)
     place = Path(plan.scope.results) / plan.scope.study
     if grid:
@@ -100,7 +101,7 @@ def _values(overrides: list[str]) -> dict[str, Any]:
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
     from needlehoop import config
     from needlehoop.learning.encoder import EncoderConfig
-    from needlehoop.learning.networks import HeadConfig
+    from needlehoop.learning.hyperparameters import PpoConfig
     from needlehoop.probe.plan import Episodes, Plan, Scope, combinations
     from needlehoop.probe.regression import Fit
 
@@ -113,7 +114,7 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
         env=settings,
         combinations=asked,
         encoder=config.as_type(values["encoder"], EncoderConfig, "encoder"),
-        heads=config.as_type(values["algo"]["network"], HeadConfig, "algo.network"),
+        heads=config.as_type(values["algo"], PpoConfig, "algo").network,
         episodes=config.as_type(values["episodes"], Episodes, "episodes"),
         fit=config.as_type(values["fit"], Fit, "fit"),
         scope=config.as_type(values, Scope),

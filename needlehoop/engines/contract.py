@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
+
+from needlehoop.strict import Range
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,7 +30,7 @@ RENDERERS: tuple[str, ...] = ("rasteriser", "tracer")
 class EngineConfig:
     """Values in ``conf/engine``."""
 
-    threads: int
+    threads: Annotated[int, Range(0, 4096)]
     """Threads for physics and cameras; 0: every CPU this process may use."""
     renderer: str
     """Of ``RENDERERS``. Pictures for people are always the tracer's."""
@@ -40,8 +42,6 @@ class EngineConfig:
             raise ValueError(
                 f"engine.kind: {self.kind!r} is unknown; choose from {', '.join(KINDS)}"
             )
-        if self.threads < 0:
-            raise ValueError(f"engine.threads: {self.threads} is negative; 0 means every CPU")
         if self.renderer not in RENDERERS:
             valid = ", ".join(RENDERERS)
             raise ValueError(f"engine.renderer: {self.renderer!r} is unknown; choose from {valid}")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.scene.layout import Layout
+from needlehoop.strict import Range, Seed
 from needlehoop.task.episode import Episode
 
 
@@ -22,12 +23,8 @@ class Observations:
     """Joint positions, jaw and jaw command."""
     signals: bool
     """The whole state, for agents that need no eyes."""
-    frame_stack: int
+    frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
-
-    def __post_init__(self) -> None:
-        if self.frame_stack < 1:
-            raise ValueError(f"obs.frame_stack: {self.frame_stack} must be at least 1")
 
 
 @dataclass(frozen=True)
@@ -40,26 +37,18 @@ class Settings:
     engine: EngineConfig
     psm: str
     cams: tuple[str, ...]
-    image_size: int
-    quality: int
+    image_size: Annotated[int, Range(1, 2048)]
+    quality: Annotated[int, Range(1, 16)]
     """1: what agents see. k > 1: k x k rays a pixel, shadows and highlights."""
     obs: Observations
-    num_envs: int
-    seed: int
+    num_envs: Annotated[int, Range(1, 100_000)]
+    seed: Seed
     views: Mapping[str, View]
     renderings: Mapping[str, Rendering]
     picture: View
     """Where pictures for people are taken from; not a camera that agents can choose."""
 
     def __post_init__(self) -> None:
-        for key, value, least in (
-            ("image_size", self.image_size, 1),
-            ("quality", self.quality, 1),
-            ("num_envs", self.num_envs, 1),
-            ("seed", self.seed, 0),
-        ):
-            if value < least:
-                raise ValueError(f"{key}: {value} must be at least {least}")
         if self.psm not in VARIANTS:
             raise ValueError(f"psm: {self.psm!r} is unknown; choose from {', '.join(VARIANTS)}")
         # Names are checked before anything is built.

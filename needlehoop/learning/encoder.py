@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 
+from needlehoop.runs.files import check_name
+from needlehoop.strict import Range
+
 HALVINGS = ("pool", "stride")
+
+_STACKS = 12
+"""More would halve any image to nothing."""
 
 
 @dataclass(frozen=True)
@@ -15,28 +22,24 @@ class EncoderConfig:
     """A camera's residual network; values in ``conf/encoder``."""
 
     name: str
-    stem: int
+    stem: Annotated[int, Range(1, 64)]
     """Side of the blocks of pixels that become channels first; 1: none."""
-    channels: tuple[int, ...]
+    channels: tuple[Annotated[int, Range(1, 4096)], ...]
     """Channels of each stack; every stack halves the image."""
-    blocks: int
+    blocks: Annotated[int, Range(1, 64)]
     """Residual blocks per stack."""
     halving: str = "pool"
     """How a stack halves the image: ``pool``, by a max-pool after its convolution, as ML-Agents
     does, or ``stride``, by a convolution of stride 2."""
 
     def __post_init__(self) -> None:
+        check_name("encoder.name", self.name)
         if self.halving not in HALVINGS:
             raise ValueError(
                 f"encoder.halving: {self.halving!r} is unknown; choose from {', '.join(HALVINGS)}"
             )
-        for key, values in (
-            ("stem", (self.stem,)),
-            ("channels", self.channels),
-            ("blocks", (self.blocks,)),
-        ):
-            if not values or min(values) < 1:
-                raise ValueError(f"encoder.{key}: {values} must be at least 1")
+        if not 1 <= len(self.channels) <= _STACKS:
+            raise ValueError(f"encoder.channels: {self.channels} must be 1 to {_STACKS} stacks")
 
     def check_fit(self, size: int) -> None:
         """Whether square images of ``size`` px divide by the stem and outlast the stacks.

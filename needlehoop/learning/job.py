@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 
@@ -12,7 +12,8 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.precision import convolution_dtype
-from needlehoop.runs.files import EXPERT, check_name, seen
+from needlehoop.runs.files import EXPERT, check_folder, check_name, seen
+from needlehoop.strict import Count, Number, Range, Seed
 
 LOGGERS = ("csv", "wandb")
 WEIGHTS = ("float32", "bfloat16")
@@ -22,22 +23,20 @@ WEIGHTS = ("float32", "bfloat16")
 class Evaluation:
     """Deterministic evaluation; its episodes are none that training sees."""
 
-    every: int
+    every: Number
     """Buffers between evaluations; 0: none on the way."""
-    episodes: int
+    episodes: Count
     """Episodes of each."""
-    final_episodes: int
+    final_episodes: Count
     """Episodes of the one at the end."""
-    video_episodes: int
+    video_episodes: Number
     """Episodes in the video at the end; 0: no video."""
-    seed: int
+    seed: Seed
 
-    def __post_init__(self) -> None:
-        for key, least in (("every", 0), ("episodes", 1), ("final_episodes", 1)):
-            if getattr(self, key) < least:
-                raise ValueError(f"evaluation.{key}: {getattr(self, key)} must be at least {least}")
-        if self.video_episodes < 0:
-            raise ValueError(f"evaluation.video_episodes: {self.video_episodes} is negative")
+    @property
+    def final_seed(self) -> int:
+        """Of the episodes at the end, and of the film."""
+        return self.seed + 1
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,12 @@ class Job:
     results: str
     """Folder of all studies."""
     study: str
-    steps: int
+    steps: Annotated[int, Range(1, 10**15)]
     """Environment steps, over all environments; the whole buffers among them are learnt from."""
     device: str
     """Of the learner: ``auto`` is ``cuda`` where there is one."""
     precision: str
-    checkpoint_every: int
+    checkpoint_every: Count
     """Buffers between checkpoints."""
     init: str | None = None
     """Folder of the run whose agent this one begins with; runs older than it have none."""
@@ -100,11 +99,17 @@ class Job:
                 f"algo.buffer: {self.buffer} is not a multiple of num_envs * algo.horizon = {least}"
             )
         if self.updates < 1:
-            raise ValueError(f"steps: {self.steps} is less than one buffer of {self.buffer} steps")
-        if self.checkpoint_every < 1:
-            raise ValueError(f"checkpoint_every: {self.checkpoint_every} must be at least 1")
-        if self.evaluation.seed == self.env.seed:
-            raise ValueError(f"evaluation.seed: {self.env.seed} is the training's; choose another")
+            raise ValueError(
+                f"steps: {self.steps} is less than one buffer, which is num_envs="
+                f"{self.env.num_envs} × algo.horizon={self.algo.horizon} of them"
+            )
+        for seed in (self.evaluation.seed, self.evaluation.final_seed):
+            if seed == self.env.seed:
+                raise ValueError(
+                    f"evaluation.seed: {self.evaluation.seed} and the next are of evaluations, and"
+                    f" {seed} is the training's; choose another"
+                )
+        check_folder("results", self.results)
         if self.weights not in WEIGHTS:
             valid = ", ".join(WEIGHTS)
             raise ValueError(f"weights: {self.weights!r} is unknown; choose from {valid}")
@@ -117,6 +122,14 @@ class Job:
         """Steps per buffer, over all environments."""
         own = None if isinstance(self.algo, DaggerConfig) else self.algo.buffer
         return self.env.num_envs * self.algo.horizon if own is None else own
+
+    @property
+    def buffer_bytes(self) -> int:
+        """Memory that a buffer's images and the networks' weights with Adam's moments take."""
+        channels = sum(self.env.image_channels.values())
+        images = self.buffer * channels * self.env.image_size**2
+        width = self.algo.network.hidden
+        return images + 16 * width**2 * (self.algo.network.layers + 1)
 
     @property
     def updates(self) -> int:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Tensor, nn
 
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 from needlehoop.learning.normalizer import Normalizer
+from needlehoop.scene.vocabulary import FACTS
+from needlehoop.strict import Range
 
 
 @dataclass(frozen=True)
 class HeadConfig:
     """Trunk and heads; part of ``conf/algo``."""
 
-    hidden: int
+    hidden: Annotated[int, Range(1, 16_384)]
     """Width of the trunk's layers and of each encoder's output."""
-    layers: int
+    layers: Annotated[int, Range(1, 64)]
     """Layers of the trunk."""
-    sigma: float
+    sigma: Annotated[float, Range(0.0, 100.0, above=True)]
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
@@ -28,11 +31,12 @@ class HeadConfig:
     """Facts that the value function is told and the policy is not."""
 
     def __post_init__(self) -> None:
-        for key, value in (("hidden", self.hidden), ("layers", self.layers)):
-            if value < 1:
-                raise ValueError(f"algo.network.{key}: {value} must be at least 1")
-        if not self.sigma > 0:
-            raise ValueError(f"algo.network.sigma: {self.sigma} must be positive")
+        for name in self.told:
+            if name not in FACTS:
+                valid = ", ".join(FACTS)
+                raise ValueError(f"algo.network.told: {name!r} is unknown; choose from {valid}")
+        if len(set(self.told)) < len(self.told):
+            raise ValueError(f"algo.network.told: {', '.join(self.told)} names one twice")
 
 
 class Trunk(nn.Module):

@@ -25,6 +25,7 @@ from needlehoop.learning.networks import Gaussian, Trunk
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import POLICY, write_whole
 from needlehoop.runs.older import completed
+from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
 
 _CONFIG = "config"
 """Under this name the file's metadata have the run's config, as JSON."""
@@ -99,7 +100,7 @@ def read_config(path: Path) -> dict[str, Any]:
     with _reading(path), safe_open(path, framework="pt") as file:
         found = file.metadata() or {}
     try:
-        return completed(json.loads(found[_CONFIG]))
+        return completed(parse_json(found[_CONFIG]))
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} holds no policy of needlehoop: no config in it") from error
 
@@ -119,7 +120,10 @@ def read_weights(path: Path, actor: Actor) -> None:
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     try:
+        check_plain(path)
         yield
+    except UnreadableError as error:
+        raise ValueError(f"{path} {error}") from error
     except FileNotFoundError as error:
         raise ValueError(f"{path}: no such file") from error
     except SafetensorError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-import shutil
+import re
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,15 @@ import yaml
 from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
-from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, write_whole
+from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 """Settings that may change from one call to the next: more of the same is added."""
+
+_SEED = re.compile(r"seed\d+")
 
 _COLUMNS = [
     "episode",
@@ -40,7 +42,7 @@ class Folder:
     Args:
         path: made where missing.
         config: the composed settings, as plain values.
-        overwrite: whether errors that are there are dropped.
+        overwrite: whether errors that are there are set aside, under a number.
         command: the words it was called with, for the manifest.
 
     Raises:
@@ -74,7 +76,8 @@ class Folder:
                 )
             if overwrite:
                 for old in path.glob("seed*"):
-                    shutil.rmtree(old)
+                    if _SEED.fullmatch(old.name):
+                        set_aside(old)
                 (path / MANIFEST).unlink(missing_ok=True)
         self._before = _manifest(path / MANIFEST)
         path.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from needlehoop.scene.cameras import View
+from needlehoop.strict import Real
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,8 @@ class Grid:
     """View whose target, distance and depths the grid's cameras have."""
     fovy: float
     """Of the grid's cameras: wide enough for the scene from every side."""
-    azimuths: tuple[float, ...]
-    elevations: tuple[float, ...]
+    azimuths: tuple[Real, ...]
+    elevations: tuple[Real, ...]
 
     def __post_init__(self) -> None:
         for key in ("azimuths", "elevations"):

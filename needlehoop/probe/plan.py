@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 
+from needlehoop import strict
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.probe.regression import Fit
-from needlehoop.runs.files import SIGNALS, check_name, seen
+from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import parse_cameras
+from needlehoop.strict import Count, Range
 
 TRUTH, CONSTANT = SIGNALS, "constant"
 """Baselines beside the combinations: the true state read by the same trunk, and not looking."""
@@ -27,22 +29,17 @@ _SEEDS = 2_000_000
 class Episodes:
     """How many, of each seed of the probe."""
 
-    train: int
-    held_out: int
-    per_phase: int
+    train: Annotated[int, Range(4, 1_000_000)]
+    held_out: Annotated[int, Range(4, 1_000_000)]
+    per_phase: Count
     """Most frames of one phase of one episode."""
-
-    def __post_init__(self) -> None:
-        for key, least in (("train", 4), ("held_out", 4), ("per_phase", 1)):
-            if getattr(self, key) < least:
-                raise ValueError(f"episodes.{key}: {getattr(self, key)} must be at least {least}")
 
 
 @dataclass(frozen=True)
 class Scope:
     """How often, where to, and on what."""
 
-    seeds: int
+    seeds: Annotated[int, Range(1, 1000)]
     """Probes with episodes and weights of their own, to see how far they agree."""
     results: str
     study: str
@@ -51,8 +48,7 @@ class Scope:
     precision: str
 
     def __post_init__(self) -> None:
-        if self.seeds < 1:
-            raise ValueError(f"seeds: {self.seeds} must be at least 1")
+        check_folder("results", self.results)
         check_name("study", self.study)
         convolution_dtype(self.precision, self.torch_device)
 
@@ -95,9 +91,12 @@ def combinations(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     """
     if isinstance(given, str):
         given = given.split(",")
+    if not isinstance(given, list | tuple):
+        raise ValueError(f"cams: {strict.told(given)} is no list of combinations")
     found = []
     for one in given:
-        names = one.split("+") if isinstance(one, str) else [str(name) for name in one]
+        split = one.split("+") if isinstance(one, str) else one
+        names = strict.structure(split, tuple[str, ...], "cams")
         found.append(
             tuple(c.name for c in parse_cameras(names, settings.views, settings.renderings))
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +13,7 @@ from torch.nn import functional
 from needlehoop.learning.encoder import EncoderConfig, Fold
 from needlehoop.learning.networks import HeadConfig, Trunk
 from needlehoop.probe.frames import POINTS, Frames
+from needlehoop.strict import Count, Range
 
 _STATE = "signals"
 _NUMBERS = 3 * len(POINTS)
@@ -22,17 +23,10 @@ _NUMBERS = 3 * len(POINTS)
 class Fit:
     """How the network is trained; values in ``conf/probe.yaml``."""
 
-    updates: int
-    minibatch: int
-    learning_rate: float
+    updates: Count
+    minibatch: Count
+    learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     """Of Adam at the start; falls to zero in a straight line."""
-
-    def __post_init__(self) -> None:
-        for key in ("updates", "minibatch"):
-            if getattr(self, key) < 1:
-                raise ValueError(f"fit.{key}: {getattr(self, key)} must be at least 1")
-        if not self.learning_rate > 0:
-            raise ValueError(f"fit.learning_rate: {self.learning_rate} must be positive")
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot.geometry import distance
+from needlehoop.strict import Amount, Positive, Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
@@ -25,21 +26,17 @@ class Human:
     to 9.
     """
 
-    unit: float
-    tolerance: float
-    rate: float
-    reach: float
-    grasp: float
-    lift: float
-    hoop: float
-    closed: float
-    closed_below: float
+    unit: Positive
+    tolerance: Amount
+    rate: Amount
+    reach: Amount
+    grasp: Real
+    lift: Real
+    hoop: Real
+    closed: Real
+    closed_below: Real
     """The closed-jaw bonus needs a jaw command below this, rad."""
-    time: float
-
-    def __post_init__(self) -> None:
-        if not 0 < self.unit < float("inf"):
-            raise ValueError(f"reward.unit: {self.unit} is not a positive number of metres")
+    time: Real
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
+from needlehoop import strict
 from needlehoop.rewards import called, written
 from needlehoop.rewards.human import Human
 from needlehoop.rewards.sparse import Sparse
@@ -27,23 +27,14 @@ def load(config: Mapping[str, Any]) -> Reward:
     """
     values = dict(config)
     kind = values.pop("kind", None)
-    if kind in written.KINDS:
+    if isinstance(kind, str) and kind in written.KINDS:
         return written.load(config)
-    if kind == called.KIND or (kind not in REWARDS and kind in called.kinds()):
-        return called.load(config)
-    if kind not in REWARDS:
+    if not isinstance(kind, str) or kind not in {*REWARDS, called.KIND, *called.kinds()}:
         valid = ", ".join((*REWARDS, *written.KINDS, called.KIND, *called.kinds()))
         raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {valid}")
-    names = {field.name for field in fields(REWARDS[kind])}
-    if names != set(values):
-        odd = ", ".join(sorted(names ^ set(values)))
-        raise ValueError(
-            f"reward: {odd} missing or unknown; {kind} takes {', '.join(sorted(names))}"
-        )
-    for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"reward.{name}: {value!r} is not a number")
-    return REWARDS[kind](**values)
+    if kind not in REWARDS:
+        return called.load(config)
+    return strict.structure(values, REWARDS[kind], "reward")
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from needlehoop.strict import Real
+
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
 
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 class Sparse:
     """Pays ``success`` once the needle is through the hoop."""
 
-    success: float
+    success: Real
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name."""

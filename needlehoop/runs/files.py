@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -29,6 +30,11 @@ SIGNALS = "signals"
 """Stands among the cameras where the agent is told the state."""
 
 
+_NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
+_LONGEST_NAME = 100
+_LONGEST_PATH = 1_000
+
+
 def listed(names: str | Iterable[Any]) -> list[str]:
     """Names that are given as a list, or as one text with commas between them."""
     return [str(name) for name in (names.split(",") if isinstance(names, str) else names)]
@@ -45,9 +51,21 @@ def taught_by(values: Mapping[str, Any]) -> str:
 
 
 def check_name(key: str, name: str) -> None:
-    """Raises ``ValueError`` for a name that is none for a folder."""
-    if not name or name != name.strip() or name.startswith(".") or "/" in name:
-        raise ValueError(f"{key}: {name!r} is no name for a folder")
+    """Raises ``ValueError`` for a name that is none for a folder.
+
+    A shell, Hydra and every file system take ours as they are.
+    """
+    if not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST_NAME:
+        raise ValueError(
+            f"{key}: {name[:40]!r} is no name for a folder; it begins with a letter or digit, and"
+            f" has these, . _ + - and blanks within, at most {_LONGEST_NAME}"
+        )
+
+
+def check_folder(key: str, path: str) -> None:
+    """Raises ``ValueError`` for a text that is no path of a folder."""
+    if not path.strip() or len(path.encode()) > _LONGEST_PATH or path.startswith("~"):
+        raise ValueError(f"{key}: {path[:40]!r} is no path of a folder")
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

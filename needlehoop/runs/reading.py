@@ -71,6 +71,12 @@ def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> byte
     return data
 
 
+def check_plain(path: Path) -> None:
+    """Raises ``UnreadableError`` for a pipe, a device or a folder: before a library opens it."""
+    if path.exists() and not path.is_file():
+        raise UnreadableError("is no plain file")
+
+
 def check_within(path: Path, folder: Path) -> None:
     """Raises ``UnreadableError`` for a link that leads out of a folder."""
     try:

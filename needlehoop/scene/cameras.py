@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+
+from needlehoop.strict import Range
+
+Place = Annotated[float, Range(-100.0, 100.0)]
+"""A coordinate, m."""
+
+Shade = Annotated[int, Range(0, 255)]
 
 
 @dataclass(frozen=True)
@@ -16,18 +24,16 @@ class View:
     the left (at -x). Angles in degrees, lengths in m, ``target`` in the world frame.
     """
 
-    target: tuple[float, float, float]
-    azimuth: float
+    target: tuple[Place, Place, Place]
+    azimuth: Annotated[float, Range(-360.0, 360.0)]
     elevation: float
-    distance: float
+    distance: Annotated[float, Range(0.0, 100.0, above=True)]
     fovy: float
     near: float
-    far: float
+    far: Annotated[float, Range(0.0, 1e4, above=True)]
     """Depths that the depth channel maps to 255 and to 0, m along the optical axis."""
 
     def __post_init__(self) -> None:
-        if not self.distance > 0:
-            raise ValueError(f"view.distance: {self.distance} must be positive")
         if not 0 < self.fovy < 180:
             raise ValueError(f"view.fovy: {self.fovy} must lie in (0, 180) degrees")
         if not -90 < self.elevation < 90:
@@ -47,7 +53,7 @@ class Rendering:
 
     colour: str
     depth: str
-    colours: Mapping[str, tuple[int, int, int]]
+    colours: Mapping[str, tuple[Shade, Shade, Shade]]
 
     def __post_init__(self) -> None:
         _choose("rendering.colour", self.colour, ("rgb", "flat", "none"))
@@ -58,9 +64,6 @@ class Rendering:
             raise ValueError("rendering.depth: shade needs a colour; choose rgb or flat")
         if self.colour == "flat" and not self.colours:
             raise ValueError("rendering.colours: a flat rendering needs a colour per class")
-        for name, colour in self.colours.items():
-            if not all(0 <= value <= 255 for value in colour):
-                raise ValueError(f"rendering.colours.{name}: {colour} must lie in 0 to 255")
 
     @property
     def channels(self) -> int:

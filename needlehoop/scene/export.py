@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from needlehoop import strict
+from needlehoop.runs.reading import read_json
+
 RECORD = "export.json"
 """What of a folder's files was written by an export."""
 
@@ -63,9 +66,7 @@ def write_folder(out: Path, files: Mapping[str, str], overwrite: bool) -> None:
 
 def _written_before(out: Path) -> set[str]:
     try:
-        found = json.loads((out / RECORD).read_text())["files"]
-    except FileNotFoundError:
-        return set()
-    except (ValueError, KeyError, TypeError) as error:
+        found = read_json(out / RECORD)["files"] if (out / RECORD).exists() else []
+        return set(strict.structure(found, tuple[str, ...], "files"))
+    except (ValueError, KeyError) as error:
         raise ValueError(f"out: {str(out / RECORD)!r} is no record of an export") from error
-    return set(map(str, found))

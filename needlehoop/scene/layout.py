@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import math
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+
+from needlehoop.strict import Range, Share
+
+Length = Annotated[float, Range(0.0, 1.0, above=True)]
+"""m; the arm reaches a quarter of that."""
+
+Place = Annotated[float, Range(-1.0, 1.0)]
+"""A coordinate, m."""
+
+Spread = Annotated[float, Range(0.0, 2 * math.pi)]
+"""A half-width, m or rad."""
+
+Angle = Annotated[float, Range(0.0, 2 * math.pi, above=True)]
+Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
+"""rad."""
 
 
 @dataclass(frozen=True)
@@ -15,81 +32,61 @@ class Layout:
     uniform distributions about the nominal value.
     """
 
-    needle_radius: float
+    needle_radius: Length
     """Radius of the needle's arc, to its centre line."""
-    needle_arc: float
+    needle_arc: Angle
     """Angle the arc spans."""
-    needle_thickness: float
+    needle_thickness: Length
     """Diameter of the needle's cross-section."""
-    needle_mass: float
+    needle_mass: Annotated[float, Range(0.0, 10.0, above=True)]
     """kg."""
-    needle_pickup: float
+    needle_pickup: Share
     """Where the pickup point lies: fraction of the arc, measured from the tip."""
-    needle_position: tuple[float, float]
+    needle_position: tuple[Place, Place]
     """Nominal pickup point on the table, x and y."""
-    needle_yaw: float
+    needle_yaw: Turn
     """Nominal heading: rotation about z of the needle's frame."""
-    needle_position_range: tuple[float, float]
-    needle_yaw_range: float
+    needle_position_range: tuple[Spread, Spread]
+    needle_yaw_range: Spread
 
-    hoop_opening: float
+    hoop_opening: Length
     """Radius of the free opening."""
-    hoop_tube: float
+    hoop_tube: Length
     """Radius of the ring's cross-section."""
-    hoop_position: tuple[float, float, float]
+    hoop_position: tuple[Place, Place, Place]
     """Nominal centre of the opening; the hoop's axis is the world's y."""
-    hoop_position_range: tuple[float, float, float]
+    hoop_position_range: tuple[Spread, Spread, Spread]
 
-    tool_position: tuple[float, float, float]
+    tool_position: tuple[Place, Place, Place]
     """Nominal start of ``tool_midpoint``."""
-    tool_position_range: tuple[float, float, float]
-    tool_roll: float
+    tool_position_range: tuple[Spread, Spread, Spread]
+    tool_roll: Turn
     """Start of the rotation about the instrument's axis."""
-    tool_jaw: float
+    tool_jaw: Turn
     """Start of the jaw angle."""
 
-    workspace_lower: tuple[float, float, float]
-    workspace_upper: tuple[float, float, float]
+    workspace_lower: tuple[Place, Place, Place]
+    workspace_upper: tuple[Place, Place, Place]
     """Corners of the box that clamps ``tool_midpoint``'s target."""
-    roll_range: float
+    roll_range: Spread
     """The rotation's target stays within this of ``tool_roll``."""
-    jaw_closed: float
-    jaw_open: float
+    jaw_closed: Turn
+    jaw_open: Turn
     """Limits of the jaw command."""
 
-    rcm_height: float
+    rcm_height: Length
     """Height of the remote centre of motion above the table."""
-    grip: float
+    grip: Length
     """Distance of ``tool_midpoint`` from the wrist-yaw axis, along the blades."""
 
-    timestep: float
+    timestep: Annotated[float, Range(1e-4, 0.01)]
     """Physics step, s."""
 
     def __post_init__(self) -> None:
-        positive = [
-            "needle_radius",
-            "needle_arc",
-            "needle_thickness",
-            "needle_mass",
-            "hoop_opening",
-            "hoop_tube",
-            "rcm_height",
-            "grip",
-            "timestep",
-        ]
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise ValueError(f"task.{name}: {getattr(self, name)} must be positive")
-        for field in fields(self):
-            if not np.all(np.isfinite(getattr(self, field.name))):
-                raise ValueError(f"task.{field.name}: {getattr(self, field.name)} is not finite")
         if self.needle_arc >= 2 * np.pi:
             raise ValueError(f"task.needle_arc: {self.needle_arc} must be below a full turn")
         if not 0 < self.needle_pickup < 1:
             raise ValueError(f"task.needle_pickup: {self.needle_pickup} must lie in (0, 1)")
-        for field in fields(self):
-            if field.name.endswith("_range") and np.any(np.asarray(getattr(self, field.name)) < 0):
-                raise ValueError(f"task.{field.name}: {getattr(self, field.name)} is negative")
         lower, upper = self.workspace_lower, self.workspace_upper
         if not all(a < b for a, b in zip(lower, upper, strict=True)):
             raise ValueError(f"task.workspace_lower: {lower} must be below {upper}")

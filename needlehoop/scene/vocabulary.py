@@ -10,6 +10,12 @@ from typing import NamedTuple
 
 from needlehoop.robot.joints import JOINT_NAMES
 
+FACTS = (
+    *("grasped", "lifted", "touched", "threaded"),
+    *("cheat", "has_grasped", "has_touched"),
+)
+"""What is known of an environment besides its signals: of the moment, then of the episode."""
+
 
 class Signal(NamedTuple):
     """One row of the table: per-environment shape, unit, frame, source and meaning.

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from needlehoop.strict import Range
 
 CONTROLS = {"tip": 5, "pose": 7}
 """Length of the action by control mode."""
@@ -20,27 +23,27 @@ class Episode:
     grasp: str
     """``weld``: jaws that touch the needle and close hold it rigidly. ``friction``: contacts
     alone hold it, so a grasp needs the needle between the blades as well."""
-    substeps: int
+    substeps: Annotated[int, Range(1, 1000)]
     """Physics steps per action."""
-    max_steps: int
+    max_steps: Annotated[int, Range(1, 1_000_000)]
     """Actions after which an episode is truncated."""
     end_on_success: bool
     """Whether success terminates the episode."""
-    translation: float
+    translation: Annotated[float, Range(0.0, 1.0, above=True)]
     """Largest move of the tip's target per action and axis."""
-    rotation: float
+    rotation: Annotated[float, Range(0.0, 7.0, above=True)]
     """Largest turn of the target per action."""
-    jaw: float
+    jaw: Annotated[float, Range(0.0, 7.0, above=True)]
     """Largest change of the jaw command per action."""
-    close_below: float
+    close_below: Annotated[float, Range(-7.0, 7.0)]
     """A grasp needs a jaw command below this."""
-    release_above: float
+    release_above: Annotated[float, Range(-7.0, 7.0)]
     """A jaw command above this lets go."""
-    lift_radius: float
+    lift_radius: Annotated[float, Range(0.0, 1.0, above=True)]
     """``lifted``: the pickup point came this near the lift position."""
-    goal_radius: float
+    goal_radius: Annotated[float, Range(0.0, 1.0, above=True)]
     """``touched``: the tip is this near the goal."""
-    thread_depth: float
+    thread_depth: Annotated[float, Range(-1.0, 1.0)]
     """``threaded``: the tip is at least this far beyond the hoop's plane."""
     success: str = SUCCESSES[0]
     """``thread``: the needle is through the hoop. ``touch``: its tip is at the goal, as in the
@@ -56,10 +59,6 @@ class Episode:
                 raise ValueError(
                     f"episode.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
                 )
-        positive = "substeps max_steps translation rotation jaw lift_radius goal_radius"
-        for name in positive.split():
-            if not getattr(self, name) > 0:
-                raise ValueError(f"episode.{name}: {getattr(self, name)} must be positive")
         if not self.close_below < self.release_above:
             raise ValueError(
                 f"episode.close_below: {self.close_below} must be below"

@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from needlehoop.runs.provenance import commit
+from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.vlm import prompts
 
@@ -61,7 +62,7 @@ def read(folder: Path) -> Edition | None:
     if not path.is_file():
         return None
     try:
-        return Edition(**json.loads(path.read_text()))
+        return Edition(**read_json(path))
     except (ValueError, TypeError) as error:
         raise ValueError(f"{path}: not the note of an edition: {error}") from error
 

@@ -8,34 +8,37 @@ figures are on the program's ``Card``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from needlehoop.strict import Amount, Positive, Range, Real, Seed, Share
 
 
 @dataclass(frozen=True)
 class Gates:
     """What is asked; values in ``conf/gates``."""
 
-    random_signals: int
-    episodes: int
+    random_signals: Annotated[int, Range(1, 10_000_000)]
+    episodes: Annotated[int, Range(1, 100_000)]
     """Episodes of each controller."""
-    seed: int
-    low: float
-    high: float
-    bonus: float
+    seed: Seed
+    low: Real
+    high: Real
+    bonus: Amount
     """What may come on top of ``high``."""
     range: str
     """``refuse`` or ``clip``."""
-    tolerance: float
-    margin: float
+    tolerance: Amount
+    margin: Real
     """Of the expert over a random policy."""
     audit: str
     """``flag`` or ``refuse``."""
-    audit_margin: float
+    audit_margin: Real
     """Of the expert over the cheat."""
-    random_episodes: int
+    random_episodes: Annotated[int, Range(1, 100_000)]
     """Of the random policy alone, to see how often it is paid."""
-    paid_by: float
+    paid_by: Positive
     """The change of the value from which on a step counts as paid."""
-    paid: float
+    paid: Share
     """Share of random steps that should be."""
 
     def __post_init__(self) -> None:
@@ -45,14 +48,6 @@ class Gates:
                 raise ValueError(
                     f"gates.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
                 )
-        least_of = {"random_signals": 1, "episodes": 1, "seed": 0, "random_episodes": 1}
-        for key, least in least_of.items():
-            if getattr(self, key) < least:
-                raise ValueError(f"gates.{key}: {getattr(self, key)} must be at least {least}")
-        if not self.paid_by > 0:
-            raise ValueError(f"gates.paid_by: {self.paid_by} must be positive")
-        if not 0 <= self.paid <= 1:
-            raise ValueError(f"gates.paid: {self.paid} must lie in [0, 1]")
         if not self.low < self.top:
             raise ValueError(f"gates.low: {self.low} must be below high + bonus = {self.top}")
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import parse_cameras
+from needlehoop.strict import Range
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import ranking
 from needlehoop.vlm.prompts import fill
@@ -20,12 +21,10 @@ class Lists:
 
     lists: tuple[tuple[str, ...], ...]
     """Each a list of sets of cameras, such as ``dep_front+seg_side``."""
-    samples: int
+    samples: Annotated[int, Range(1, 10_000)]
     """Conversations in which the lists are ranked."""
 
     def __post_init__(self) -> None:
-        if self.samples < 1:
-            raise ValueError(f"samples: {self.samples} must be at least 1")
         if not self.lists:
             raise ValueError("lists: there is nothing to rank")
         for sets in self.lists:

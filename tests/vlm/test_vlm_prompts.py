@@ -24,6 +24,7 @@ from needlehoop.rewards.human import Human
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import vocabulary
+from needlehoop.strict import structure
 from needlehoop.task.crossing import centre_line
 from needlehoop.task.expert import expert
 from needlehoop.vlm import description, prompts
@@ -368,7 +369,7 @@ def test_lists_and_questions_that_make_no_sense(settings):
         (lambda: Questions(("rgb", "xray"), {"a": "", "b": ""}).check(settings), "'xray'"),
         (lambda: Lists((), 1), "nothing to rank"),
         (lambda: Lists((("a",),), 1), "two or more"),
-        (lambda: Lists((("a", "b"),), 0), "samples: 0"),
+        (lambda: structure({"lists": [["a", "b"]], "samples": 0}, Lists), "samples: 0"),
         (lambda: Lists((("rgb_top", "b"),), 1).check(settings, ["rgb"]), "lists: rgb_top"),
         (lambda: Lists((("seg_side", "b"),), 1).check(settings, ["rgb"]), "choose from rgb"),
     ]:

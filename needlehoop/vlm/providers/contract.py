@@ -7,10 +7,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.runs.terminal import printable
+from needlehoop.strict import Range
 from needlehoop.vlm.messages import Request
 
 OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")
@@ -90,12 +91,12 @@ class LiveConfig:
     """The server's address; ``None`` is the provider's own."""
     sampling: Mapping[str, Any]
     """Passed on by name; ``None`` is not sent."""
-    timeout: float
+    timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
     """Seconds that one try may take, from its first byte to its last."""
-    tries: int
-    first_wait: float
+    tries: Annotated[int, Range(1, 1000)]
+    first_wait: Annotated[float, Range(0.0, 86_400.0)]
     """Seconds before the second try; they double with each further one."""
-    longest_wait: float
+    longest_wait: Annotated[float, Range(0.0, 86_400.0)]
 
     def __post_init__(self) -> None:
         if self.tries < 1:
@@ -149,9 +150,9 @@ class ManualConfig:
 
     kind: str
     model: str
-    wait: float | None
+    wait: Annotated[float, Range(0.0, 1e9)] | None
     """Seconds to wait for an answer; ``None``: for ever."""
-    poll: float
+    poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
     """Seconds between two looks for it."""
 
     tries: ClassVar[int] = 1

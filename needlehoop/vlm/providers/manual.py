@@ -10,6 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from needlehoop.runs.files import write_whole
+from needlehoop.runs.reading import UnreadableError, read_bytes
 from needlehoop.vlm.messages import Message, Picture, Request
 from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
 
@@ -147,7 +148,10 @@ def _in_words(request: Request) -> list[str]:
 def _read(place: Path) -> tuple[Path, bytes] | None:
     """An answer with something in it, by the first name that there is."""
     found = next((place / name for name in ANSWERS if (place / name).is_file()), None)
-    content = b"" if found is None else found.read_bytes()
+    try:
+        content = b"" if found is None else read_bytes(found)
+    except UnreadableError as error:
+        raise ValueError(f"{found} {error}") from error
     return None if found is None or not content.strip() else (found, content)
 
 
