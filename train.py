@@ -6,7 +6,10 @@ an install without this file. ``--help`` lists the settings.
 
 import sys
 
-from needlehoop.cli.train import run
-
 if __name__ == "__main__":
-    run(sys.argv[1:], "python train.py")
+    try:
+        from needlehoop.cli.train import run
+
+        run(sys.argv[1:], "python train.py")
+    except KeyboardInterrupt:
+        sys.exit("train.py: stopped")

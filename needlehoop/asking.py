@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from needlehoop import config, rewards
+from needlehoop import config, intent, rewards
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import written
 from needlehoop.vlm.card import card
 from needlehoop.vlm.gates import Gates
-from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
-from needlehoop.vlm.providers.contract import config_of
+from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.workshop import open_workshop
 from needlehoop.vlm.writing import Workshop
 
@@ -33,9 +32,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     reward: Mapping[str, Any] = values["reward"]
     if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
         return
-    where = {name: values[name] for name in ("results", "study")}
-    asked = InquiryConfig(**where, **values["asking"], overwrite=False)
-    provider = config.as_type(values["vlm"], config_of(values["vlm"]["kind"]), "vlm")
+    asked, provider = intent.inquiry(values)
     try:
         with Inquiry(settings, asked, provider) as inquiry:
             flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]

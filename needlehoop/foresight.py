@@ -52,7 +52,8 @@ class Programs(Callback):
             return
         params = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
         try:
-            found = wrong_programs(distinct([*params, *typed]))
+            words = [*params, *typed]
+            found = wrong_programs(distinct(words), seeds(words))
         except ValueError as error:
             sys.exit(f"nothing was started: {error}")
         if found:
@@ -78,20 +79,36 @@ def distinct(words: Iterable[str]) -> list[list[str]]:
     return [list(run) for run in product(*(options for options in choices.values() if options))]
 
 
-def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
+def seeds(words: Iterable[str]) -> list[Any]:
+    """The seeds that a sweep goes through; none where it is told of none."""
+    found: list[Any] = []
+    for override in OverridesParser.create().parse_overrides(list(words)):
+        if override.get_key_element() == "seed":
+            swept = override.is_sweep_override()
+            found = list(override.sweep_iterator()) if swept else [override.value()]
+    return found
+
+
+def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]:
     """What is wrong with the programs of runs, a line for each.
 
     A program that is not there is no mistake where a model will be asked to write it.
 
+    Args:
+        runs: their overrides, without seeds.
+        seeds: of each; none: that of the config.
+
     Raises:
         ValueError: another mistake in the settings of a run.
     """
-    from needlehoop import rewards
+    from needlehoop import intent, rewards
     from needlehoop.rewards import written
 
     lines: dict[str, None] = {}
     for run in runs:
         values = config.compose_here(run, "config")
+        for seed in seeds or [values["seed"]]:
+            intent.check({**values, "seed": seed})
         reward: Mapping[str, Any] = values["reward"]
         if reward["kind"] not in written.KINDS or values["resume"] is not None:
             continue

@@ -70,7 +70,7 @@ def check_choice(overrides: Iterable[str], conf: Path) -> None:
             if group == "cams":
                 _check_cams(chosen)
             elif not isinstance(chosen, str) or len(chosen) > _LONGEST:
-                valid = ", ".join(_options(conf, group))
+                valid = ", ".join(options(conf, group))
                 raise ValueError(f"{group}: {told(chosen)} is no option; choose from {valid}")
 
 

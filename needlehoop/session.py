@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-from needlehoop import config, rewards
+from needlehoop import config, intent, rewards
 from needlehoop.asking import ask_where_missing, objections
 from needlehoop.learning.checkpoint import check_state
 from needlehoop.learning.job import Job
@@ -20,8 +21,6 @@ from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
 from needlehoop.trained import initial_weights
-
-_EXISTING = ("auto", "stop", "resume")
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "results", "engine", "logger", "checkpoint_every"),
@@ -45,8 +44,15 @@ class Session(AbstractContextManager):
     weights: dict[str, Any] | None = None
     """Of the agent that it begins with; ``None``: of none."""
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self.lock is not None:
+            if error is not None:
+                self.run.unmake()
             self.lock.release()
 
     @property
@@ -72,24 +78,22 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         ValueError: settings that do not go together, or a run that is in the way.
         RewardError: no reward could be had from a model.
     """
-    if values["existing"] not in _EXISTING:
-        valid = ", ".join(_EXISTING)
-        raise ValueError(f"existing: {values['existing']!r} is unknown; choose from {valid}")
-    if values["resume"] is not None:
+    asked = intent.check(values)
+    if asked.resume is not None:
         if len(overrides) > 1:
             raise ValueError("resume: a run goes on with its own settings; give no others with it")
-        session = _continue(Run.open(Path(values["resume"])))
+        session = _continue(Run.open(Path(asked.resume)))
         if session.is_finished:
             raise ValueError(f"resume: {session.run.folder} is finished")
         return session
-    # Checked without a program first, so that nobody is asked for one in vain.
+    # Without a program yet, so that nobody is asked for one in vain.
     ask_where_missing(values, config.job({**values, "reward": rewards.NONE}).env)
     values = {**values, "reward": rewards.pin(values["reward"])}
     job = config.job(values)
     # One camera may be given as a word; what is kept is always a list.
     values["cams"] = list(job.env.cams)
     folder = Path(job.results) / job.place
-    if values["existing"] == "resume" and (folder / CONFIG).exists() and not values["overwrite"]:
+    if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
         run = Run.open(folder)
         _check_same(run, values)
         return _continue(run, again=True)
@@ -101,7 +105,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     lock = Lock(folder)
     try:
         reward = rewards.text(rewards.load(job.env.reward))
-        run = Run.create(folder, _plain(values), reward, values["overwrite"])
+        run = Run.create(folder, _plain(values), reward, asked.overwrite)
         # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
         run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)
     except BaseException:

@@ -12,15 +12,20 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 
-from needlehoop.runs.files import OUTCOME, listed, seen, taught_by
+from needlehoop.runs.files import OUTCOME, listed, seen, taught_by, write_whole
 from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
 from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.terminal import printable
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
 
 DONE_BEFORE, STOPPED, FAILED, HELD = "done before", "stopped", "failed", "under way elsewhere"
+
+
+_LOG = "error.log"
+"""In a failed job's folder: where in the source it failed."""
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
@@ -33,10 +38,19 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
     return {
         "run": " ".join(overrides),
         "study": values["study"],
-        "cameras": seen(listed(values["cams"]), values["obs"]["signals"]),
-        "reward": taught_by(values),
+        "cameras": seen(listed(values["cams"]), _part(values["obs"], "signals") is True),
+        "reward": taught_by(values) if _is_grouped(values) else None,
         "seed": values["seed"],
     }
+
+
+def _is_grouped(values: Mapping[str, Any]) -> bool:
+    """Whether what names a run is where it belongs."""
+    return isinstance(values["algo"], Mapping) and _part(values["reward"], "kind") is not None
+
+
+def _part(group: Any, key: str) -> Any:
+    return group.get(key) if isinstance(group, Mapping) else None
 
 
 def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> None:
@@ -58,9 +72,12 @@ def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> No
         end = {"outcome": HELD}
     except Exception as error:
         # Whatever it is: the next run may do better, and the summary says what this one did.
-        traceback.print_exc()
-        end = {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
-    (folder / OUTCOME).write_text(json.dumps({**note, **end}, indent=2) + "\n")
+        log = folder / _LOG
+        write_whole(log, traceback.format_exc())
+        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        print(printable(f"{note['run']}: {said} ({log})"), file=sys.stderr)
+        end = {"outcome": FAILED, "error": said}
+    write_whole(folder / OUTCOME, json.dumps({**note, **end}, indent=2) + "\n")
     if end["outcome"] == STOPPED:
         raise KeyboardInterrupt
 
@@ -96,7 +113,7 @@ def summary(folder: Path) -> tuple[list[str], int]:
             lines.append(f"  {job}: ended without a word")
         elif note["outcome"] == FAILED:
             place = f"{note['cameras']}/{note['reward']}/seed{note['seed']}"
-            lines.append(f"  {place}: {note['error']}")
+            lines.append(printable(f"  {place}: {note['error']}"))
     told = f"{len(jobs)} runs, {outcomes[FAILED]} failed"
     for other in (DONE_BEFORE, HELD):
         if outcomes[other]:

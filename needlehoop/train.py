@@ -7,7 +7,9 @@ config, once for each run (``cli/train.py``).
 from __future__ import annotations
 
 import math
+import shlex
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +45,9 @@ def train(
 
     Returns:
         Whether the steps are done.
+
+    Raises:
+        FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
     """
     learner = Learner(job, state and state["learner"], weights)
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
@@ -51,6 +56,7 @@ def train(
     with bar, Interruption() as interruption:
         for buffer, losses in learner:
             update = learner.done_updates
+            _check_finite(losses, update)
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
             row = {**at, "steps_per_second": rate, **episode_columns(buffer), **losses}
@@ -77,6 +83,16 @@ def train(
     return learner.done_updates == job.updates
 
 
+def _check_finite(losses: Mapping[str, float], update: int) -> None:
+    """Raises ``FloatingPointError`` where nothing more can be learnt."""
+    for name, value in losses.items():
+        if name.startswith("loss_") and not math.isfinite(value):
+            raise FloatingPointError(
+                f"training came apart in update {update}: {name} is {value}; try a smaller"
+                " algo.learning_rate"
+            )
+
+
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print what the run gave."""
     agent = load_agent(run, job, job.torch_device)
@@ -84,9 +100,9 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
-    found = assess(run, agent, job, own.final_episodes, own.seed + 1)
+    found = assess(run, agent, job, own.final_episodes, own.final_seed)
     if own.video_episodes:
-        film(job.env, agent, own.video_episodes, own.seed + 1, run.vacate(VIDEO))
+        film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
     run.finish()
     print(f"{report(found)}\nrun          {run.folder}")
@@ -116,7 +132,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
                     return "done"
                 except KeyboardInterrupt:
                     run.note(stopped=True)
-            print(f"stopped; go on with: {command} resume={run.folder}")
+            print(f"stopped; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
             return "stopped"
         finally:
             logger.close()

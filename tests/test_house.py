@@ -13,6 +13,7 @@ HOME = Path(needlehoop.__file__).parent
 
 FLOORS = (
     "runs",
+    "strict",
     "robot",
     "scene",
     "task",
@@ -34,6 +35,7 @@ FLOORS = (
     "trained",
     "entries",
     "registration",
+    "intent",
     "asking",
     "session",
     "sweep",

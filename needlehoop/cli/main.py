@@ -46,7 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.overrides += rest
     try:
         status = options.run(options)
-    except (ValueError, RuntimeError, OSError) as error:
+    except KeyboardInterrupt:
+        print(f"needlehoop {options.command}: stopped", file=sys.stderr)
+        return 130
+    except (ValueError, RuntimeError, OSError, MemoryError) as error:
         print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2
     return status or 0

@@ -6,6 +6,7 @@ most command lines before the simulator and the agent are imported.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,10 +14,15 @@ from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from needlehoop import config, foresight, sweep
+from needlehoop.runs.terminal import printable
+
+KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
+"""What tells of a mistake or of the machine: a line will do. All else is ours, with its trace."""
 
 
 def run(words: Sequence[str], command: str) -> None:
@@ -30,11 +36,12 @@ def run(words: Sequence[str], command: str) -> None:
         SystemExit: with one line that names the mistake; or a sweep's run has failed.
     """
     name = command.removeprefix("python ")
+    words = [config.quoted(word) for word in words]
     try:
         given, folders = config.prepare(words)
         _check(given, words)
     except ValueError as error:
-        sys.exit(f"{name}: {error}")
+        sys.exit(f"{name}: {in_a_line(error)}")
     if said := foresight.reminder(given):
         print(f"{name}: {said}", file=sys.stderr)
 
@@ -42,12 +49,31 @@ def run(words: Sequence[str], command: str) -> None:
     def job(composed: DictConfig) -> None:
         _run_one(composed, command)
 
-    # Where Hydra looks for them.
+    # Where Hydra looks for them; and it is to pass on what goes wrong, not to print it.
     sys.argv[1:] = [*given, *(f"--config-dir={folder}" for folder in folders)]
+    os.environ["HYDRA_FULL_ERROR"] = "1"
     try:
         hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")(job)()
     except KeyboardInterrupt:
-        sys.exit(f"{name}: stopped; the same command goes on with a sweep")
+        sweeps = foresight.MULTIRUN & set(given) or any("+experiment=" in word for word in given)
+        sys.exit(
+            f"{name}: stopped" + ("; the same command goes on with the sweep" if sweeps else "")
+        )
+    except KNOWN as error:
+        sys.exit(f"{name}: {in_a_line(error)}")
+    except RuntimeError as error:
+        # Where there is one, it has been imported.
+        from needlehoop.rewards import RewardError
+
+        if not isinstance(error, RewardError):
+            raise
+        sys.exit(f"{name}: {in_a_line(error)}")
+
+
+def in_a_line(error: BaseException) -> str:
+    """What an error says, in a line that a terminal may show."""
+    first = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
+    return printable(first)
 
 
 def _check(words: Sequence[str], typed: Sequence[str]) -> None:
@@ -63,28 +89,26 @@ def _run_one(composed: DictConfig, command: str) -> None:
     """One run; under ``-m`` called once for each."""
     values, own = config.plain(composed), HydraConfig.get()
     overrides = list(own.overrides.task)
-    if own.mode == RunMode.MULTIRUN:
+    if own.mode != RunMode.MULTIRUN:
+        begin(values, overrides, command)
+        return
+
+    def share() -> str:
+        from needlehoop import intent
+
+        intent.check(values)
         values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
         if values["existing"] == "auto":
             values["existing"] = "resume"
-        note = sweep.identity(values, overrides)
-        sweep.attempt(
-            lambda: _start(values, overrides, command), Path(own.runtime.output_dir), note
-        )
-        return
-    from needlehoop.rewards import RewardError
+        return begin(values, overrides, command)
 
-    try:
-        _start(values, overrides, command)
-    except (ValueError, OSError, RewardError) as error:
-        sys.exit(f"{command.removeprefix('python ')}: {error}")
+    sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
 
 
-def _start(values: dict[str, Any], overrides: list[str], command: str) -> str:
-    from needlehoop import rewards
+def begin(values: dict[str, Any], overrides: list[str], command: str) -> str:
+    from needlehoop import intent
 
-    if values["resume"] is None:
-        config.job({**values, "reward": rewards.NONE})
+    intent.check(values)
     # What the line before refuses does not wait for this.
     from needlehoop.train import start
 

@@ -93,17 +93,22 @@ def _rank(options: argparse.Namespace) -> None:
 
 def _reward(options: argparse.Namespace) -> None:
     from needlehoop import config
-    from needlehoop.asking import workshop
-    from needlehoop.vlm.conversation import NoAnswerError
-    from needlehoop.vlm.recorder import RefusalError
+    from needlehoop.vlm.asked import Samples
+    from needlehoop.vlm.gates import Gates
 
     # Every set is checked before any is asked for.
     several = [config.compose(words, "vlm_reward") for words in _sets(options.overrides)]
     for values in several:
-        config.structure(values)
+        flavour = config.value(values, "flavour", str)
+        samples = config.value(values, "samples", Samples)
+        config.as_type(values["gates"], Gates, "gates")
+        _understood(values)
+    from needlehoop.asking import workshop
+    from needlehoop.vlm.conversation import NoAnswerError
+    from needlehoop.vlm.recorder import RefusalError
+
     shop, failed = None, []
     for values in several:
-        flavour, samples = values["flavour"], config.value(values, "samples", int)
         with _open(values) as inquiry:
             if len(several) > 1:
                 print("+".join(values["cams"]))
@@ -147,16 +152,20 @@ def _sets(words: list[str]) -> list[list[str]]:
     return [[f"cams={one}" if word == given else word for word in words] for one in sets]
 
 
-def _open(values: dict[str, Any]) -> Inquiry:
-    from needlehoop import config
-    from needlehoop.vlm.inquiry import Inquiry, InquiryConfig
-    from needlehoop.vlm.providers.contract import config_of
+def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Scene, asking and who answers, checked."""
+    from needlehoop import config, intent
+    from needlehoop.vlm.asked import InquiryConfig
 
-    inquiry = Inquiry(
-        config.structure(values),
-        config.as_type(values, InquiryConfig),
-        config.as_type(values["vlm"], config_of(values["vlm"]["kind"]), "vlm"),
-    )
+    asked, provider = config.as_type(values, InquiryConfig), intent.provider(values["vlm"])
+    return config.structure(values), asked, provider
+
+
+def _open(values: dict[str, Any]) -> Inquiry:
+    understood = _understood(values)
+    from needlehoop.vlm.inquiry import Inquiry
+
+    inquiry = Inquiry(*understood)
     if inquiry.transcript.torn is not None:
         print(f"needlehoop vlm: {inquiry.transcript.torn}", file=sys.stderr)
     return inquiry

@@ -33,6 +33,8 @@ def _check(options: argparse.Namespace) -> int:
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
     from needlehoop.rewards.written import find, read
+    from needlehoop.runs.files import check_name
+    from needlehoop.strict import Count
     from needlehoop.vlm.gates import Gates
 
     files = [word for word in options.overrides if "=" not in word]
@@ -41,11 +43,16 @@ def _check(options: argparse.Namespace) -> int:
     values = config.compose([word for word in options.overrides if "=" in word], "check")
     settings = config.structure(values)
     gates = config.as_type(values["gates"], Gates, "gates")
+    flavour, study, results = (
+        config.value(values, key, str) for key in ("flavour", "study", "results")
+    )
+    recording = config.value(values, "recording", str | None)
+    sample = config.value(values, "sample", Count)
+    check_name("study", study)
     if files:
         source = read(Path(files[0]))
-    elif settings.cams or values["flavour"] == "text":
-        own = (values[key] for key in ("flavour", "study", "results", "recording", "sample"))
-        source = find(settings.cams, *own)
+    elif settings.cams or flavour == "text":
+        source = find(settings.cams, flavour, study, results, recording, sample)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
     try:

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from needlehoop import strict
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import potential
-from needlehoop.runs.files import listed
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.strict import Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
@@ -160,10 +161,9 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
     flavour = FLAVOURS.get(config["kind"])
     if flavour is None or config["program"] is not None:
         return True
-    study, results = str(config["study"]), str(config["results"])
-    folders = _folders(flavour, study, results, config["recording"])
+    folders = _folders(flavour, *_place(config))
     name = file_name(flavour, _whole(config["sample"]))
-    return _search(folders, tuple(listed(config["cams"])), name) is not None
+    return _search(folders, _cams(config), name) is not None
 
 
 def check_flavour(flavour: str) -> None:
@@ -269,10 +269,13 @@ def _scaled(source: Source, unit: Any) -> Source:
 def _limits(clip: Any) -> tuple[float, float] | None:
     if clip is None:
         return None
-    match clip:
-        case [int() | float() as low, int() | float() as high] if low < high:
-            return float(low), float(high)
-    raise ValueError(f"reward.clip: {clip!r} is not null or the least and the most, [0, 11]")
+    try:
+        low, high = strict.structure(clip, tuple[Real, Real], "reward.clip")
+    except ValueError as error:
+        raise ValueError(f"{error}; it is null or the least and the most, [0, 11]") from error
+    if low >= high:
+        raise ValueError(f"reward.clip: {low:g} must be below {high:g}")
+    return low, high
 
 
 def _source(config: Mapping[str, Any]) -> Source:
@@ -291,13 +294,23 @@ def _source(config: Mapping[str, Any]) -> Source:
                 return Source(text, origin)
         raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
     if kind == "file":
-        path = config["path"]
-        if not isinstance(path, str) or not path:
+        path = strict.structure(config["path"], str, "reward.path")
+        if not path:
             raise ValueError(f"reward.path: {path!r} is no name of a file")
         return read(Path(path))
-    study, results = str(config["study"]), str(config["results"])
-    own = (config["recording"], config["sample"])
-    return find(listed(config["cams"]), FLAVOURS[kind], study, results, *own)
+    return find(_cams(config), FLAVOURS[kind], *_place(config), config["sample"])
+
+
+def _cams(config: Mapping[str, Any]) -> tuple[str, ...]:
+    return strict.structure(config["cams"], tuple[str, ...], "reward.cams")
+
+
+def _place(config: Mapping[str, Any]) -> tuple[str, str, str | None]:
+    """Study, results and shipped recording, in which a program is looked for."""
+    study, results = (
+        strict.structure(config[key], str, f"reward.{key}") for key in ("study", "results")
+    )
+    return study, results, strict.structure(config["recording"], str | None, "reward.recording")
 
 
 def read(path: Path) -> Source:

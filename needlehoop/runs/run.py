@@ -45,6 +45,8 @@ class Run:
         self._config = None if config is None else dict(config)
         self._tables = {name: Table(folder / name) for name in _TABLES}
         self._is_settled = True
+        self._former: Path | None = None
+        self._is_new = False
 
     @classmethod
     def create(cls, folder: Path, config: Mapping[str, Any], reward: str, overwrite: bool) -> Run:
@@ -67,13 +69,21 @@ class Run:
             run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
             text = yaml.dump(dict(config), Dumper=_Plain, sort_keys=False)
             write_whole(unborn / CONFIG, text)
-            if folder.exists() and any(folder.iterdir()):
-                set_aside(folder)
+            former = set_aside(folder) if folder.exists() and any(folder.iterdir()) else None
             unborn.rename(folder)
         except BaseException:
             shutil.rmtree(unborn, ignore_errors=True)
             raise
-        return cls(folder, config)
+        run = cls(folder, config)
+        run._former, run._is_new = former, True
+        return run
+
+    def unmake(self) -> None:
+        """Take back a run that ended before anything came of it: as if it had not begun."""
+        if self._is_new and {path.name for path in self.folder.iterdir()} <= {*_BORN, CONFIG}:
+            shutil.rmtree(self.folder)
+            if self._former is not None:
+                self._former.rename(self.folder)
 
     @classmethod
     def open(cls, folder: Path) -> Run:

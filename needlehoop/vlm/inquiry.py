@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
-from needlehoop.runs.files import check_name
 from needlehoop.runs.run import Run
 from needlehoop.study.table import Table
 from needlehoop.vlm import sheets
 from needlehoop.vlm.album import Album, open_album
+from needlehoop.vlm.asked import InquiryConfig
 from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
@@ -29,27 +28,6 @@ from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import Work, Workshop, reward_prompt, write_program
 
 QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
-
-
-@dataclass(frozen=True)
-class InquiryConfig:
-    """Values in ``conf/ask.yaml``."""
-
-    results: str
-    study: str
-    size: int
-    attempts: int
-    overwrite: bool
-
-    def __post_init__(self) -> None:
-        check_name("study", self.study)
-        if self.attempts < 1:
-            raise ValueError(f"attempts: {self.attempts} must be at least 1")
-
-    @property
-    def folder(self) -> Path:
-        """Where results are written."""
-        return Path(self.results) / self.study / "vlm"
 
 
 class Rewards(NamedTuple):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import parse_cameras
-from needlehoop.strict import Range
+from needlehoop.vlm.asked import Samples
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import ranking
 from needlehoop.vlm.prompts import fill
@@ -21,7 +21,7 @@ class Lists:
 
     lists: tuple[tuple[str, ...], ...]
     """Each a list of sets of cameras, such as ``dep_front+seg_side``."""
-    samples: Annotated[int, Range(1, 10_000)]
+    samples: Samples
     """Conversations in which the lists are ranked."""
 
     def __post_init__(self) -> None:
