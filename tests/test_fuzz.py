@@ -255,7 +255,7 @@ def test_the_whole_command_refuses_in_a_line(tmp_path, monkeypatch, word, said):
         ("-m task=nope,wide", "task/nope"),
         ("-m cams=nope", "cams/nope"),
         ("-m seed=0,1 algo.gamma=nan", "algo.gamma: nan is not finite"),
-        ("-m seed=[0,1", "seed=[0,1"),
+        ("-m seed=[0,1", "[0,1"),
         ("-m seed=0 overwrite=no", "overwrite: 'no' is not true or false"),
         ("-m seed=0 steps=24,1", "steps: 1 is less than one buffer"),
         ("+experiment=nope", "experiment/nope"),

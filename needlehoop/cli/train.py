@@ -39,6 +39,8 @@ def run(words: Sequence[str], command: str) -> None:
     words = [config.quoted(word) for word in words]
     try:
         given, folders = config.prepare(words)
+        # Hydra's parser takes settings in one piece, with nothing between them.
+        given.sort(key=lambda word: word not in foresight.MULTIRUN)
         _check(given, words)
     except ValueError as error:
         sys.exit(f"{name}: {in_a_line(error)}")
