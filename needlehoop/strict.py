@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import cattrs
 
 from needlehoop.runs.terminal import printable
-
-T = TypeVar("T")
 
 _LONGEST = 1_000
 """Characters of a text, at most."""
@@ -77,7 +75,7 @@ class _BelowError(ValueError):
         self.lines = lines
 
 
-def structure(values: Any, kind: type[T], path: str = "") -> T:
+def structure(values: Any, kind: Any, path: str = "") -> Any:
     """Plain values as a dataclass, or another type that fields may have.
 
     Args:

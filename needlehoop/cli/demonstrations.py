@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.strict import Count, Seed
 
 if TYPE_CHECKING:
     from needlehoop.demonstrations.flights import Flight, Pilot
@@ -39,9 +40,9 @@ def _demonstrations(options: argparse.Namespace) -> None:
 
     words = options.overrides
     values = config.compose(words, "demonstrations")
-    episodes, out = config.value(values, "episodes", int), Path(values["out"])
-    write = layout(values["format"])
-    if values["format"] == "minari":
+    episodes, kind = config.value(values, "episodes", Count), config.value(values, "format", str)
+    write, out = layout(kind), Path(config.value(values, "out", str))
+    if kind == "minari":
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
@@ -60,7 +61,7 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.run import Run
 
-    who = str(values["demonstrator"])
+    who, where = config.value(values, "demonstrator", str), config.value(values, "device", str)
     if not Path(who).is_dir():
         return who, config.structure(values), scripted(who)
     given = [word.partition("=")[0].lstrip("+~") for word in words]
@@ -71,8 +72,8 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
             f" {', '.join(_OWN)}"
         )
     run = Run.open(Path(who))
-    job, device = config.job(run.config()), pick_device(values["device"])
-    seed = config.value(values, "seed", int)
+    job, device = config.job(run.config()), pick_device(where)
+    seed = config.value(values, "seed", Seed)
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
     settings = replace(job.env, seed=seed, engine=config.structure(values).engine)

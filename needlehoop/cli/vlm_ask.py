@@ -98,9 +98,9 @@ def _reward(options: argparse.Namespace) -> None:
 
     # Every set is checked before any is asked for.
     several = [config.compose(words, "vlm_reward") for words in _sets(options.overrides)]
+    flavour = config.value(several[0], "flavour", str)
+    samples = config.value(several[0], "samples", Samples)
     for values in several:
-        flavour = config.value(values, "flavour", str)
-        samples = config.value(values, "samples", Samples)
         config.as_type(values["gates"], Gates, "gates")
         _understood(values)
     from needlehoop.asking import workshop

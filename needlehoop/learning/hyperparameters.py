@@ -56,7 +56,7 @@ class DaggerConfig:
     """``dagger``; what tells these values from PPO's."""
     horizon: Horizon
     """Steps of each environment per buffer."""
-    memory: Count
+    memory: Annotated[int, Range(1, 10_000_000)]
     """Frames that are learnt from, the newest; each is as large as its images."""
     minibatch: Count
     shards: Shards

@@ -125,9 +125,10 @@ class Job:
 
     @property
     def buffer_bytes(self) -> int:
-        """Memory that a buffer's images and the networks' weights with Adam's moments take."""
+        """Memory of the images that are learnt from, and the weights with Adam's moments."""
         channels = sum(self.env.image_channels.values())
-        images = self.buffer * channels * self.env.image_size**2
+        kept = self.algo.memory if isinstance(self.algo, DaggerConfig) else 0
+        images = max(self.buffer, kept) * channels * self.env.image_size**2
         width = self.algo.network.hidden
         return images + 16 * width**2 * (self.algo.network.layers + 1)
 

@@ -32,7 +32,8 @@ SIGNALS = "signals"
 
 _NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
 _LONGEST_NAME = 100
-_LONGEST_PATH = 1_000
+_LONGEST_PART, _LONGEST_PATH = 255, 1_000
+"""Bytes that file systems take, and that leave room for what is below."""
 
 
 def listed(names: str | Iterable[Any]) -> list[str]:
@@ -64,7 +65,9 @@ def check_name(key: str, name: str) -> None:
 
 def check_folder(key: str, path: str) -> None:
     """Raises ``ValueError`` for a text that is no path of a folder."""
-    if not path.strip() or len(path.encode()) > _LONGEST_PATH or path.startswith("~"):
+    parts = [part.encode() for part in path.split("/")]
+    too_long = len(path.encode()) > _LONGEST_PATH or max(map(len, parts)) > _LONGEST_PART
+    if not path.strip() or too_long or path.startswith("~"):
         raise ValueError(f"{key}: {path[:40]!r} is no path of a folder")
 
 
