@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from needlehoop import config, rewards
+from needlehoop import config, rewards, strict
 from needlehoop.envs.settings import Settings
 from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
+from needlehoop.strict import Count, Seed
 
 
 def settings(
@@ -47,8 +48,12 @@ def settings_of(run: str | Path, num_envs: int, seed: int | None) -> Settings:
         seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
 
     Raises:
-        ValueError: no run there.
+        ValueError: no run there, or no such number or seed.
     """
     job = config.job(Run.open(Path(run)).config())
-    chosen = job.evaluation.seed + 1 if seed is None else seed
-    return replace(job.env, num_envs=num_envs, seed=chosen)
+    chosen = job.evaluation.final_seed if seed is None else seed
+    return replace(
+        job.env,
+        num_envs=strict.structure(num_envs, Count, "num_envs"),
+        seed=strict.structure(chosen, Seed, "seed"),
+    )

@@ -28,7 +28,10 @@ def initial_weights(job: Job) -> dict[str, Tensor]:
         ValueError: no such run, none trained yet, or one with other networks.
     """
     assert job.init is not None
-    run = Run.open(Path(job.init))
+    try:
+        run = Run.open(Path(job.init))
+    except ValueError as error:
+        raise ValueError(f"init: {error}") from error
     theirs = config.job(run.config())
     for key in _NETWORKS:
         have, want = _setting(theirs, key), _setting(job, key)

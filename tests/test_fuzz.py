@@ -277,15 +277,17 @@ def test_any_value_for_any_key_of_a_command(place, monkeypatch, name):
         ("cams={a:1}", "cams: "),
         ("stpes=9", "stpes"),
         ("study=[a", "study"),
+        ("init=nowhere", "init: nowhere is no run"),
         ("resume=''", "resume: give the folder of a run"),
         ("resume=/nowhere/a=b/{c}", "/nowhere/a=b/{c} is no run"),
     ],
 )
-def test_the_whole_command_refuses_in_a_line(tmp_path, monkeypatch, word, said):
+def test_the_whole_command_refuses_in_a_line(tmp_path, monkeypatch, capfd, word, said):
     """With Hydra around it, which the others leave out."""
     monkeypatch.chdir(tmp_path)
     words = [word] if word.startswith("resume=/") else [*TINY, word]
     assert said in refusal(*words)
+    assert capfd.readouterr().err == ""
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,13 +55,22 @@ def run(words: Sequence[str], command: str) -> None:
     # Where Hydra looks for them; and it is to pass on what goes wrong, not to print it.
     sys.argv[1:] = [*given, *(f"--config-dir={folder}" for folder in folders)]
     os.environ["HYDRA_FULL_ERROR"] = "1"
+    main = hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")(job)
     try:
-        hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")(job)()
+        with _in_a_line(name):
+            main()
     except KeyboardInterrupt:
         sweeps = foresight.MULTIRUN & set(given) or any("+experiment=" in word for word in given)
         sys.exit(
             f"{name}: stopped" + ("; the same command goes on with the sweep" if sweeps else "")
         )
+
+
+@contextmanager
+def _in_a_line(name: str) -> Iterator[None]:
+    """Ends the process with one line for what is known to go wrong."""
+    try:
+        yield
     except KNOWN as error:
         sys.exit(f"{name}: {in_a_line(error)}")
     except RuntimeError as error:
@@ -92,7 +102,9 @@ def _run_one(composed: DictConfig, command: str) -> None:
     values, own = config.plain(composed), HydraConfig.get()
     overrides = list(own.overrides.task)
     if own.mode != RunMode.MULTIRUN:
-        begin(values, overrides, command)
+        # Hydra would print all settings before it passed an error on.
+        with _in_a_line(command.removeprefix("python ")):
+            begin(values, overrides, command)
         return
 
     def share() -> str:
