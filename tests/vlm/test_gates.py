@@ -241,7 +241,7 @@ def test_random_signals_are_wild_but_possible():
         ("gates.range=cut", "range: 'cut' is unknown; choose from refuse, clip"),
         ("gates.audit=no", "audit: "),
         ("gates.episodes=0", "episodes: 0 must be at least 1"),
-        ("gates.paid=2", "paid: 2.0 must lie in"),
+        ("gates.paid=2", "paid: 2.0 must be at most 1"),
         ("gates.paid_by=0", "paid_by: 0.0 must be positive"),
         ("gates.random_episodes=0", "random_episodes: 0 must be at least 1"),
         ("gates.low=20", "low: 20.0 must be below"),
