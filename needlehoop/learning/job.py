@@ -100,8 +100,8 @@ class Job:
             )
         if self.updates < 1:
             raise ValueError(
-                f"steps: {self.steps} is less than one buffer, which is num_envs="
-                f"{self.env.num_envs} × algo.horizon={self.algo.horizon} of them"
+                f"steps: {self.steps} is less than one buffer of {self.buffer} steps (algo.buffer,"
+                f" or num_envs={self.env.num_envs} × algo.horizon={self.algo.horizon})"
             )
         for seed in (self.evaluation.seed, self.evaluation.final_seed):
             if seed == self.env.seed:
