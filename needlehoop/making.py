@@ -23,7 +23,7 @@ def settings(
     """Settings from arguments and overrides.
 
     Args:
-        cams: cameras, each ``<rendering>_<view>``.
+        cams: cameras, each ``<rendering>_<view>``; ``+`` joins them as it does in tables.
         reward: an option of ``conf/reward``; or a function of ``Signals`` to named terms.
         overrides: any other setting, as on the command line.
         more: further settings; those that are ``None`` are left as they are.
@@ -31,7 +31,8 @@ def settings(
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    named = {"cams": f"[{','.join(listed(cams))}]", "reward": reward, **more}
+    names = [name for word in listed(cams) for name in word.split("+")]
+    named = {"cams": f"[{','.join(names)}]", "reward": reward, **more}
     if callable(reward):
         del named["reward"]
     words = [f"{key}={value}" for key, value in named.items() if value is not None]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 from copy import copy
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,6 +25,25 @@ from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
 from needlehoop.task.facts import Weld
 from needlehoop.task.start import Start
+
+
+class Physics(dm_mujoco.Physics):
+    """dm_control's, which says what to do where its own renderer finds no OpenGL."""
+
+    def render(self, *args: Any, **kwargs: Any) -> Any:
+        """See dm_control; not what agents' cameras are drawn with.
+
+        Raises:
+            RuntimeError: no OpenGL for this process.
+        """
+        try:
+            return super().render(*args, **kwargs)
+        except (AttributeError, ImportError, mujoco.FatalError) as error:
+            # What a machine without OpenGL raises, by library.
+            raise RuntimeError(
+                "physics.render: no OpenGL in this process; without a display, set MUJOCO_GL=egl"
+                " (or osmesa) before Python starts"
+            ) from error
 
 
 class Servos(control.Task):
@@ -111,7 +131,7 @@ class DmControlEngine:
         addresses = Addresses(model)
         self._tasks = [Servos(addresses) for _ in range(num_envs)]
         self.environments = [
-            build_environment(dm_mujoco.Physics.from_model(MjModel(copy(model))), task, substeps)
+            build_environment(Physics.from_model(MjModel(copy(model))), task, substeps)
             for task in self._tasks
         ]
         self._weld = weld_index(model)

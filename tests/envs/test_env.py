@@ -1,5 +1,8 @@
 """The environment's two faces: TorchRL and dm_control."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -234,3 +237,22 @@ def test_a_generator_that_is_no_seed_gives_one():
     assert np.array_equal(*seen)
     env.task._random = np.random.RandomState([1, 2, 4])
     assert not np.array_equal(env.reset().observation["signals"], seen[0])
+
+
+def test_cameras_may_be_joined_as_in_tables():
+    env = needlehoop.make_env("rgb_default+seg_side", num_envs=1)
+    assert env.settings.cams == ("rgb_default", "seg_side")
+
+
+def test_dm_controls_own_renderer_says_what_it_needs():
+    script = (
+        "import needlehoop; dm = needlehoop.load(cams=[]); dm.reset();"
+        "print(dm.physics.render(48, 64, camera_id=-1).shape)"
+    )
+    without = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
+    env = {key: value for key, value in os.environ.items() if key not in without}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=env, check=False
+    )
+    assert "RuntimeError: physics.render: no OpenGL in this process" in done.stderr
+    assert "set MUJOCO_GL=egl" in done.stderr
