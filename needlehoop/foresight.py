@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
 from itertools import product
 from typing import Any
 
@@ -16,6 +17,24 @@ from needlehoop.runs.files import listed
 MULTIRUN = {"-m", "--multirun"}
 
 _BASIC = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
+
+
+_LAUNCHERS = {"joblib": "joblib", "ray": "ray", "slurm": "submitit"}
+"""Packages of launchers, ``hydra_plugins.hydra_<name>_launcher``, by the extra that brings them."""
+
+
+def check_launcher(word: str) -> None:
+    """Raises ``ValueError`` for ``hydra/launcher=`` with one that is not installed."""
+    key, _, name = word.partition("=")
+    package = _LAUNCHERS.get(name)
+    if key != "hydra/launcher" or package is None:
+        return
+    try:
+        found = find_spec(f"hydra_plugins.hydra_{package}_launcher")
+    except ModuleNotFoundError:
+        found = None
+    if found is None:
+        raise ValueError(f"{word} is not installed: pip install 'needlehoop[{name}]'")
 
 
 def reminder(words: Sequence[str]) -> str | None:

@@ -118,3 +118,14 @@ def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
         main(["train", "--help"])
     assert caught.value.code == 0
     assert "sweep over single cameras" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["joblib", "ray", "slurm"])
+def test_a_launcher_that_is_not_installed_names_its_extra(name, monkeypatch):
+    words = ["-m", "cams=[seg_side]", f"hydra/launcher={name}"]
+    for word in words:
+        foresight.check_launcher(word)
+    monkeypatch.setattr(foresight, "find_spec", lambda _: None)
+    with pytest.raises(SystemExit) as refused:
+        run_train(monkeypatch, *words)
+    assert f"pip install 'needlehoop[{name}]'" in str(refused.value)

@@ -90,6 +90,8 @@ def in_a_line(error: BaseException) -> str:
 
 def _check(words: Sequence[str], typed: Sequence[str]) -> None:
     """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
+    for word in words:
+        foresight.check_launcher(word)
     flags = {word for word in words if word.startswith("-")}
     if flags and flags <= foresight.MULTIRUN:
         config.check_choice(word for word in words if word not in flags)
