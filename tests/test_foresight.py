@@ -87,7 +87,7 @@ def test_a_program_that_is_refused_is_named_too(started, monkeypatch, tmp_path):
     [
         (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_front"),
         (["cams=[seg_side,seg_side],[dep_front]"], "cams: 'seg_side' is named twice"),
-        (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human sparse"),
+        (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
     ],
 )
 def test_a_mistake_in_one_run_stops_all(started, monkeypatch, tmp_path, words, said):

@@ -26,7 +26,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 from tiny_runs import TINY, refusal, run_train
 
-from needlehoop import config, train
+from needlehoop import config, groups, train
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
 from needlehoop.learning.hyperparameters import PpoConfig
@@ -119,9 +119,10 @@ def composed_once() -> Callable[..., DictConfig]:
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    config.register()
+    config.prepare([])
     monkeypatch.setattr(config, "hydra_compose", composed_once())
-    monkeypatch.setattr(config, "register", lambda: None)
+    # Registering anew for each case would take longer than the case.
+    monkeypatch.setattr(groups, "register", lambda *_: None)
     return tmp_path
 
 

@@ -37,6 +37,8 @@ def compare_training(other: Path, words: Sequence[str], turns: int) -> dict[str,
     """
     if turns < 1:
         raise ValueError(f"turns: {turns} must be at least 1")
+    # Before minutes are spent here.
+    _module(other)
     pairs = [(_rate(HERE, words), _rate(other, words)) for _ in range(turns)]
     ours, theirs = zip(*pairs, strict=True)
     return {

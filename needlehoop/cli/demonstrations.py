@@ -50,7 +50,7 @@ def _demonstrations(options: argparse.Namespace) -> None:
     with new_folder(out, config.value(values, "overwrite", bool)) as folder:
         flown = _Shown(fly(settings, pilot, episodes), episodes)
         write(folder, flown, About(who, settings, provenance()))
-    print(f"{out}: {episodes} episodes, {flown.steps} steps, {flown.threaded} threaded")
+    print(f"{out}: {episodes} episodes, {flown.steps} steps, {flown.succeeded} successful")
 
 
 def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, Pilot]:
@@ -85,12 +85,12 @@ class _Shown:
 
     def __init__(self, flights: Iterable[Flight], total: int):
         self._flights, self._total = flights, total
-        self.steps = self.threaded = 0
+        self.steps = self.succeeded = 0
 
     def __iter__(self) -> Iterator[Flight]:
         from tqdm import tqdm
 
         for flight in tqdm(self._flights, total=self._total, unit="episode", dynamic_ncols=True):
             self.steps += len(flight)
-            self.threaded += flight.threaded
+            self.succeeded += flight.success
             yield flight

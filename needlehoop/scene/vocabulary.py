@@ -11,7 +11,7 @@ from typing import NamedTuple
 from needlehoop.robot.joints import JOINT_NAMES
 
 FACTS = (
-    *("grasped", "lifted", "touched", "threaded"),
+    *("grasped", "lifted", "touched", "threaded", "success"),
     *("cheat", "has_grasped", "has_touched"),
 )
 """What is known of an environment besides its signals: of the moment, then of the episode."""

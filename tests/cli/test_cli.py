@@ -167,6 +167,7 @@ def test_bench_train_compares_with_another_checkout_in_turns(monkeypatch):
         return rates[root].pop(0)
 
     monkeypatch.setattr(against, "_rate", rate)
+    monkeypatch.setattr(against, "_module", lambda _: "needlehoop.cli.main")
     found = against.compare_training(Path("/elsewhere"), ["rounds=1", "num_envs=4"], 3)
     assert order == [against.HERE, Path("/elsewhere")] * 3
     assert found["ratio_by_turn"] == [1.5, 3.0, 5.0]
@@ -211,7 +212,7 @@ def test_bench_counts_what_goes_wrong_under_random_actions(capsys):
         (["expert", "controller=expart"], "controller: 'expart'"),
         (["expert", "episodes=0"], "episodes: 0"),
         (["expert", "episodes=many"], "episodes: 'many'"),
-        (["expert", "grasps=[glue]"], "episode.grasp: 'glue' is unknown; choose from weld"),
+        (["expert", "grasps=[glue]"], "grasps: 'glue' is unknown; choose from weld"),
         (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
         (["expert", "task=hard"], "near standard wide"),
         (["snapshot", "size=3"], "size: 3"),

@@ -122,7 +122,7 @@ def test_memory_keeps_the_newest_frames():
     [
         ("minibatches", "0", r"algo\.minibatches: 0 must be at least 1"),
         ("bend", "0", r"algo\.bend: 0\.?0? must be positive"),
-        ("noise", "-1", r"algo\.noise: -1\.?0? must not be negative"),
+        ("noise", "-1", r"algo\.noise: -1\.?0? is negative"),
         ("epochs", "3", r"algo\.epochs"),
     ],
 )

@@ -10,7 +10,7 @@ from needlehoop.learning.learner import Learner
 REACH = [
     "obs=signals",
     "task=near",
-    "reward.rate=20",
+    "reward.rate=1",
     "reward.grasp=2",
     "reward.lift=0",
     "steps=8000",

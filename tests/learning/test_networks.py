@@ -9,7 +9,7 @@ from torch.nn.functional import pixel_unshuffle
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from needlehoop import config
+from needlehoop import config, strict
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import HALVINGS, Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import HeadConfig, Trunk
@@ -115,10 +115,10 @@ def test_an_image_that_does_not_fit_is_refused_with_what_would(stem, size, multi
 
 @pytest.mark.parametrize("key", ["stem", "channels", "blocks"])
 def test_an_encoder_of_nothing_is_refused_by_key(key):
-    values = {"name": "small", "stem": 2, "channels": (4,), "blocks": 1}
-    values[key] = (4, 0) if key == "channels" else 0
-    with pytest.raises(ValueError, match=rf"encoder\.{key}: .*at least 1"):
-        EncoderConfig(**values)
+    values = {"name": "small", "stem": 2, "channels": [4], "blocks": 1}
+    values[key] = [4, 0] if key == "channels" else 0
+    with pytest.raises(ValueError, match=rf"encoder\.{key}.*: .*at least 1"):
+        strict.structure(values, EncoderConfig, "encoder")
 
 
 def test_another_way_of_halving_is_refused_with_those_that_are_known():
@@ -141,9 +141,9 @@ def test_both_ways_of_halving_make_maps_of_the_same_size(blocks):
     ("key", "value"), [("hidden", 0), ("layers", 0), ("sigma", 0.0), ("sigma", float("nan"))]
 )
 def test_bad_heads_are_refused_by_key(key, value):
-    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, "told": (), key: value}
+    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, "told": [], key: value}
     with pytest.raises(ValueError, match=rf"algo\.network\.{key}: "):
-        HeadConfig(**values)
+        strict.structure(values, HeadConfig, "algo.network")
 
 
 def shown_vectors() -> torch.Tensor:
@@ -328,10 +328,12 @@ def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
 
 
 def test_an_unknown_fact_is_refused_with_those_that_are_known():
+    with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from .*lifted"):
+        replace(HEADS, told=("held",))
     spec = observed(2, {"rgb_a": 3}, {})
     spec["facts"] = Composite({"lifted": Binary(1, shape=(2, 1), dtype=torch.bool)}, shape=(2,))
-    with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from lifted"):
-        Agent(spec, 5, SMALL, replace(HEADS, told=("held",)), torch.float32)
+    with pytest.raises(ValueError, match=r"algo\.network\.told: 'grasped' .*choose from lifted"):
+        Agent(spec, 5, SMALL, replace(HEADS, told=("grasped",)), torch.float32)
 
 
 def test_images_that_do_not_fit_are_refused_when_the_agent_is_made():

@@ -2,6 +2,7 @@
 
 import io
 import math
+from dataclasses import asdict
 
 import pytest
 import torch
@@ -10,6 +11,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import ClipPPOLoss
 
+from needlehoop import strict
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig
@@ -45,6 +47,10 @@ VALUES = {
     "clip_value": True,
     "network": HEADS,
 }
+
+
+GIVEN = {**VALUES, "network": {**asdict(HEADS), "told": list(HEADS.told)}}
+"""As a config has them."""
 
 
 def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
@@ -326,10 +332,11 @@ NAN = float("nan")
     ],
 )
 def test_a_bad_hyperparameter_is_refused_by_key(key, value):
-    with pytest.raises(ValueError, match=rf"^algo\.{key}: {value} "):
-        PpoConfig(**{**VALUES, key: value})
+    with pytest.raises(ValueError, match=rf"^algo\.{key}: .*({value}|number)"):
+        strict.structure({**GIVEN, key: value}, PpoConfig, "algo")
 
 
 def test_the_limits_of_the_hyperparameters_are_allowed():
-    config = PpoConfig(**{**VALUES, "horizon": 1, "gamma": 1.0, "lam": 0.0, "beta": 0.0})
+    given = {**GIVEN, "horizon": 1, "gamma": 1.0, "lam": 0.0, "beta": 0.0}
+    config = strict.structure(given, PpoConfig, "algo")
     assert (config.horizon, config.gamma, config.lam, config.beta) == (1, 1.0, 0.0, 0.0)

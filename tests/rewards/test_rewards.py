@@ -237,7 +237,9 @@ def test_a_reward_without_a_kind_is_refused(values):
 
 def test_a_missing_value_is_refused_by_name(values):
     without = {key: value for key, value in values["human"].items() if key != "rate"}
-    with pytest.raises(ValueError, match=r"reward: rate is missing; its keys are tolerance, rate"):
+    with pytest.raises(
+        ValueError, match=r"reward: rate is missing; its keys are unit, tolerance, rate"
+    ):
         rewards.load(without)
 
 

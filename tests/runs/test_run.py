@@ -12,6 +12,7 @@ import torch
 from needlehoop import config
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, write_whole
+from needlehoop.runs.older import completed
 from needlehoop.runs.run import Run
 
 CPU = torch.device("cpu")
@@ -67,7 +68,7 @@ def go_on(folder: Path) -> Run:
 def test_a_new_run_writes_down_what_it_is(run, folder):
     assert {path.name for path in folder.iterdir()} == {CONFIG, MANIFEST, REWARD}
     assert (folder / REWARD).read_text() == "grasp: 2.0\n"
-    assert Run.open(folder).config() == VALUES
+    assert Run.open(folder).config() == completed(VALUES)
     manifest = json.loads((folder / MANIFEST).read_text())
     assert manifest == run.manifest()
     assert manifest["versions"]["torch"] == torch.__version__
