@@ -84,9 +84,11 @@ HEAVY = (
 
 
 PROGRAM = RECORDINGS / "paper" / "rewards" / "any" / "text.txt"
+FUNCTION = f"{Path(__file__).parents[1]}/examples/own_reward.py:reward"
 
 NEEDED = {
     "reward=file": [f"reward.path={PROGRAM}"],
+    "reward=python": [f"reward.function={FUNCTION}"],
     "reward=vlm_img": ["cams=[dep_front,seg_side]"],
     "reward=vlm_text": ["cams=[dep_front,seg_side]"],
     **{f"vlm={name}": ["vlm.model=m"] for name in ("gemini", "openai", "manual")},
