@@ -159,7 +159,7 @@ class Run:
         if not path.exists():
             raise ValueError(
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
-                " without it); begin again with overwrite=true"
+                " without it), and nothing can go on from there"
             )
         try:
             return read_checkpoint(path)
