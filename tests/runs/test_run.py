@@ -319,7 +319,7 @@ def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
 
 
 def test_a_run_without_a_checkpoint_says_so(run):
-    with pytest.raises(ValueError, match=r"has no checkpoint\.pt.*overwrite=true"):
+    with pytest.raises(ValueError, match=r"has no checkpoint\.pt.*nothing can go on from there"):
         run.load()
 
 
