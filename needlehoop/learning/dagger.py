@@ -16,9 +16,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.hyperparameters import DaggerConfig
-from needlehoop.learning.normalizer import Normalizer
-from needlehoop.learning.optimizer import Optimizer
-from needlehoop.learning.parallel import ParallelAgent
+from needlehoop.learning.pupil import Pupil
 
 LABEL = "label"
 """What the expert would have done, among a frame's keys."""
@@ -27,7 +25,7 @@ _RAMP = 30
 """Minibatches over which the learning rate rises at the very start."""
 
 
-class Dagger:
+class Dagger(Pupil):
     """Learns from all frames so far, after each new buffer of them.
 
     The mean action is fitted by a smooth L1 loss, which a few frames where the expert switches
@@ -45,23 +43,12 @@ class Dagger:
     def __init__(
         self, agent: Agent, config: DaggerConfig, updates: int, seed: int, workers: Workers
     ):
-        self.agent, self.config, self.updates = agent, config, updates
-        self.done_updates = 0
+        super().__init__(agent, config.shards, updates, seed, workers)
+        self.config = config
         device = next(agent.parameters()).device
-        # A GPU needs no parts.
-        shards = config.shards if device.type == "cpu" else 1
-        self.running = ParallelAgent(agent.computing(), shards, workers)
-        copies = list(self.running.agent.parameters())
-        self._optimizer = Optimizer(list(agent.parameters()), copies, workers)
-        self._normalizers = {
-            path.rpartition(".")[2]: module
-            for path, module in agent.named_modules()
-            if isinstance(module, Normalizer)
-        }
         self._frames = TensorDictReplayBuffer(
             storage=LazyTensorStorage(config.memory, device=device)
         )
-        self._generator = torch.Generator().manual_seed(seed)
 
     def remember(self, buffer: TensorDictBase) -> None:
         """Take frames ``(num_envs, horizon)`` into memory: what was seen, and labels."""
@@ -80,10 +67,7 @@ class Dagger:
             rows = rows.to(frames.device)
             for name, value in self._descend(seen, frames[LABEL], rows).items():
                 totals[name] += value
-        for name, normalizer in self._normalizers.items():
-            normalizer.learn(buffer[name])
-        self.running.agent.follow(self.agent)
-        self.done_updates += 1
+        self._end_update(buffer)
         return {
             **{name: value / self.config.minibatches for name, value in totals.items()},
             "frames": float(len(frames)),
@@ -93,8 +77,7 @@ class Dagger:
     def _descend(self, seen: list[Tensor], labels: Tensor, rows: Tensor) -> dict[str, float]:
         """One step of the optimiser on a minibatch; returns what the loss reports."""
         slopes, told = self._judge(self.running.forward(seen, rows), labels.index_select(0, rows))
-        self.running.backward(slopes)
-        self._optimizer.step(self.running.write)
+        self._step(slopes)
         return told
 
     def _judge(
@@ -126,24 +109,3 @@ class Dagger:
         rate *= min(1.0, (done + 1) / _RAMP)
         self._optimizer.set_rate(rate)
         return rate
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that decides the next update, but for the frames in memory."""
-        return {
-            "agent": self.agent.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "generator": self._generator.get_state(),
-            "done_updates": self.done_updates,
-        }
-
-    def moved_state(self) -> dict[str, Any]:
-        """What ``state_dict`` is like after an update, for those who check one that they read."""
-        return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a ``state_dict``; the frames are to be remembered again."""
-        self.agent.load_state_dict(state["agent"])
-        self.running.agent.follow(self.agent)
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._generator.set_state(state["generator"])
-        self.done_updates = state["done_updates"]

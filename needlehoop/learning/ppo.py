@@ -17,9 +17,7 @@ from torchrl.objectives.value import GAE
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.hyperparameters import PpoConfig
-from needlehoop.learning.normalizer import Normalizer
-from needlehoop.learning.optimizer import Optimizer
-from needlehoop.learning.parallel import ParallelAgent
+from needlehoop.learning.pupil import Pupil
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
@@ -42,7 +40,7 @@ LOGGED = {
 """Our names of what TorchRL's loss reports."""
 
 
-class Ppo:
+class Ppo(Pupil):
     """Learns from one buffer after the other.
 
     Args:
@@ -65,8 +63,8 @@ class Ppo:
         workers: Workers,
         warmup: int = 0,
     ):
-        self.agent, self.config, self.updates = agent, config, updates
-        self.done_updates = 0
+        super().__init__(agent, config.shards, updates, seed, workers)
+        self.config = config
         self._gae = GAE(
             gamma=config.gamma,
             lmbda=config.lam,
@@ -89,19 +87,9 @@ class Ppo:
             loss_critic_type="l2",
             functional=False,
         ).to(next(agent.parameters()).device)
-        # A GPU needs no parts.
-        shards = config.shards if next(agent.parameters()).device.type == "cpu" else 1
-        self.running = ParallelAgent(agent.computing(), shards, workers)
-        self._workers, self._warmup = workers, warmup
+        self._warmup = warmup
         policy_s = {id(weight) for weight in agent.actor.parameters()}
         self._policy_s = {i for i, w in enumerate(agent.parameters()) if id(w) in policy_s}
-        self._optimizer = self._new_optimizer()
-        self._normalizers = {
-            path.rpartition(".")[2]: module
-            for path, module in agent.named_modules()
-            if isinstance(module, Normalizer)
-        }
-        self._generator = torch.Generator().manual_seed(seed)
 
     def update(self, batch: TensorDictBase, after: TensorDictBase) -> dict[str, float]:
         """Learn from a buffer; returns means over its minibatches.
@@ -125,10 +113,7 @@ class Ppo:
                 for name, value in self._descend(steps[rows], seen, rows).items():
                     totals[name] += value
                 count += 1
-        for name, normalizer in self._normalizers.items():
-            normalizer.learn(batch[name])
-        self.running.agent.follow(self.agent)
-        self.done_updates += 1
+        self._end_update(batch)
         return {
             **{name: value / count for name, value in totals.items()},
             "explained_variance": _explained_variance(batch["state_value"], batch["value_target"]),
@@ -140,13 +125,8 @@ class Ppo:
     def _descend(self, steps: TensorDictBase, seen: list[Tensor], rows: Tensor) -> dict[str, float]:
         """One step of the optimiser on a minibatch; returns what the loss reports."""
         slopes, told = self._judge(steps, self.running.forward(seen, rows))
-        self.running.backward(slopes)
-        self._optimizer.step(self._write)
+        self._step(slopes)
         return told
-
-    def _new_optimizer(self) -> Optimizer:
-        copies = list(self.running.agent.parameters())
-        return Optimizer(list(self.agent.parameters()), copies, self._workers)
 
     def _write(self, weight: int, rows: slice, out: Tensor) -> None:
         """A weight's gradient, for the optimiser; none of the policy's in the warm-up."""
@@ -196,27 +176,6 @@ class Ppo:
         self._gae(pieces)
         for key in ("advantage", "value_target"):
             batch[key] = pieces[key].reshape(values.shape)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that decides the next update."""
-        return {
-            "agent": self.agent.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
-            "generator": self._generator.get_state(),
-            "done_updates": self.done_updates,
-        }
-
-    def moved_state(self) -> dict[str, Any]:
-        """What ``state_dict`` is like after an update, for those who check one that they read."""
-        return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a ``state_dict``."""
-        self.agent.load_state_dict(state["agent"])
-        self.running.agent.follow(self.agent)
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._generator.set_state(state["generator"])
-        self.done_updates = state["done_updates"]
 
 
 class _Given(nn.Module):
