@@ -56,8 +56,8 @@ def _demonstrations(options: argparse.Namespace) -> None:
 def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, Pilot]:
     """Its name, the environment, and who flies."""
     from needlehoop import config
-    from needlehoop.demonstrations.demonstrators import scripted, trained
-    from needlehoop.learning.evaluate import load_agent
+    from needlehoop.demonstrations.demonstrators import scripted
+    from needlehoop.learning.evaluate import load_agent, pilots
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.run import Run
 
@@ -77,7 +77,7 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
     settings = replace(job.env, seed=seed, engine=config.structure(values).engine)
-    return who, settings, trained(load_agent(run, job, device), device)
+    return who, settings, pilots(load_agent(run, job, device))
 
 
 class _Shown:

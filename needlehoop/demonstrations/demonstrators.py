@@ -1,4 +1,4 @@
-"""Who can demonstrate: the scripted experts, a perturbed one, a trained agent."""
+"""Scripted demonstrators: the experts, and a perturbed one."""
 
 from __future__ import annotations
 
@@ -9,14 +9,9 @@ from torch import Tensor
 
 from needlehoop.demonstrations.flights import BATCH, Pilot
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.images import Imager
-from needlehoop.envs.observer import Observer
 from needlehoop.envs.perturbation import Perturbation
 from needlehoop.envs.rollout import Controller
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
-from needlehoop.learning import evaluate
-from needlehoop.learning.agent import Agent
 from needlehoop.scene.signals import Signals
 
 SCRIPTS = ("smooth", "expert", "perturbed")
@@ -40,15 +35,6 @@ def scripted(name: str) -> Pilot:
     if name == "perturbed":
         return _perturbed()
     return lambda settings, *_: controller(name, settings)
-
-
-def trained(agent: Agent, device: torch.device) -> Pilot:
-    """A trained agent as a demonstrator: acts on its mean."""
-
-    def pilot(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
-        return evaluate.Pilot(agent.actor, Observer(settings, simulation, imager), device)
-
-    return pilot
 
 
 def _perturbed() -> Pilot:

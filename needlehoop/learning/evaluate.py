@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,15 @@ class Pilot:
         return flown["action"].cpu()
 
 
+def pilots(agent: Agent) -> Callable[[Settings, Simulation, Imager], Pilot]:
+    """Makes the agent a pilot of any simulation of the environment that it was made for."""
+
+    def pilot(settings: Settings, simulation: Simulation, imager: Imager) -> Pilot:
+        return Pilot(agent.actor, Observer(settings, simulation, imager), _device(agent))
+
+    return pilot
+
+
 def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
     """Fly the first episode of ``episodes`` environments of the settings' seed.
 
@@ -70,10 +79,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
         ValueError: fewer than one episode.
     """
 
-    def pilot(chunk: Settings, simulation: Simulation, imager: Imager) -> Pilot:
-        return Pilot(agent.actor, Observer(chunk, simulation, imager), _device(agent))
-
-    return run_batches(settings, episodes, _BATCH, pilot)
+    return run_batches(settings, episodes, _BATCH, pilots(agent))
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -194,8 +200,7 @@ def _alone(
     """One environment, and an agent that flies it."""
     alone = replace(job_env, num_envs=1, seed=seed)
     simulation, imager = build(alone)
-    pilot = Pilot(agent.actor, Observer(alone, simulation, imager), _device(agent))
-    return alone, simulation, imager, pilot
+    return alone, simulation, imager, pilots(agent)(alone, simulation, imager)
 
 
 def _device(agent: Agent) -> torch.device:

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from needlehoop.study.records import Record
+from needlehoop.study.records import HUMAN_RETURN, Record
 
 _TAIL = 0.1
 """Of an unfinished run's steps so far: its evaluations in this last share are averaged."""
-
-
-_HUMAN = "return_human"
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ def final(run: Record) -> Final | None:
     if last is not None and (run.finished or (last.get("steps_trained") or 0) >= newest):
         return Final(
             value=float(last["return"]),
-            human=None if last.get(_HUMAN) is None else float(last[_HUMAN]),
+            human=None if last.get(HUMAN_RETURN) is None else float(last[HUMAN_RETURN]),
             success=float(last["success"]),
             cheat=float(last["cheat"]),
             episodes=int(last["episodes"]),
@@ -63,7 +60,7 @@ def final(run: Record) -> Final | None:
 
     return Final(
         value=mean("return"),
-        human=mean(_HUMAN) if _HUMAN in rows.columns else None,
+        human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
         success=mean("success"),
         cheat=mean("cheat"),
         episodes=int(episodes.sum()),

@@ -36,7 +36,8 @@ _OUTCOME = {
 }
 """What an evaluation says, and between what."""
 
-_HUMAN = "return_human"
+HUMAN_RETURN = "return_human"
+"""The column of an evaluation that has the human reward's points; older ones have none."""
 
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
@@ -261,7 +262,10 @@ def _json(
         reading.leave(path, str(error))
         return None
     # Evaluations older than it have none.
-    limits = {**numbers, **({_HUMAN: numbers["return"]} if _HUMAN in found and numbers else {})}
+    limits = {
+        **numbers,
+        **({HUMAN_RETURN: numbers["return"]} if HUMAN_RETURN in found and numbers else {}),
+    }
     odd = [key for key, (low, high) in limits.items() if not _between(found.get(key), low, high)]
     if numbers and not _between(found.get("steps_trained") or 0, 0, _LARGEST):
         odd.append("steps_trained")
