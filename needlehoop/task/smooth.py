@@ -13,28 +13,33 @@ from needlehoop.scene.signals import Signals
 from needlehoop.task.episode import Episode
 from needlehoop.task.expert import GAIN, HOVER, STANDOFF, Script
 
-_NEAR, _FAR = 0.005, 0.008
-"""Distances from the pickup point at which the jaws are asked to be shut and open, m. Images of
-64 px give a place to 2 or 3 mm: an action that switches within less cannot be learnt from them."""
+# Who learns from images of 64 px knows places to 2 or 3 mm and does what the expert would do on
+# average over what may be there. So every switch is a ramp, wider than that; and where the arm
+# is to arrive, the target lies beyond, since half of a small action leads nowhere.
 
-_UPRIGHT = 1.0
-"""How much more a distance counts that lies above the pickup point, not aside of it."""
-
-_PRESS = 0.0015
-"""How far below the pickup point the jaws are sent, m: onto the table, wherever it seems to be."""
-
-_FREE, _SLOPE = 0.003, 1.5
+_FREE, _SLOPE = 0.005, 1.5
 """The funnel above the pickup point: its radius at the bottom, m, and its slope."""
 
-_SHUT, _RISE, _REOPEN = (1.0, 0.4), (0.36, 0.26), (0.25, 0.1)
-"""Angles of the jaws, rad, from none to all: too shut to go down onto the needle; so shut that
-there is only up, since a needle between them keeps them 0.37 open: with it they lift, without it
-they try again; and to be opened for that. They rise before they open: the other way round they
-would rest at an angle between shutting and opening."""
+_PRESS, _EDGE = 0.010, 0.009
+"""How far below the pickup point the jaws are sent, m: onto the table, where the workspace stops
+them; and the distance aside at which not at all."""
 
-_AIMED, _ASTRAY = 0.25, 0.75
+_LOW, _HIGH = 0.004, 0.008
+"""Heights above the pickup point at which the jaws are asked to be shut and open, m."""
+
+_OVER, _ASIDE = 0.006, 0.010
+"""The same for distances aside of it."""
+
+_EMPTY = (0.3, 0.15)
+"""Angles of the jaws, rad, at which there is only up, none and all of it: a needle between them
+keeps them 0.37 open. With it they lift; without, they open again on the way and retry."""
+
+_AIMED, _ASTRAY = 0.35, 0.85
 """Distance of the tip aside of the hoop's axis, in radii of the opening, at which it is sent all
 the way through, and held before the hoop."""
+
+_THROUGH = 0.02
+"""How far beyond the hoop's plane the tip is sent, m; the episode ends on the way."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +47,12 @@ class Smooth(Script):
     """The expert's phases with ramps for its switches: actions change little where signals do."""
 
     def _approach(self, s: Signals, misaligned: Tensor) -> Tensor:
-        """Down a funnel: the nearer above the pickup point, the lower; with open jaws alone."""
+        """Down a funnel onto the table; up, where the jaws have shut on nothing."""
         away = s.pickup_point - s.tool_midpoint
-        aside = torch.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
-        shut = _ramp(s.jaw, *_SHUT) * (1.0 - self._nearness(s))
+        aside = _aside(s)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, HOVER)
-        height = torch.maximum(funnel, HOVER * torch.maximum(shut, _ramp(s.jaw, *_RISE)))
-        away[:, 2] += height - _PRESS
+        down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
+        away[:, 2] = torch.lerp(down, away[:, 2] + HOVER, _ramp(s.jaw, *_EMPTY))
         return away
 
     def _carry(self, s: Signals) -> Tensor:
@@ -58,30 +62,27 @@ class Smooth(Script):
         depth = geo.dot(offset, s.hoop_axis).unsqueeze(-1)
         radial = offset - depth * s.hoop_axis
         aside = torch.sqrt(geo.dot(radial, radial)).unsqueeze(-1) / self.layout.hoop_opening
-        aimed = _ramp(aside, _ASTRAY, _AIMED)
-        wanted = -STANDOFF + aimed * (self.past + STANDOFF)
+        wanted = -STANDOFF + _ramp(aside, _ASTRAY, _AIMED) * (self.past + STANDOFF)
         insert = (wanted - depth) * s.hoop_axis - radial
         return torch.where(s.lifted.unsqueeze(-1), insert, lift)
 
     def _jaw(self, s: Signals) -> Tensor:
-        """Shut by as much as the needle is between the jaws, and while it is held.
-
-        Jaws that have shut on nothing open again.
-        """
-        near = self._nearness(s) * (1.0 - _ramp(s.jaw, *_REOPEN))
+        """Shut by as much as the needle is between the jaws, and while it is held; else open."""
+        height = (s.tool_midpoint - s.pickup_point)[:, 2]
+        near = _ramp(height, _HIGH, _LOW) * _ramp(_aside(s), _ASIDE, _OVER)
         shut = torch.where(s.grasped, torch.ones_like(near), near)
         wanted = self.layout.tool_jaw + shut * (self.layout.jaw_closed - self.layout.tool_jaw)
         return (GAIN * (wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
 
-    def _nearness(self, s: Signals) -> Tensor:
-        """0 where the jaws are to be open, 1 where they are to be shut."""
-        x, y, z = (s.pickup_point - s.tool_midpoint).unbind(-1)
-        return _ramp(torch.sqrt(x**2 + y**2 + (_UPRIGHT * z) ** 2), _FAR, _NEAR)
-
 
 def smooth(layout: Layout, episode: Episode) -> Smooth:
     """The controller that threads the needle and can be imitated."""
-    return Smooth(layout, episode, past=episode.thread_depth + 0.004)
+    return Smooth(layout, episode, past=_THROUGH)
+
+
+def _aside(s: Signals) -> Tensor:
+    """Horizontal distance of the tool from the pickup point ``(n,)``, m."""
+    return torch.linalg.vector_norm((s.pickup_point - s.tool_midpoint)[:, :2], dim=-1)
 
 
 def _ramp(value: Tensor, none: float, all_: float) -> Tensor:

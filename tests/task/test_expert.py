@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torch import Tensor
 
 from needlehoop import config
 from needlehoop.envs.build import build
@@ -55,30 +56,47 @@ def test_the_smooth_expert_threads_the_needle(task, grasp):
     settings = config.settings([f"task={task}", f"episode.grasp={grasp}"])
     outcome = run_trials(settings, "smooth", EPISODES)
     assert outcome.threaded.double().mean() >= 0.98
-    assert outcome.potential[outcome.threaded].min() >= 8.0
+    # It is still on its way through when the episode ends.
+    assert outcome.potential[outcome.threaded].min() >= 7.5
 
 
-_READ_OFF = ("pickup_point", "needle_tip", "goal", "tool_midpoint")
-"""What an agent has to see in its images."""
+def _blurred(signals: Signals, bias: Tensor, sigma: float, generator: torch.Generator) -> Signals:
+    """Signals as read off small images.
 
-
-def _blurred(signals: Signals, sigma: float, generator: torch.Generator) -> Signals:
-    """Signals with the places read off wrongly, by ``sigma`` (m) along each axis."""
+    Places of the needle are off by ``bias`` and, as angles of the jaws (rad, for mm) are, by
+    ``sigma`` in m along each axis; whether almost shut jaws hold the needle is a guess.
+    """
     seen = signals.clone()
-    for name in _READ_OFF:
-        place = getattr(signals, name)
-        noise = torch.randn(place.shape, generator=generator, dtype=place.dtype)
-        setattr(seen, name, place + sigma * noise)
+
+    def noise(like: Tensor) -> Tensor:
+        return torch.randn(like.shape, generator=generator, dtype=like.dtype)
+
+    seen.pickup_point = signals.pickup_point + bias + sigma * noise(signals.pickup_point)
+    seen.needle_tip = signals.needle_tip + bias + sigma * noise(signals.needle_tip)
+    turned = 60.0 * sigma * noise(signals.jaw)
+    seen.jaw, seen.jaw_command = signals.jaw + turned, signals.jaw_command + turned
+    near = (signals.pickup_point - signals.tool_midpoint).norm(dim=-1) < 0.006
+    unsure = near & (signals.jaw < 0.45) & (torch.rand(near.shape, generator=generator) < 0.3)
+    seen.grasped = signals.grasped ^ unsure
     return seen
 
 
-@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.9, 1.0), (expert, 0.0, 0.1)])
+@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.95, 1.0), (expert, 0.0, 0.2)])
 def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
+    # A learner does what the expert would do on average over what may be there, and is wrong
+    # about it in the same way throughout an episode.
     settings = config.settings(["num_envs=40"])
     simulation, _ = build(settings)
     generator = torch.Generator().manual_seed(0)
     script = script(settings.task, settings.episode)
-    outcome = run_episodes(simulation, lambda s: script(_blurred(s, 0.002, generator)))
+    bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
+    bias *= 0.002 / bias.norm(dim=-1, keepdim=True)
+
+    def learner(signals: Signals) -> Tensor:
+        guesses = [script(_blurred(signals, bias, 0.0025, generator)) for _ in range(16)]
+        return torch.stack(guesses).mean(0)
+
+    outcome = run_episodes(simulation, learner)
     assert least <= outcome.threaded.double().mean() <= most
 
 
