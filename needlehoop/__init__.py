@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.registration import register
+from needlehoop.api.registration import register
 
 if TYPE_CHECKING:
     import dm_env
@@ -49,8 +49,8 @@ def make_env(
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
+    from needlehoop.api.making import settings
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
-    from needlehoop.making import settings
 
     more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
     return NeedleHoopEnv(settings(cams, reward, overrides, **more))
@@ -64,8 +64,8 @@ def load(
     conf_dir: str | Path | None = None,
 ) -> dm_env.Environment:
     """A dm_control Environment; arguments as in ``make_env``."""
+    from needlehoop.api.making import settings
     from needlehoop.envs import dm_control_env as interface
-    from needlehoop.making import settings
 
     return interface.load(settings(cams, reward, overrides, seed=seed, conf_dir=conf_dir))
 
@@ -79,8 +79,8 @@ def make_sb3(
     conf_dir: str | Path | None = None,
 ) -> StableBaselinesVecEnv:
     """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``."""
+    from needlehoop.api.making import settings
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
-    from needlehoop.making import settings
 
     more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
     return StableBaselinesVecEnv(settings(cams, reward, overrides, **more))
@@ -99,8 +99,8 @@ def make_env_of(
     Raises:
         ValueError: no run there.
     """
+    from needlehoop.api.making import settings_of
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
-    from needlehoop.making import settings_of
     from needlehoop.runs.shipped import AGENT
 
     return NeedleHoopEnv(settings_of(AGENT if run is None else run, num_envs, seed))
@@ -116,8 +116,8 @@ def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
     Raises:
         ValueError: no trained policy there.
     """
+    from needlehoop.api.trained import policy_of
     from needlehoop.runs.shipped import AGENT
-    from needlehoop.trained import policy_of
 
     return policy_of(AGENT if run is None else run, device)
 

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any
 
 from needlehoop import config, intent, rewards
+from needlehoop.api.trained import initial_weights
 from needlehoop.asking import ask_where_missing, objections
 from needlehoop.learning.checkpoint import check_state
 from needlehoop.learning.job import Job
@@ -20,7 +21,6 @@ from needlehoop.runs.lock import Lock
 from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
-from needlehoop.trained import initial_weights
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "results", "engine", "logger", "checkpoint_every"),

@@ -58,8 +58,8 @@ def _export_policy(run: str | None, out: Path, overwrite: bool) -> None:
         raise ValueError(f"out: {str(out)!r} must end in .onnx")
     if out.exists() and not overwrite:
         raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
+    from needlehoop.api.trained import actor_in
     from needlehoop.learning.onnx_file import PRECISION, onnx_bytes
-    from needlehoop.trained import actor_in
 
     content = onnx_bytes(*actor_in(run or AGENT, "cpu", PRECISION))
     out.parent.mkdir(parents=True, exist_ok=True)

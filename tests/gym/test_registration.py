@@ -30,9 +30,8 @@ def test_it_is_registered_in_any_order(imports):
 
 def test_its_name_is_enough():
     made = f"gymnasium.make('needlehoop:{ID}', cams=[], obs='signals')"
-    assert (
-        python(f"import gymnasium\nprint({made}.spec.entry_point)") == "needlehoop.entries:single"
-    )
+    entry = python(f"import gymnasium\nprint({made}.spec.entry_point)")
+    assert entry == "needlehoop.api.entries:single"
 
 
 def test_importing_needlehoop_imports_nothing_heavy():

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from needlehoop.api.making import settings, settings_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.env import METADATA, GymnasiumEnv
 from needlehoop.gym.vector import GymnasiumVectorEnv
-from needlehoop.making import settings, settings_of
 
 PAIR = ("dep_front", "seg_side")
 """What is seen if nothing is said: the cameras of the first run in the README."""

@@ -55,6 +55,6 @@ class _Herald(MetaPathFinder):
 def _tell(gymnasium: Any) -> None:
     gymnasium.register(
         ID,
-        entry_point="needlehoop.entries:single",
-        vector_entry_point="needlehoop.entries:batch",
+        entry_point="needlehoop.api.entries:single",
+        vector_entry_point="needlehoop.api.entries:batch",
     )
