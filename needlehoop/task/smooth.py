@@ -34,6 +34,10 @@ _EMPTY = (0.3, 0.15)
 """Angles of the jaws, rad, at which there is only up, none and all of it: a needle between them
 keeps them 0.37 open. With it they lift; without, they open again on the way and retry."""
 
+_JAMMED, _ABOVE = (0.9, 0.5), (0.003, 0.006)
+"""Angles of the jaws, rad, and heights of them, m, at which they would come down on the needle and
+rest there: none and all of that. There too is only up."""
+
 _AIMED, _ASTRAY = 0.35, 0.85
 """Distance of the tip aside of the hoop's axis, in radii of the opening, at which it is sent all
 the way through, and held before the hoop."""
@@ -47,12 +51,14 @@ class Smooth(Script):
     """The expert's phases with ramps for its switches: actions change little where signals do."""
 
     def _approach(self, s: Signals, misaligned: Tensor) -> Tensor:
-        """Down a funnel onto the table; up, where the jaws have shut on nothing."""
+        """Down a funnel onto the table; up, where the jaws shut too early or on nothing."""
         away = s.pickup_point - s.tool_midpoint
         aside = _aside(s)
+        jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
+        up = torch.maximum(_ramp(s.jaw, *_EMPTY), jammed)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, HOVER)
         down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
-        away[:, 2] = torch.lerp(down, away[:, 2] + HOVER, _ramp(s.jaw, *_EMPTY))
+        away[:, 2] = torch.lerp(down, away[:, 2] + HOVER, up)
         return away
 
     def _carry(self, s: Signals) -> Tensor:

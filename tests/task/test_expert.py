@@ -10,7 +10,7 @@ from needlehoop.envs.controllers import CONTROLLERS, controller
 from needlehoop.envs.rollout import run_episodes
 from needlehoop.envs.trials import run_trials
 from needlehoop.scene.signals import Signals
-from needlehoop.task.expert import expert
+from needlehoop.task.expert import Script, expert
 from needlehoop.task.smooth import smooth
 
 EPISODES = 200
@@ -81,6 +81,14 @@ def _blurred(signals: Signals, bias: Tensor, sigma: float, generator: torch.Gene
     return seen
 
 
+def _guessed(
+    script: Script, signals: Signals, bias: Tensor, sigma: float, generator: torch.Generator
+) -> Tensor:
+    """What a script would do on average over what images leave open."""
+    guesses = [script(_blurred(signals, bias, sigma, generator)) for _ in range(16)]
+    return torch.stack(guesses).mean(0)
+
+
 @pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.95, 1.0), (expert, 0.0, 0.2)])
 def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
     # A learner does what the expert would do on average over what may be there, and is wrong
@@ -93,11 +101,26 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most
     bias *= 0.002 / bias.norm(dim=-1, keepdim=True)
 
     def learner(signals: Signals) -> Tensor:
-        guesses = [script(_blurred(signals, bias, 0.0025, generator)) for _ in range(16)]
-        return torch.stack(guesses).mean(0)
+        return _guessed(script, signals, bias, 0.0025, generator)
 
     outcome = run_episodes(simulation, learner)
     assert least <= outcome.threaded.double().mean() <= most
+
+
+@pytest.mark.parametrize(
+    ("jaw", "height", "rises"),
+    [(1.3, 0.007, False), (0.5, 0.007, True), (0.8, 0.0, False), (0.1, 0.0, True)],
+    ids=["open above", "half shut above", "shutting", "shut on nothing"],
+)
+def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(jaw, height, rises):
+    settings = config.settings()
+    simulation, _ = build(settings)
+    seen = simulation.reset().signals.clone()
+    seen.tool_midpoint = seen.pickup_point.clone()
+    seen.tool_midpoint[:, 2] += height
+    seen.jaw = seen.jaw_command = torch.full_like(seen.jaw, jaw)
+    up = smooth(settings.task, settings.episode)(seen)[:, 2]
+    assert (up > 0.3).all() if rises else (up < -0.3).all()
 
 
 @pytest.mark.parametrize("script", [expert, smooth])
