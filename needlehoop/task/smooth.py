@@ -30,9 +30,10 @@ _LOW, _HIGH = 0.004, 0.008
 _OVER, _ASIDE = 0.006, 0.010
 """The same for distances aside of it."""
 
-_EMPTY = (0.3, 0.15)
-"""Angles of the jaws, rad, at which there is only up, none and all of it: a needle between them
-keeps them 0.37 open. With it they lift; without, they open again on the way and retry."""
+_SHUT = (0.6, 0.35)
+"""Angles of the jaws, rad, at which there is only up, none and all of it. A needle between them
+keeps them 0.37 open, and whether it is held yet no image shows: either way they rise. With it
+they lift; without, they open again on the way and retry."""
 
 _JAMMED, _ABOVE = (0.9, 0.5), (0.003, 0.006)
 """Angles of the jaws, rad, and heights of them, m, at which they would come down on the needle and
@@ -55,7 +56,7 @@ class Smooth(Script):
         away = s.pickup_point - s.tool_midpoint
         aside = _aside(s)
         jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
-        up = torch.maximum(_ramp(s.jaw, *_EMPTY), jammed)
+        up = torch.maximum(_ramp(s.jaw, *_SHUT), jammed)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, HOVER)
         down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
         away[:, 2] = torch.lerp(down, away[:, 2] + HOVER, up)
