@@ -11,7 +11,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Signals
 from needlehoop.task.episode import Episode
-from needlehoop.task.expert import GAIN, HOVER, STANDOFF, Script
+from needlehoop.task.expert import HOVER, STANDOFF, Script
 
 # Who learns from images of 64 px knows places to 2 or 3 mm and does what the expert would do on
 # average over what may be there. So every switch is a ramp, wider than that; and where the arm
@@ -25,12 +25,12 @@ _PRESS, _EDGE = 0.010, 0.009
 them; and the distance aside at which not at all."""
 
 _LOW, _HIGH = 0.004, 0.008
-"""Heights above the pickup point at which the jaws are asked to be shut and open, m."""
+"""Heights above the pickup point at which the jaws shut and open, m."""
 
 _OVER, _ASIDE = 0.006, 0.010
 """The same for distances aside of it."""
 
-_SHUT = (0.6, 0.35)
+_SHUT = (0.45, 0.25)
 """Angles of the jaws, rad, at which there is only up, none and all of it. A needle between them
 keeps them 0.37 open, and whether it is held yet no image shows: either way they rise. With it
 they lift; without, they open again on the way and retry."""
@@ -74,12 +74,13 @@ class Smooth(Script):
         return torch.where(s.lifted.unsqueeze(-1), insert, lift)
 
     def _jaw(self, s: Signals) -> Tensor:
-        """Shut by as much as the needle is between the jaws, and while it is held; else open."""
+        """Shut where the needle is between the jaws, and while it is held; else open.
+
+        However far they have come: their angle is hard to see.
+        """
         height = (s.tool_midpoint - s.pickup_point)[:, 2]
         near = _ramp(height, _HIGH, _LOW) * _ramp(_aside(s), _ASIDE, _OVER)
-        shut = torch.where(s.grasped, torch.ones_like(near), near)
-        wanted = self.layout.tool_jaw + shut * (self.layout.jaw_closed - self.layout.tool_jaw)
-        return (GAIN * (wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
+        return 1.0 - 2.0 * torch.where(s.grasped, torch.ones_like(near), near)
 
 
 def smooth(layout: Layout, episode: Episode) -> Smooth:

@@ -73,10 +73,10 @@ def _blurred(signals: Signals, bias: Tensor, sigma: float, generator: torch.Gene
 
     seen.pickup_point = signals.pickup_point + bias + sigma * noise(signals.pickup_point)
     seen.needle_tip = signals.needle_tip + bias + sigma * noise(signals.needle_tip)
-    turned = 60.0 * sigma * noise(signals.jaw)
+    turned = 70.0 * sigma * noise(signals.jaw)
     seen.jaw, seen.jaw_command = signals.jaw + turned, signals.jaw_command + turned
     near = (signals.pickup_point - signals.tool_midpoint).norm(dim=-1) < 0.006
-    unsure = near & (signals.jaw < 0.45) & (torch.rand(near.shape, generator=generator) < 0.3)
+    unsure = near & (signals.jaw < 0.45) & (torch.rand(near.shape, generator=generator) < 0.4)
     seen.grasped = signals.grasped ^ unsure
     return seen
 
@@ -89,7 +89,7 @@ def _guessed(
     return torch.stack(guesses).mean(0)
 
 
-@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.95, 1.0), (expert, 0.0, 0.2)])
+@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.9, 1.0), (expert, 0.0, 0.2)])
 def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
     # A learner does what the expert would do on average over what may be there, and is wrong
     # about it in the same way throughout an episode.
@@ -98,10 +98,10 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most
     generator = torch.Generator().manual_seed(0)
     script = script(settings.task, settings.episode)
     bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
-    bias *= 0.002 / bias.norm(dim=-1, keepdim=True)
+    bias *= 0.004 / bias.norm(dim=-1, keepdim=True)
 
     def learner(signals: Signals) -> Tensor:
-        return _guessed(script, signals, bias, 0.0025, generator)
+        return _guessed(script, signals, bias, 0.0035, generator)
 
     outcome = run_episodes(simulation, learner)
     assert least <= outcome.threaded.double().mean() <= most
