@@ -22,7 +22,7 @@ def add_commands(commands: Any) -> None:
         "snapshot",
         _snapshot,
         "Write a contact sheet of all views and renderings, start and goal.",
-        "size=256 out=snapshot.png raw=false overwrite=false",
+        "size=256 out=snapshot.png raw=false tiles=false overwrite=false",
     )
     add(
         "picture",
@@ -53,11 +53,29 @@ def _snapshot(options: argparse.Namespace) -> None:
     from needlehoop import config
 
     values = config.compose(options.overrides, "snapshot")
-    settings, out = config.structure(values), _png(values)
+    settings, tiled = config.structure(values), config.value(values, "tiles", bool)
+    if tiled:
+        _tiles(settings, values)
+        return
+    out = _png(values)
     size, raw = config.value(values, "size", Pixels), config.value(values, "raw", bool)
     from needlehoop.pictures.sheet import contact_sheet
 
     _save(contact_sheet(settings, size, raw), out)
+
+
+def _tiles(settings: Any, values: dict[str, Any]) -> None:
+    """A folder with a file for each camera."""
+    from needlehoop import config
+
+    out = Path(config.value(values, "out", str))
+    if out.suffix:
+        raise ValueError(f"out: {str(out)!r}; tiles=true writes a folder")
+    _spare(out, values, "out")
+    from needlehoop.pictures.sheet import tiles
+
+    for name, image in tiles(settings).items():
+        _save(image, out / f"{name}.png")
 
 
 def _picture(options: argparse.Namespace) -> None:

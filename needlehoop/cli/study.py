@@ -21,12 +21,17 @@ def add_commands(commands: Any) -> None:
         ("report", _report, "Write a study's report: one HTML page with everything in it."),
     ):
         command = commands.add_parser(name, help=summary, description=summary)
-        command.add_argument("study", metavar="STUDY", help=_STUDY)
+        if name == "plot":
+            command.add_argument("study", metavar="STUDY", help=_STUDY)
+        else:
+            several = f"{_STUDY}; of several, beside each other, one page with a switch"
+            command.add_argument("study", metavar="STUDY", nargs="+", help=several)
         command.add_argument(
             "--out",
             type=Path,
             metavar="FOLDER",
-            help="where to write (the study's folder; for the paper's numbers, results/paper)",
+            help="where to write (the study's folder; for the paper's numbers, results/paper;"
+            " for several studies, the folder that they are in)",
         )
         command.set_defaults(run=run, overrides=[])
     summary = "Show what of a study is done, running, stopped, failed or missing."
@@ -67,16 +72,39 @@ def _plot(options: argparse.Namespace) -> None:
 
 def _report(options: argparse.Namespace) -> None:
     from needlehoop.study.figures import draw
-    from needlehoop.study.report import write_report
+    from needlehoop.study.report import Part, write_report
 
     _no_more(options)
-    findings, out = _open(options)
+    words = [_word(study) for study in options.study]
+    opened = [_open(argparse.Namespace(study=word, out=options.out)) for word in words]
+    out = opened[0][1] if len(opened) == 1 else options.out or _common(opened)
+    parts = []
+    for findings, _ in opened:
+        figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
+        parts.append(Part(findings, draw(findings, figures)))
     page = out / "report.html"
-    write_report(
-        findings, draw(findings, out / "figures"), page, f"needlehoop report {options.study}"
-    )
+    write_report(parts, page, f"needlehoop report {' '.join(words)}")
     print(page)
-    _say_left_out(findings)
+    for findings, _ in opened:
+        _say_left_out(findings)
+
+
+def _word(study: str) -> str:
+    """A study as it is named; an override is none."""
+    if "=" in study:
+        raise ValueError(f"{study!r} is not understood; it takes studies")
+    return study
+
+
+def _common(opened: list[tuple[Findings, Path]]) -> Path:
+    """The folder of several studies."""
+    folders = {out.resolve().parent for _, out in opened}
+    titles = [findings.title for findings, _ in opened]
+    if len(folders) > 1 or len(set(titles)) < len(titles):
+        raise ValueError(
+            f"studies: {', '.join(titles)} are not different folders beside each other; give --out"
+        )
+    return opened[0][1].parent
 
 
 def _status(options: argparse.Namespace) -> None:

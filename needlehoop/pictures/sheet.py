@@ -53,6 +53,30 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
 
 
+def tiles(settings: Settings) -> dict[str, Image.Image]:
+    """What an agent sees through each camera, start and goal side by side, by camera.
+
+    Args:
+        settings: environment; its cameras are ignored.
+
+    Raises:
+        RuntimeError: the expert did not reach the goal state.
+    """
+    cams = tuple(f"{r}_{v}" for r in _ordered(settings) for v in settings.views)
+    seen = stages(replace(settings, cams=cams, num_envs=1), "start", "goal").values()
+    return {
+        name: Image.fromarray(
+            np.hstack(
+                [
+                    to_rgb(one[name], settings.renderings[name.partition("_")[0]].depth)
+                    for one in seen
+                ]
+            )
+        )
+        for name in cams
+    }
+
+
 def _ordered(settings: Settings) -> list[str]:
     """Renderings from plain to derived: lit colours, then flat; depth after none."""
     kinds = settings.renderings

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.charts import final_values, success_and_cheats, time_to_threshold
+from needlehoop.study.costs import cost_and_regret
 from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.findings import Findings
 from needlehoop.study.media import check_picture
@@ -21,6 +22,12 @@ CONTACT_SHEET = "contact_sheet.png"
 """In a study's folder; only the simulator can make one, so it is copied."""
 
 _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
+    "cost_and_regret": (
+        cost_and_regret,
+        "What choosing cameras by each prediction costs, and what it loses: the return of the best"
+        " set less that of the predicted best, mean over the lists that it ranked (dots: each"
+        " list). Lower and further left is better. Dashed: a set chosen blindly.",
+    ),
     "learning_curves": (
         learning_curves,
         "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,10 @@ class Final:
     """Share of episodes that end with the task done."""
     cheat: float
     """Share that touched the goal without threading."""
+    grasped: float | None
+    """Share that held the needle at some time; ``None`` where it was not written down."""
+    lifted: float | None
+    """Share that brought it to the lift position."""
     episodes: int
     steps: int
     """Of training, when it was measured."""
@@ -43,9 +48,11 @@ def final(run: Record) -> Final | None:
     if last is not None and (run.finished or (last.get("steps_trained") or 0) >= newest):
         return Final(
             value=float(last["return"]),
-            human=None if last.get(HUMAN_RETURN) is None else float(last[HUMAN_RETURN]),
+            human=_told(last.get(HUMAN_RETURN)),
             success=float(last["success"]),
             cheat=float(last["cheat"]),
+            grasped=_told(last.get("grasped")),
+            lifted=_told(last.get("lifted")),
             episodes=int(last["episodes"]),
             steps=int(last.get("steps_trained") or run.steps),
             finished=run.finished,
@@ -58,12 +65,21 @@ def final(run: Record) -> Final | None:
     def mean(column: str) -> float:
         return float(np.average(rows[column][tail], weights=episodes))
 
+    def known(column: str) -> float | None:
+        return mean(column) if column in rows.columns else None
+
     return Final(
         value=mean("return"),
-        human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
+        human=known(HUMAN_RETURN),
         success=mean("success"),
         cheat=mean("cheat"),
+        grasped=known("grasped"),
+        lifted=known("lifted"),
         episodes=int(episodes.sum()),
         steps=newest,
         finished=False,
     )
+
+
+def _told(value: Any) -> float | None:
+    return None if value is None else float(value)

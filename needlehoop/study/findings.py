@@ -12,7 +12,7 @@ from needlehoop.study import paper
 from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import HUMAN
 from needlehoop.study.final import Final, final
-from needlehoop.study.predictions import IMITATION, Prediction, lists_of, predictions
+from needlehoop.study.predictions import STUDIES, Prediction, lists_of, predictions
 from needlehoop.study.records import LeftOut, Record, Study, read_study
 from needlehoop.study.statistics import Estimate, estimate, rate
 
@@ -86,9 +86,9 @@ def study_findings(folder: Path) -> Findings:
     foretold, unreadable = predictions(
         answers, folder.resolve().parent, [*lists_of(answers).values()]
     )
-    if folder.resolve().name == IMITATION:
-        # It is what was measured there.
-        foretold = tuple(one for one in foretold if one.who != IMITATION)
+    # What was measured there foretells nothing.
+    own = STUDIES.get(folder.resolve().name)
+    foretold = tuple(one for one in foretold if one.who != own)
     left_out = [*study.left_out, *unread, *unreadable]
     results = []
     for (cameras, reward), runs in groupby(

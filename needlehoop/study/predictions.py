@@ -1,33 +1,41 @@
-"""Who foretold which cameras would do: models' rankings, the probe, imitation."""
+"""Who foretold which cameras would do: models, the probe, imitation, shorter trainings."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from needlehoop.runs.files import EXPERT
+from needlehoop.runs.files import CONFIG, EXPERT, MANIFEST
+from needlehoop.runs.reading import read_json, read_yaml
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import label
 from needlehoop.study.final import Final, final
-from needlehoop.study.records import LeftOut, read_study
+from needlehoop.study.records import LeftOut, core_minutes, read_study
 from needlehoop.study.rows import UnreadableError, read_text
-from needlehoop.study.statistics import rate
+from needlehoop.study.statistics import estimate, rate
 
 PAPERS_VLM = "the paper's VLM"
 OWN_VLM = "VLM"
 PROBE = "probe"
 IMITATION = "imitation"
+FAST = "fast protocol"
 
 _PROBE = Path("probe/ranking.csv")
 """Beside the studies."""
 
 _IMITATION = Path("imitation")
 """The study of runs that an expert taught, beside the others."""
+
+_FAST = Path("fast")
+"""The study of short trainings."""
+
+STUDIES = {_IMITATION.name: IMITATION, _FAST.name: FAST}
+"""Studies that foretell what others measure, by their folders."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +44,9 @@ class Prediction:
 
     who: str
     lists: Mapping[frozenset[str], Mapping[str, float]]
+    core_minutes: float | None = 0.0
+    """That its scores of all sets took; a model that is asked takes none of ours. ``None`` where
+    it is not on record."""
 
     def places(self, members: Iterable[str]) -> dict[str, float]:
         """Places in a list by cameras, 1 the best, ties at their mean; empty if not ranked."""
@@ -86,11 +97,13 @@ def predictions(
     left_out = []
     if (results / _PROBE).exists():
         try:
-            found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
+            probed = scored(PROBE, _probed(results / _PROBE, lists), lists)
+            found.append(replace(probed, core_minutes=_probes_cost(results / _PROBE.parent)))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
-    if (results / _IMITATION).is_dir():
-        found.append(scored(IMITATION, _imitated(results / _IMITATION), lists))
+    for folder in (_IMITATION, _FAST):
+        if (results / folder).is_dir():
+            found.append(_trained(STUDIES[folder.name], results / folder, lists))
     return tuple(one for one in found if one.lists), left_out
 
 
@@ -131,17 +144,41 @@ def scored(
     return Prediction(who, {m: {name: scores[name] for name in m & known} for m in chosen})
 
 
-def _imitated(folder: Path) -> dict[str, float]:
-    """Success of imitation by set, over its finished seeds; what is wrong there its study says."""
-    found: dict[str, list[Final]] = {}
+def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Prediction:
+    """By the finished runs of a study; what is wrong there its own pages say.
+
+    Imitation's sets by success, since no reward taught it; the others by final return.
+    """
+    ends: dict[str, list[Final]] = {}
+    minutes: list[float | None] = []
     for run in read_study(folder).runs:
         end = final(run)
-        if run.place.reward == EXPERT and end is not None and end.finished:
-            found.setdefault(run.place.cameras, []).append(end)
-    return {
-        cameras: rate([end.success for end in ends], [end.episodes for end in ends]).value
-        for cameras, ends in found.items()
+        if (run.place.reward == EXPERT) == (who == IMITATION) and end is not None and end.finished:
+            ends.setdefault(run.place.cameras, []).append(end)
+            minutes.append(run.core_minutes)
+    scores = {
+        cameras: rate([end.success for end in own], [end.episodes for end in own]).value
+        if who == IMITATION
+        else estimate([[end.value for end in own]]).value
+        for cameras, own in ends.items()
     }
+    known = [one for one in minutes if one is not None]
+    cost = sum(known) if len(known) == len(minutes) else None
+    return replace(scored(who, scores, lists), core_minutes=cost)
+
+
+def _probes_cost(folder: Path) -> float | None:
+    """Core-minutes of a probe; ``None`` where it left no record of them.
+
+    Raises:
+        UnreadableError: its files are damaged.
+    """
+    if not ((folder / MANIFEST).exists() and (folder / CONFIG).exists()):
+        return None
+    manifest, config = read_json(folder / MANIFEST), read_yaml(folder / CONFIG)
+    engine = config.get("engine")
+    threads = engine.get("threads") if isinstance(engine, Mapping) else None
+    return core_minutes(manifest.get("wall_time"), threads or manifest.get("cpus"))
 
 
 def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:

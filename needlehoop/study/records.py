@@ -39,6 +39,9 @@ _OUTCOME = {
 HUMAN_RETURN = "return_human"
 """The column of an evaluation that has the human reward's points; older ones have none."""
 
+_SINCE = {HUMAN_RETURN: _OUTCOME["return"], "grasped": (0.0, 1.0), "lifted": (0.0, 1.0)}
+"""What evaluations say besides, if they are not too old."""
+
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
     r"|policy\.safetensors|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
@@ -120,6 +123,15 @@ class Record:
         return 0 if self.metrics is None else int(self.metrics["step"][-1])
 
     @property
+    def core_minutes(self) -> float | None:
+        """Wall time of its cores, whatever else they did; ``None`` if it is not on record."""
+        engine, wall = self.config.get("engine"), self.manifest.get("wall_time")
+        threads = (engine.get("threads") if isinstance(engine, Mapping) else None) or (
+            self.manifest.get("cpus")
+        )
+        return core_minutes(wall, threads)
+
+    @property
     def command(self) -> str | None:
         """What makes this run alone, if the manifest knows."""
         words = self.manifest.get("command")
@@ -183,6 +195,13 @@ def read_study(folder: Path) -> Study:
             reading.leave(parent / name, "is no run")
     runs = tuple(reading.runs[place] for place in sorted(reading.runs))
     return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
+
+
+def core_minutes(wall_time: Any, cores: Any) -> float | None:
+    """Seconds on so many cores, in core-minutes; ``None`` where one of them is not known."""
+    if not (_between(wall_time, 0.0, 1e9) and _between(cores, 1, 1e6)):
+        return None
+    return float(wall_time) * float(cores) / 60.0
 
 
 def _visible(folder: Path) -> list[str]:
@@ -261,11 +280,8 @@ def _json(
     except UnreadableError as error:
         reading.leave(path, str(error))
         return None
-    # Evaluations older than it have none.
-    limits = {
-        **numbers,
-        **({HUMAN_RETURN: numbers["return"]} if HUMAN_RETURN in found and numbers else {}),
-    }
+    since = {name: _SINCE[name] for name in _SINCE if name in found and numbers}
+    limits = {**numbers, **since}
     odd = [key for key, (low, high) in limits.items() if not _between(found.get(key), low, high)]
     if numbers and not _between(found.get("steps_trained") or 0, 0, _LARGEST):
         odd.append("steps_trained")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import base64
-import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +17,32 @@ from needlehoop.study.combinations import LISTS, label, reward_label
 from needlehoop.study.figures import Drawn
 from needlehoop.study.final import final
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.gallery import Films, Tiles, galleries, inline, read_tiles
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.records import Record
 from needlehoop.study.statistics import ENOUGH, no_interval
 from needlehoop.study.tables import all_tables
 
-_EMBED = 4_000_000
-"""Bytes of a film, at most, to be part of the page; a larger one is linked to."""
-
-_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".mp4": "video/mp4"}
+_FIRST = ("cost_and_regret",)
+"""Figures before all others."""
 
 
-def write_report(findings: Findings, figures: Sequence[Drawn], out: Path, command: str) -> None:
+@dataclass(frozen=True)
+class Part:
+    """A study of a page."""
+
+    findings: Findings
+    """Of a study, or of the paper."""
+    figures: Sequence[Drawn]
+    """As drawn; the page holds copies."""
+
+
+def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
     """Write the page.
 
     Args:
-        findings: of a study, or of the paper.
-        figures: as drawn; the page holds copies.
-        out: an HTML file. Films too large to be part of it are linked to from its folder.
+        parts: one study, or several, between which the page has a switch; all beside each other.
+        out: an HTML file. Films for which it has no room are linked to from its folder.
         command: that makes this page, for the record.
     """
     environment = Environment(
@@ -44,23 +51,40 @@ def write_report(findings: Findings, figures: Sequence[Drawn], out: Path, comman
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
+    films = Films(out.parent)
     page = environment.get_template("report.html").render(
-        title=_title(findings),
+        title=_title(parts),
         css=_own(environment, "report.css"),
         script=_own(environment, "report.js"),
-        lead=_lead(findings),
-        figures=[_figure(drawn) for drawn in figures],
-        tables=all_tables(findings),
-        is_study=findings.study is not None,
-        films=_films(findings, out.parent),
-        reasons=_reasons(findings),
-        answers=findings.answers.questions if findings.study and findings.answers else (),
+        parts=[_part(part, films, alone=len(parts) == 1) for part in parts],
         made=command,
-        left_out=findings.left_out,
-        **_settings(findings),
     )
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(page, encoding="utf-8")
+
+
+def _part(part: Part, films: Films, alone: bool) -> dict[str, Any]:
+    """What the page shows of a study."""
+    findings = part.findings
+    study = findings.study
+    tiles = Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
+    figures = [_figure(drawn) for drawn in part.figures]
+    return {
+        "name": findings.title,
+        # Names of a page's parts are unique in it.
+        "mark": "" if alone else f"{findings.title}-",
+        "is_study": study is not None,
+        "lead": _lead(findings),
+        "galleries": galleries(findings, films, tiles),
+        "problems": tiles.problems,
+        "first": [figure for figure in figures if figure["name"] in _FIRST],
+        "figures": [figure for figure in figures if figure["name"] not in _FIRST],
+        "tables": all_tables(findings),
+        "reasons": _reasons(findings),
+        "answers": findings.answers.questions if study and findings.answers else (),
+        "left_out": findings.left_out,
+        **_settings(findings),
+    }
 
 
 def _own(environment: Environment, name: str) -> str:
@@ -69,8 +93,12 @@ def _own(environment: Environment, name: str) -> str:
     return environment.loader.get_source(environment, name)[0]
 
 
-def _title(findings: Findings) -> str:
-    return f"Study {findings.title}" if findings.study else "The paper's published numbers"
+def _title(parts: Sequence[Part]) -> str:
+    if len(parts) > 1:
+        return f"Studies {', '.join(part.findings.title for part in parts)}"
+    (part,) = parts
+    found = part.findings
+    return f"Study {found.title}" if found.study else "The paper's published numbers"
 
 
 def _lead(findings: Findings) -> list[str]:
@@ -118,38 +146,8 @@ def _figure(drawn: Drawn) -> dict[str, str | None]:
         "name": drawn.name,
         "caption": drawn.caption,
         "missing": drawn.missing,
-        "image": _inline(best[0]) if best else None,
+        "image": inline(best[0]) if best else None,
     }
-
-
-def _inline(path: Path) -> str:
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f"data:{_TYPES[path.suffix]};base64,{data}"
-
-
-def _films(findings: Findings, folder: Path) -> list[dict[str, Any]]:
-    """The best and the worst run with a film, by final return."""
-    filmed = [
-        (found, run, run.video)
-        for result in findings.ranked
-        for run, found in zip(result.runs, result.finals, strict=True)
-        if run.video is not None
-    ]
-    filmed.sort(key=lambda entry: (-entry[0].value, entry[1].place))
-    chosen = filmed[:1] + filmed[1:][-1:]
-    films = []
-    for which, (found, run, video) in zip(("Best", "Worst"), chosen, strict=False):
-        embedded = video.stat().st_size <= _EMBED
-        link = Path(os.path.relpath(video, folder)).as_posix()
-        films.append(
-            {
-                "embedded": embedded,
-                "source": _inline(video) if embedded else link,
-                "caption": f"{which}: {run.place}, return {found.value:.2f},"
-                f" success {100 * found.success:.0f} %",
-            }
-        )
-    return films
 
 
 def _reasons(findings: Findings) -> list[dict[str, Any]]:

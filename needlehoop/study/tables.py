@@ -7,8 +7,11 @@ from collections.abc import Mapping, Sequence
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
+from needlehoop.study.costs import costs
+from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
 from needlehoop.study.statistics import (
@@ -28,10 +31,13 @@ def all_tables(findings: Findings) -> list[Table]:
     """Every table that has rows."""
     tables = [
         results(findings),
+        phases(findings),
+        effects(findings),
         table_1(findings),
         table_2(findings),
         rankings(findings),
         agreements(findings),
+        costs(findings),
         rewards(findings),
         improvements(findings),
     ]

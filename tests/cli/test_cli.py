@@ -31,6 +31,22 @@ def test_snapshot_writes_the_contact_sheet(tmp_path, capsys):
         assert np.abs(start - goal).max() > 50
 
 
+def test_snapshot_writes_what_each_camera_sees(tmp_path, capsys):
+    out = tmp_path / "cameras"
+    assert main(["snapshot", "tiles=true", "image_size=32", f"out={out}"]) == 0
+    assert len(list(out.iterdir())) == 12
+    with Image.open(out / "seg_side.png") as tile:
+        pixels = np.asarray(tile).astype(int)
+    assert pixels.shape == (32, 64, 3)
+    # The background is black, and the needle has moved.
+    assert (pixels == 0).all(axis=-1).mean() > 0.5
+    assert np.abs(pixels[:, :32] - pixels[:, 32:]).max() > 50
+    assert main(["snapshot", "tiles=true", f"out={out}"]) == 2
+    assert "exists" in capsys.readouterr().err
+    assert main(["snapshot", "tiles=true", "out=cameras.png"]) == 2
+    assert "tiles=true writes a folder" in capsys.readouterr().err
+
+
 def test_snapshot_reaches_the_goal_where_success_ends_nothing(tmp_path):
     arguments = ["snapshot", "size=16", "raw=true", "image_size=16", f"out={tmp_path / 'a.png'}"]
     assert main([*arguments, "episode.end_on_success=false"]) == 0

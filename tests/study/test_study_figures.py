@@ -19,7 +19,7 @@ from needlehoop.study.style import WIDTH, apart, styled
 
 DRAWN = {
     *("learning_curves", "rewards", "final_values", "rankings"),
-    *("success_and_cheats", "time_to_threshold"),
+    *("success_and_cheats", "time_to_threshold", "cost_and_regret"),
 }
 
 
@@ -60,7 +60,11 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
 def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
     (tmp_path / "rewards.png").write_text("old")
     drawn = {figure.name: figure for figure in draw(paper_findings(Path("nowhere")), tmp_path)}
-    kept = {f"{name}.{kind}" for name in ("final_values", "rankings") for kind in ("png", "svg")}
+    kept = {
+        f"{name}.{kind}"
+        for name in ("cost_and_regret", "final_values", "rankings")
+        for kind in ("png", "svg")
+    }
     assert {path.name for path in tmp_path.iterdir()} == kept
     assert drawn["learning_curves"].missing == "no learning curves"
     assert drawn["contact_sheet"].missing

@@ -8,6 +8,7 @@ from pathlib import Path
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -33,6 +34,25 @@ const done = arguments[arguments.length - 1], film = document.querySelector("vid
 film.addEventListener("timeupdate", () => film.currentTime > 0 && done("played"));
 film.addEventListener("error", () => done(film.error.message));
 film.play().catch((error) => done(String(error)));
+"""
+
+
+_CUT_OFF = """
+const cut = [];
+for (const one of document.querySelectorAll("main *")) {
+  const said = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  const box = one.getBoundingClientRect();
+  if (!said || !box.width || one.closest(".wide, pre")) continue;
+  const hidden = getComputedStyle(one).overflowX === "hidden" && one.scrollWidth > one.clientWidth;
+  if (hidden || box.right > innerWidth + 1) cut.push(one.textContent.trim());
+}
+return cut;
+"""
+"""Text that ends outside the window, or is hidden; tables and settings have a frame to scroll."""
+
+_SHOWN = """
+const all = [...document.querySelectorAll(arguments[0])].filter((one) => !one.hidden);
+return all.map((one) => one.dataset.part ?? one.dataset.reward);
 """
 
 
@@ -118,7 +138,7 @@ def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
     assert names == sorted(names)
     assert names[0] == "DEP (D)"
     images = browser.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 6
+    assert len(images) == 7
     assert all(image.get_property("naturalWidth") > 100 for image in images)
     browser.set_script_timeout(20)
     assert browser.execute_async_script(_PLAY) == "played"
@@ -126,11 +146,59 @@ def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
     assert requests(browser) == [page.as_uri()]
 
 
-def test_the_page_fits_a_phone(browser, study):
-    open_page(browser, study / "report.html", 390)
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+@pytest.mark.parametrize("width", [390, 1400])
+def test_the_page_fits_and_cuts_no_text_off(browser, study, width):
+    open_page(browser, study / "report.html", width)
+    browser.execute_script("document.querySelectorAll('details').forEach((one) => one.open = true)")
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+    assert browser.execute_script(_CUT_OFF) == []
     size = "return parseFloat(getComputedStyle(document.body).fontSize)"
     assert browser.execute_script(size) >= 16
+
+
+def test_text_that_is_cut_off_is_found(browser, study):
+    open_page(browser, study / "report.html", 390)
+    style = "style.cssText = 'width: 3rem; overflow: hidden; white-space: nowrap'"
+    browser.execute_script(f"document.querySelector('h1').{style}")
+    assert browser.execute_script(_CUT_OFF) == ["Study main"]
+
+
+def test_several_studies_have_a_switch(browser, study, tmp_path):
+    root = tmp_path / "results"
+    shutil.copytree(study, root / "main")
+    write_study(root / "other", [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
+    tiles = root / "cameras"
+    tiles.mkdir()
+    for name in ("rgb_default", "dep_front"):
+        Image.new("RGB", (128, 64), "red").save(tiles / f"{name}.png")
+    (tiles / "seg_side.png").write_text("torn")
+    assert main(["report", str(root / "main"), str(root / "other")]) == 0
+    page = root / "report.html"
+    open_page(browser, page, 1400)
+    assert browser.execute_script(_SHOWN, ".part") == ["main"]
+    # The study's three rewards have a switch of their own.
+    assert browser.execute_script(_SHOWN, ".part:not([hidden]) .gallery") == ["human"]
+    for name in ("VLM, text", "other"):
+        switch = browser.find_element(By.CSS_SELECTOR, f"nav input[value='{name}']")
+        browser.execute_script("arguments[0].click()", switch)
+    assert browser.execute_script(_SHOWN, "[data-part=main] .gallery") == ["VLM, text"]
+    assert browser.execute_script(_SHOWN, ".part") == ["other"]
+    assert browser.find_elements(By.CSS_SELECTOR, "#main-results, #other-results")
+    seen = browser.find_elements(By.CSS_SELECTOR, "[data-part=other] .sees img")
+    assert [image.get_attribute("alt") for image in seen] == ["rgb_default, start and goal"]
+    assert "seg_side.png is no picture, or cut off" in page.read_text()
+    marks = re.findall(r' id="([^"]+)"', page.read_text())
+    assert len(set(marks)) == len(marks)
+    assert (root / "figures" / "other" / "final_values.png").exists()
+
+
+def test_studies_of_one_name_need_a_place_for_their_page(tmp_path, capsys):
+    for where in ("a", "b"):
+        write_run(tmp_path / where / "main", "rgb_default")
+    words = ["report", str(tmp_path / "a" / "main"), str(tmp_path / "b" / "main")]
+    assert main(words) == 2
+    assert "not different folders beside each other" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.html"))
 
 
 def test_the_papers_page_says_whose_numbers_it_shows(browser, tmp_path):
@@ -170,9 +238,9 @@ def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(tmp_p
 
 def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):
     page = (study / "report.html").read_text()
+    # Of the first seed of each set.
     assert page.count("data:video/mp4;base64,") == 2
-    assert "Best: dep_front+seg_side/human/seed" in page
-    assert "Worst: dep_default/human/seed" in page
+    assert page.count("film, seed 0") == 2
 
 
 def test_a_large_film_is_linked_to(tmp_path):
@@ -184,6 +252,22 @@ def test_a_large_film_is_linked_to(tmp_path):
     page = (tmp_path / "page" / "report.html").read_text()
     assert 'href="../main/rgb_default/human/seed0/video.mp4"' in page
     assert "base64,AAAA" not in page
+
+
+def test_films_are_in_the_page_while_there_is_room(tmp_path):
+    study = tmp_path / "main"
+    boxes = ((8, b"ftyp"), (8, b"moov"), (2_000_000, b"mdat"))
+    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    names = ["dep_default", "rgb_default", "seg_default", "segdep_default"]
+    for goal, name in enumerate(names):
+        (write_run(study, name, goal=2.0 * goal, updates=20) / "video.mp4").write_bytes(film)
+    assert main(["report", str(study)]) == 0
+    page = (study / "report.html").read_text()
+    assert len(page) < 10_000_000
+    linked = re.findall(r'href="([a-z_]+)/human/seed0/video.mp4"', page)
+    ranked = re.findall(r'class="cameras"><b>\d+\. ([A-Z]+) \(D\)', page)
+    # The best and the worst are there.
+    assert {name.partition("_")[0].upper() for name in linked} == {*ranked[1:-1]}
 
 
 def test_the_page_is_the_same_every_time(study):

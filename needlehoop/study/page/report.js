@@ -22,3 +22,18 @@ for (const table of document.querySelectorAll("table.sortable")) {
     body.append(...rows);
   }));
 }
+// One part of the page, or one ranking, at a time; without a script all of them stand below each other.
+function choose(inputs, shown, name) {
+  const show = () => {
+    const chosen = inputs.find((input) => input.checked);
+    shown.forEach((one) => { one.hidden = one.dataset[name] !== chosen.value; });
+  };
+  inputs.forEach((input) => input.addEventListener("change", show));
+  if (inputs.length) show();
+}
+const parts = [...document.querySelectorAll(".part")];
+choose([...document.querySelectorAll("input[name=part]")], parts, "part");
+for (const part of parts) {
+  const inputs = [...part.querySelectorAll("nav input")];
+  choose(inputs, [...part.querySelectorAll(".gallery")], "reward");
+}

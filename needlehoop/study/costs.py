@@ -1,0 +1,151 @@
+"""What predictions cost, and what is lost by choosing cameras by them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from needlehoop.study import paper
+from needlehoop.study.agreement import agreement
+from needlehoop.study.curves import MissingDataError
+from needlehoop.study.findings import Findings
+from needlehoop.study.predictions import Prediction
+from needlehoop.study.rankings import MEASURED, PAPERS_MEASURED, list_name, measured
+from needlehoop.study.style import COLOURS, FAINT, INK, apart, new_figure
+from needlehoop.study.table import Table
+
+_MINUTE, _LONGEST = 1.0, 1e5
+"""Ends of the costs' axis, core-minutes; those who are only asked stand below its beginning."""
+
+_ASKED = 0.25
+
+
+@dataclass(frozen=True)
+class Bargain:
+    """A prediction's cost beside its regrets."""
+
+    who: str
+    core_minutes: float | None
+    regrets: Mapping[frozenset[str], float]
+    """Best measured value less the predicted best's, by list, in points of return."""
+
+    @property
+    def regret(self) -> float:
+        """The mean over the lists."""
+        return sum(self.regrets.values()) / len(self.regrets)
+
+
+@dataclass(frozen=True)
+class Market:
+    """All predictions against one measurement."""
+
+    against: str
+    bargains: tuple[Bargain, ...]
+    blind: Mapping[frozenset[str], float]
+    """Regret of a set that is drawn from a list, by list: the mean over its sets."""
+
+
+def markets(findings: Findings) -> list[Market]:
+    """Against what was measured here, and against the paper's numbers.
+
+    Lists are left out of which a set was not measured, and measurements with none left.
+    """
+    truths = {PAPERS_MEASURED: paper.measured()}
+    if findings.study is not None:
+        truths = {MEASURED: measured(findings), **truths}
+    found = []
+    for against, values in truths.items():
+        lists = [m for m in map(frozenset, findings.lists.values()) if m <= set(values)]
+        blind = {m: _best(values, m) - sum(values[name] for name in m) / len(m) for m in lists}
+        bargains = [_bargain(one, values, lists) for one in findings.predictions]
+        if kept := tuple(one for one in bargains if one.regrets):
+            found.append(Market(against, kept, blind))
+    return found
+
+
+def costs(findings: Findings) -> Table:
+    """A row for each prediction and measurement, the smallest regret first."""
+    rows = []
+    for market in markets(findings):
+        for one in sorted(market.bargains, key=lambda one: (one.regret, one.who)):
+            blind = sum(market.blind[m] for m in one.regrets) / len(one.regrets)
+            cost = "not on record" if one.core_minutes is None else f"{one.core_minutes:.0f}"
+            names = ", ".join(list_name(members) for members in one.regrets)
+            rows.append((one.who, market.against, f"{one.regret:.2f}", f"{blind:.2f}", cost, names))
+    head = ("prediction", "against", "regret", "chosen blindly", "core-minutes", "lists")
+    note = (
+        "Regret: return of a list's best set less that of the predicted best, mean over the lists."
+        " Core-minutes: wall time of the cores that computed the ranking of all sets, training"
+        " included, on machines that often did other work as well; 0: a model was only asked."
+    )
+    return Table("cost", "What predictions cost and lose", head, tuple(rows), note)
+
+
+def cost_and_regret(findings: Findings) -> Figure:
+    """Cost to the right, regret upwards, a panel for each measurement.
+
+    Raises:
+        MissingDataError: nothing that was foretold has been measured.
+    """
+    shown = markets(findings)
+    if not shown:
+        raise MissingDataError("no list has both been foretold and measured")
+    whos = list(dict.fromkeys(one.who for market in shown for one in market.bargains))
+    figure, grid = new_figure(62 * len(shown), len(shown), 1, sharex=True)
+    for axes, market in zip(grid[:, 0], shown, strict=True):
+        _panel(axes, market, whos)
+    grid[-1, 0].set_xlabel("core-minutes for a ranking of all sets")
+    return figure
+
+
+def _panel(axes: Axes, market: Market, whos: list[str]) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(_ASKED / 2, _LONGEST)
+    axes.set_xticks([_ASKED, 1, 10, 100, 1000], ["only\nasked", "1", "10", "100", "1,000"])
+    axes.minorticks_off()
+    axes.set_title(f"against {market.against}")
+    axes.set_ylabel("regret, points of return")
+    blind = sum(market.blind.values()) / len(market.blind)
+    highest = max([blind, *(r for one in market.bargains for r in one.regrets.values())])
+    axes.set_ylim(-0.06 * highest, 1.1 * highest or 1.0)
+    axes.axhline(blind, color=FAINT, linewidth=0.8, linestyle="--")
+    axes.text(_LONGEST, blind, "chosen blindly", ha="right", va="bottom", fontsize=6, color=FAINT)
+    placed = [one for one in market.bargains if one.core_minutes is not None]
+    for one in placed:
+        colour, x = COLOURS[whos.index(one.who) % len(COLOURS)], _x(one)
+        regrets = [*one.regrets.values()]
+        axes.plot([x] * len(regrets), regrets, "o", markersize=2.2, color=colour, alpha=0.45)
+        axes.plot([x], [one.regret], "o", markersize=5.5, color=colour, zorder=4)
+    _names(axes, placed)
+
+
+def _names(axes: Axes, placed: list[Bargain]) -> None:
+    """Names to the right of the points, those of one column apart from each other."""
+    low, high = axes.get_ylim()
+    for x in sorted({_x(one) for one in placed}):
+        column = sorted((one for one in placed if _x(one) == x), key=lambda one: one.regret)
+        heights = apart([one.regret for one in column], 0.075 * (high - low), low, high)
+        for one, y in zip(column, heights, strict=True):
+            said = one.who.replace("the paper's", "paper's")
+            axes.plot([x, 1.35 * x], [one.regret, y], color=FAINT, linewidth=0.4)
+            axes.text(1.4 * x, y, said, va="center", fontsize=6.5, color=INK)
+
+
+def _x(one: Bargain) -> float:
+    return max(one.core_minutes, _MINUTE) if one.core_minutes else _ASKED
+
+
+def _bargain(one: Prediction, values: Mapping[str, float], lists: list[frozenset[str]]) -> Bargain:
+    regrets = {
+        members: agreement(one.lists[members], {name: values[name] for name in members}).regret
+        for members in lists
+        if len(one.lists.get(members, {})) == len(members)
+    }
+    return Bargain(one.who, one.core_minutes, regrets)
+
+
+def _best(values: Mapping[str, float], members: frozenset[str]) -> float:
+    return max(values[name] for name in members)

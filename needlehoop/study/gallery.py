@@ -1,0 +1,148 @@
+"""The ranking to look at: what each agent sees, how far it comes, and its film."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from needlehoop.runs.reading import UnreadableError
+from needlehoop.study.combinations import label, reward_label
+from needlehoop.study.findings import Findings, Result
+from needlehoop.study.media import check_picture
+from needlehoop.study.phases import reached
+from needlehoop.study.statistics import OVER_EPISODES
+
+CAMERAS = "cameras"
+"""The folder beside the studies with what an agent sees through each camera."""
+
+HOW = f"needlehoop snapshot tiles=true out=results/{CAMERAS}"
+
+_FILM = 4_000_000
+_FILMS = 5_000_000
+"""Bytes of one film, and of all of them, that are part of a page; further ones are linked to."""
+
+_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".mp4": "video/mp4"}
+
+
+def inline(path: Path) -> str:
+    """A file as an address that holds it."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    return f"data:{_TYPES[path.suffix]};base64,{data}"
+
+
+@dataclass
+class Films:
+    """Films of a page: part of it while there is room."""
+
+    folder: Path
+    """Of the page, which links start from."""
+    _used: int = field(default=0, init=False)
+
+    def take(self, film: Path) -> dict[str, Any]:
+        """How a page shows a film."""
+        size = film.stat().st_size
+        embedded = size <= _FILM and self._used + size <= _FILMS
+        if embedded:
+            self._used += size
+        link = Path(os.path.relpath(film, self.folder)).as_posix()
+        return {"embedded": embedded, "source": inline(film) if embedded else link}
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """What an agent sees through each camera."""
+
+    images: Mapping[str, str]
+    """Addresses that hold them, by camera."""
+    problems: tuple[str, ...]
+    """Why some are missing."""
+
+
+def read_tiles(studies: Path) -> Tiles:
+    """The images beside the studies, as far as they are there and whole."""
+    found, problems = {}, []
+    for path in sorted((studies / CAMERAS).glob("*.png")):
+        try:
+            check_picture(path)
+        except UnreadableError as error:
+            problems.append(f"{path} {error}; write them anew: {HOW} overwrite=true")
+        else:
+            found[path.stem] = inline(path)
+    if not found:
+        problems.append(f"no images of the cameras: make them with {HOW}")
+    return Tiles(found, tuple(problems))
+
+
+def galleries(findings: Findings, films: Films, tiles: Tiles) -> list[dict[str, Any]]:
+    """A ranking for each reward, the one under which cameras are compared first.
+
+    Args:
+        findings: of a study, or of the paper.
+        films: takes them; the best and the worst of each ranking first.
+        tiles: what the cameras see.
+    """
+    rewards = list(dict.fromkeys(result.reward for result in findings.results))
+    rewards.sort(key=lambda reward: reward != findings.main_reward)
+    found = []
+    for reward in rewards:
+        results = [result for result in findings.results if result.reward == reward]
+        rows = _rows(findings, results, films, tiles.images)
+        found.append({"reward": reward_label(reward), "rows": rows})
+    return found
+
+
+def _rows(
+    findings: Findings, results: Sequence[Result], films: Films, images: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    filmed = {}
+    # The ends of a ranking are looked at first.
+    order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
+    for number in order:
+        videos = [run.video for run in results[number].runs if run.video is not None]
+        if videos:
+            filmed[number] = films.take(videos[0])
+    phases = reached(findings)
+    rows = []
+    for number, result in enumerate(results):
+        phase = phases.get((result.cameras, result.reward))
+        rows.append(
+            {
+                "place": number + 1,
+                "cameras": label(result.cameras),
+                "tiles": [
+                    {"name": name, "image": images[name]}
+                    for name in result.cameras.split("+")
+                    if name in images
+                ],
+                "return": f"{result.value.value:.2f}",
+                "interval": result.value.interval,
+                "success": _success(result),
+                "fails_in": phase.fails_in if phase else None,
+                "film": filmed.get(number),
+                "film_of": next((f"seed {r.place.seed}" for r in result.runs if r.video), ""),
+                "unfinished": result.unfinished,
+            }
+        )
+    return rows
+
+
+def _success(result: Result) -> dict[str, Any] | None:
+    """Percentages, for a bar and beside it."""
+    found = result.success
+    if found is None:
+        return None
+    low, high = (100.0 * (end or 0.0) for end in (found.low, found.high))
+    known = found.low is not None
+    seeds = "1 seed" if found.seeds == 1 else f"{found.seeds} seeds"
+    over = f"; over the episodes of {seeds}" if found.over == OVER_EPISODES else f"; {seeds}"
+    return {
+        "share": f"{100.0 * found.value:.1f}",
+        "low": f"{low:.1f}",
+        "width": f"{high - low:.1f}",
+        "said": f"{100.0 * found.value:.0f} %",
+        "interval": f"{low:.0f} to {high:.0f} %{over}" if known else seeds,
+    }
