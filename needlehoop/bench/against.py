@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import needlehoop
+from needlehoop.bench.waiting import rounds_of
 
 _COMMAND = """
 import sys
@@ -39,7 +40,7 @@ def compare_training(other: Path, words: Sequence[str], turns: int) -> dict[str,
         raise ValueError(f"turns: {turns} must be at least 1")
     # Before minutes are spent here.
     _module(other)
-    pairs = [(_rate(HERE, words), _rate(other, words)) for _ in range(turns)]
+    pairs = [(_rate(HERE, words), _rate(other, words)) for _ in rounds_of(turns, "turn")]
     ours, theirs = zip(*pairs, strict=True)
     return {
         "here": ours,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from needlehoop.bench.waiting import rounds_of
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.runs.machine import machine
 from needlehoop.vlm.moments import random_signals
@@ -40,7 +41,7 @@ def measure_program(num_envs: int, rounds: int) -> dict[str, object]:
         raise ValueError(f"rounds: {rounds} must be at least 1")
     signals = random_signals(num_envs, seed=0)
     call = compiling = float("inf")
-    for _ in range(40 * rounds):
+    for _ in rounds_of(40 * rounds, "round"):
         began = time.perf_counter()
         program = compile_program(PROGRAM)
         compiled = time.perf_counter()

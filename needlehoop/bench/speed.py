@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from needlehoop.bench.images import core_time
+from needlehoop.bench.waiting import rounds_of
 from needlehoop.engines.contract import RENDERERS
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
@@ -47,7 +48,7 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
     jobs = _jobs(settings, steps)
     reason = _add_default_renderer(jobs, settings)
     rates = dict.fromkeys(jobs, 0.0)
-    for _ in range(rounds):
+    for _ in rounds_of(rounds, "round"):
         for name, (count, job) in jobs.items():
             began = time.perf_counter()
             job()

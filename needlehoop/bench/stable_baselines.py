@@ -16,6 +16,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
+from needlehoop.bench.waiting import rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold
@@ -104,7 +105,7 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
         raise ValueError("cams: the benchmark needs at least one camera")
     ours = runner(job, StableBaselinesVecEnv(job.env))
     theirs = runner(job, opengl_envs(job.env))
-    rates = [(ours(), theirs()) for _ in range(rounds + 1)][1:]
+    rates = [(ours(), theirs()) for _ in rounds_of(rounds + 1, "round")][1:]
     mean, other = (len(rates) / sum(1 / one[who] for one in rates) for who in (0, 1))
     return {
         "machine": machine(),

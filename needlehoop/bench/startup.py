@@ -12,6 +12,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 import needlehoop
+from needlehoop.bench.waiting import rounds_of
 from needlehoop.runs.machine import machine
 
 _TORCH = "import torch"
@@ -53,7 +54,7 @@ def measure_startup(
         taken = [
             {name: _time(words, status, folder) for name, (words, status) in calls.items()}
             # One more: the first reads the files from the disk, and may compile them.
-            for _ in range(rounds + 1)
+            for _ in rounds_of(rounds + 1, "round")
         ][1:]
     return {
         "machine": machine(),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from needlehoop.bench.scaling import predict, serial_share
 from needlehoop.bench.stopwatch import Stopwatch
+from needlehoop.bench.waiting import rounds_of
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.metrics import peak_memory
@@ -37,7 +38,7 @@ def measure_training(job: Job, rounds: int, *, alone: bool = False) -> dict[str,
     # Before the other adds its own.
     memory = peak_memory()
     single = None if alone or threads == 1 else _Turns(job, 1, rounds)
-    for turn in range(rounds + 1):
+    for turn in rounds_of(rounds + 1, "buffer"):
         if turn:
             whole.take()
         if single is not None:

@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from needlehoop.study.findings import Findings
 
 PAPER = "paper"
+
+_TOP = 3
+"""Combinations that the paper gave other rewards."""
+
 _STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
 
 
@@ -49,7 +53,9 @@ def add_commands(commands: Any) -> None:
     summary = "Print a study's best combinations by measured return, as cams= takes them."
     command = commands.add_parser("top", help=summary, description=summary)
     command.add_argument("study", metavar="STUDY", help=_STUDY)
-    command.add_argument("--count", type=int, default=3, metavar="N", help="how many (3)")
+    command.add_argument(
+        "--count", type=int, metavar="N", help="how many (3, or all where there are fewer)"
+    )
     command.set_defaults(run=_top, overrides=[], out=None)
 
 
@@ -126,9 +132,10 @@ def _top(options: argparse.Namespace) -> None:
     _no_more(options)
     findings, _ = _open(options)
     ranked = findings.ranked
-    if not 1 <= options.count <= len(ranked):
-        raise ValueError(f"count: {options.count}; {options.study} has {len(ranked)} combinations")
-    print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[: options.count]))
+    count = min(_TOP, len(ranked)) if options.count is None else options.count
+    if not 1 <= count <= len(ranked):
+        raise ValueError(f"count: {count}; {options.study} has {len(ranked)} combinations")
+    print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[:count]))
 
 
 def _open(options: argparse.Namespace) -> tuple[Findings, Path]:
