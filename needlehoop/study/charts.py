@@ -127,8 +127,9 @@ def time_to_threshold(findings: Findings) -> Figure:
     explain_views(figure)
     for y, (_, times) in enumerate(found):
         reached = [time / 1e6 for time in times if time is not None]
-        axes.plot(reached, [y] * len(reached), "o", color=COLOURS[0], markersize=3.5,
-                  alpha=0.8, markeredgewidth=0)  # fmt: skip
+        if reached:
+            axes.plot(reached, [y] * len(reached), "o", color=COLOURS[0], markersize=3.5,
+                      alpha=0.8, markeredgewidth=0, clip_on=False)  # fmt: skip
         how_many = f"{len(reached)} of {len(times)}" if reached else "not reached"
         axes.text(1.04 * longest, y, how_many, va="center", fontsize=6, clip_on=False,
                   color=INK if reached else FAINT)  # fmt: skip

@@ -1,0 +1,57 @@
+"""What docs/findings.md says is what the runs in results/ gave."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from needlehoop.study.findings import study_findings
+from needlehoop.study.tables import all_tables
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "findings.md").read_text()
+
+
+def rows_of(marker: str) -> list[dict[str, str]]:
+    """The page's table under a comment that names its source."""
+    lines = PAGE.partition(f"<!-- {marker} -->\n")[2].splitlines()
+    found = []
+    for line in lines[: lines.index("")]:
+        found.append([cell.strip() for cell in line.strip("|").split("|")])
+    head, _, *rows = found
+    return [dict(zip(head, row, strict=True)) for row in rows]
+
+
+def table(study: str, name: str) -> list[dict[str, str]]:
+    findings = study_findings(ROOT / "results" / study)
+    own = next(table for table in all_tables(findings) if table.name == name)
+    return list(csv.DictReader(io.StringIO(own.csv())))
+
+
+@pytest.mark.parametrize("name", ["results", "phases", "effects"])
+def test_tables_in_results_are_those_of_its_runs(name):
+    path = ROOT / "results" / "fast" / "tables" / f"{name}.csv"
+    with path.open(newline="") as file:
+        assert list(csv.DictReader(file)) == table("fast", name)
+
+
+def test_the_ranking_on_the_page_is_that_of_the_runs():
+    phases = {row["cameras"]: row for row in table("fast", "phases")}
+    expected = [
+        {
+            "cameras": row["cameras"],
+            "threaded, %": row["success, %"],
+            "95 %": row["success, 95 %"].partition(" (")[0],
+            "return": row["return"],
+            "cheat, %": row["cheat, %"],
+            "grasped, %": phases[row["cameras"]]["grasped, %"],
+            "seeds": row["seeds"],
+        }
+        for row in table("fast", "results")
+    ]
+    assert rows_of("results/fast") == expected
+
+
+def test_effects_on_the_page_are_those_of_the_runs():
+    assert rows_of("results/fast effects") == table("fast", "effects")
