@@ -11,7 +11,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Signals
 from needlehoop.task.episode import Episode
-from needlehoop.task.expert import HOVER, STANDOFF, Script
+from needlehoop.task.expert import GAIN, HOVER, STANDOFF, Script
 
 # Who learns from images of 64 px knows places to 2 or 3 mm and does what the expert would do on
 # average over what may be there. So every switch is a ramp, wider than that; and where the arm
@@ -20,7 +20,7 @@ from needlehoop.task.expert import HOVER, STANDOFF, Script
 _FREE, _SLOPE = 0.005, 1.5
 """The funnel above the pickup point: its radius at the bottom, m, and its slope."""
 
-_PRESS, _EDGE = 0.010, 0.009
+_PRESS, _EDGE = 0.003, 0.009
 """How far below the pickup point the jaws are sent, m: onto the table, where the workspace stops
 them; and the distance aside at which not at all."""
 
@@ -31,9 +31,13 @@ _OVER, _ASIDE = 0.006, 0.010
 """The same for distances aside of it."""
 
 _SHUT = (0.45, 0.25)
-"""Angles of the jaws, rad, at which there is only up, none and all of it. A needle between them
-keeps them 0.37 open, and whether it is held yet no image shows: either way they rise. With it
-they lift; without, they open again on the way and retry."""
+"""Angles of the jaws, rad, between which they begin to rise. A needle between them keeps them
+0.37 open, and whether it is held yet no image shows."""
+
+_START, _OFF = 0.3, (0.002, 0.008)
+"""The action with which they rise; and the needle's heights above the table, m, at which it is seen
+to come along, not at all and for sure. So what closing, holding and having missed ask for hardly
+differs until it shows which it is: held, the needle is lifted; missed, the jaws open again."""
 
 _JAMMED, _ABOVE = (0.9, 0.5), (0.003, 0.006)
 """Angles of the jaws, rad, and heights of them, m, at which they would come down on the needle and
@@ -55,16 +59,17 @@ class Smooth(Script):
         """Down a funnel onto the table; up, where the jaws shut too early or on nothing."""
         away = s.pickup_point - s.tool_midpoint
         aside = _aside(s)
-        jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
-        up = torch.maximum(_ramp(s.jaw, *_SHUT), jammed)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, HOVER)
         down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
-        away[:, 2] = torch.lerp(down, away[:, 2] + HOVER, up)
+        begun = torch.full_like(down, self._asking(_START))
+        height = torch.lerp(down, begun, _ramp(s.jaw, *_SHUT))
+        jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
+        away[:, 2] = torch.lerp(height, away[:, 2] + HOVER, jammed)
         return away
 
     def _carry(self, s: Signals) -> Tensor:
         """Lift; then the tip before the opening, and through it as far as it is aimed."""
-        lift = s.lift_position - s.pickup_point
+        lift = self._lift(s)
         offset = s.needle_tip - s.goal
         depth = geo.dot(offset, s.hoop_axis).unsqueeze(-1)
         radial = offset - depth * s.hoop_axis
@@ -72,6 +77,19 @@ class Smooth(Script):
         wanted = -STANDOFF + _ramp(aside, _ASTRAY, _AIMED) * (self.past + STANDOFF)
         insert = (wanted - depth) * s.hoop_axis - radial
         return torch.where(s.lifted.unsqueeze(-1), insert, lift)
+
+    def _lift(self, s: Signals) -> Tensor:
+        """To the lift position; straight up and slowly until the needle is off the table."""
+        lift = s.lift_position - s.pickup_point
+        off = _ramp(s.pickup_point[:, 2] - self.layout.needle_thickness / 2, *_OFF)
+        fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
+        lift[:, :2] *= off.unsqueeze(-1)
+        lift[:, 2] = torch.minimum(lift[:, 2], self._asking(1.0) * fastest)
+        return lift
+
+    def _asking(self, action: float) -> float:
+        """The distance, m, for which an action is asked."""
+        return action * self.episode.translation / GAIN
 
     def _jaw(self, s: Signals) -> Tensor:
         """Shut where the needle is between the jaws, and while it is held; else open.

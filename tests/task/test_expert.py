@@ -57,7 +57,7 @@ def test_the_smooth_expert_threads_the_needle(task, grasp):
     outcome = run_trials(settings, "smooth", EPISODES)
     assert outcome.threaded.double().mean() >= 0.98
     # It is still on its way through when the episode ends.
-    assert outcome.potential[outcome.threaded].min() >= 7.5
+    assert outcome.potential[outcome.threaded].min() >= 7.4
 
 
 def _blurred(signals: Signals, bias: Tensor, sigma: float, generator: torch.Generator) -> Signals:
@@ -120,7 +120,22 @@ def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(jaw, height
     seen.tool_midpoint[:, 2] += height
     seen.jaw = seen.jaw_command = torch.full_like(seen.jaw, jaw)
     up = smooth(settings.task, settings.episode)(seen)[:, 2]
-    assert (up > 0.3).all() if rises else (up < -0.2).all()
+    assert (up > 0.2).all() if rises else (up < -0.1).all()
+
+
+def test_a_grasp_changes_little_before_the_needle_is_off_the_table():
+    settings = config.settings()
+    simulation, _ = build(settings)
+    script = smooth(settings.task, settings.episode)
+    seen = simulation.reset().signals.clone()
+    seen.tool_midpoint = seen.pickup_point.clone()
+    seen.jaw = torch.full_like(seen.jaw, 0.37)
+    without, held = seen.clone(), seen.clone()
+    held.grasped = torch.ones_like(seen.grasped)
+    assert (script(without) - script(held))[:, [0, 1, 2, 4]].abs().max() < 0.4
+    assert (script(held)[:, 2] < 0.5).all()
+    held.pickup_point[:, 2] += 0.01
+    assert (script(held)[:, 2] == 1.0).all()
 
 
 @pytest.mark.parametrize("script", [expert, smooth])
