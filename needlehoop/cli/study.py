@@ -64,7 +64,7 @@ def _plot(options: argparse.Namespace) -> None:
     from needlehoop.study.tables import all_tables
 
     _no_more(options)
-    findings, out = _open(options)
+    findings, out = _open(options.study, options.out)
     for drawn in draw(findings, out / "figures"):
         for path in drawn.files:
             print(path)
@@ -82,7 +82,7 @@ def _report(options: argparse.Namespace) -> None:
 
     _no_more(options)
     words = [_word(study) for study in options.study]
-    opened = [_open(argparse.Namespace(study=word, out=options.out)) for word in words]
+    opened = [_open(word, options.out) for word in words]
     out = opened[0][1] if len(opened) == 1 else options.out or _common(opened)
     parts = []
     for findings, _ in opened:
@@ -130,7 +130,7 @@ def _status(options: argparse.Namespace) -> None:
 
 def _top(options: argparse.Namespace) -> None:
     _no_more(options)
-    findings, _ = _open(options)
+    findings, _ = _open(options.study, options.out)
     ranked = findings.ranked
     count = min(_TOP, len(ranked)) if options.count is None else options.count
     if not 1 <= count <= len(ranked):
@@ -138,18 +138,18 @@ def _top(options: argparse.Namespace) -> None:
     print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[:count]))
 
 
-def _open(options: argparse.Namespace) -> tuple[Findings, Path]:
+def _open(study: str, out: Path | None) -> tuple[Findings, Path]:
     """What is to be shown, and the folder for it."""
     from needlehoop.study.findings import paper_findings, study_findings
 
-    if options.study == PAPER:
-        return paper_findings(Path("results")), options.out or Path("results") / PAPER
-    folder = Path(options.study)
+    if study == PAPER:
+        return paper_findings(Path("results")), out or Path("results") / PAPER
+    folder = Path(study)
     findings = study_findings(folder)
     if not findings.results:
         reasons = "".join(f"\n  {one}" for one in findings.left_out)
         raise ValueError(f"{folder}: no run with a final value yet{reasons}")
-    return findings, options.out or folder
+    return findings, out or folder
 
 
 def _say_left_out(findings: Findings) -> None:

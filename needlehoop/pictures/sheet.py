@@ -40,11 +40,10 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     """
     if size < 16:
         raise ValueError(f"size: {size} must be at least 16")
-    views, renderings = list(settings.views), _ordered(settings)
     traced = settings.image_size if raw else size * _OVERSAMPLING
     s = replace(
         settings,
-        cams=tuple(f"{rendering}_{view}" for rendering in renderings for view in views),
+        cams=_cameras(settings),
         image_size=traced,
         quality=1 if raw else 2,
         num_envs=1,
@@ -62,7 +61,7 @@ def tiles(settings: Settings) -> dict[str, Image.Image]:
     Raises:
         RuntimeError: the expert did not reach the goal state.
     """
-    cams = tuple(f"{r}_{v}" for r in _ordered(settings) for v in settings.views)
+    cams = _cameras(settings)
     seen = stages(replace(settings, cams=cams, num_envs=1), "start", "goal").values()
     return {
         name: Image.fromarray(
@@ -75,6 +74,11 @@ def tiles(settings: Settings) -> dict[str, Image.Image]:
         )
         for name in cams
     }
+
+
+def _cameras(settings: Settings) -> tuple[str, ...]:
+    """Every rendering of every view."""
+    return tuple(f"{r}_{v}" for r in _ordered(settings) for v in settings.views)
 
 
 def _ordered(settings: Settings) -> list[str]:
