@@ -12,7 +12,7 @@ from needlehoop.study import paper
 from needlehoop.study.answers import Answers, read_answers
 from needlehoop.study.combinations import HUMAN
 from needlehoop.study.final import Final, final
-from needlehoop.study.predictions import STUDIES, Prediction, lists_of, predictions
+from needlehoop.study.predictions import Prediction, lists_of, predictions
 from needlehoop.study.records import LeftOut, Record, Study, read_study
 from needlehoop.study.statistics import Estimate, estimate, rate
 
@@ -84,11 +84,11 @@ def study_findings(folder: Path) -> Findings:
     study = read_study(folder)
     answers, unread = read_answers(folder)
     foretold, unreadable = predictions(
-        answers, folder.resolve().parent, [*lists_of(answers).values()]
+        answers,
+        folder.resolve().parent,
+        [*lists_of(answers).values()],
+        measured=folder.resolve().name,
     )
-    # What was measured there foretells nothing.
-    own = STUDIES.get(folder.resolve().name)
-    foretold = tuple(one for one in foretold if one.who != own)
     left_out = [*study.left_out, *unread, *unreadable]
     results = []
     for (cameras, reward), runs in groupby(

@@ -28,14 +28,8 @@ FAST = "fast protocol"
 _PROBE = Path("probe/ranking.csv")
 """Beside the studies."""
 
-_IMITATION = Path("imitation")
-"""The study of runs that an expert taught, beside the others."""
-
-_FAST = Path("fast")
-"""The study of short trainings."""
-
-STUDIES = {_IMITATION.name: IMITATION, _FAST.name: FAST}
-"""Studies that foretell what others measure, by their folders."""
+_STUDIES = {"imitation": IMITATION, "fast": FAST}
+"""Studies that foretell what others measure, by their folders beside them."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +69,15 @@ def recorded_answers() -> tuple[Answers, ...]:
 
 
 def predictions(
-    own: Answers | None, results: Path, lists: Sequence[Iterable[str]]
+    own: Answers | None, results: Path, lists: Sequence[Iterable[str]], measured: str | None = None
 ) -> tuple[tuple[Prediction, ...], list[LeftOut]]:
     """Every prediction that is there, in the order of the columns that show them.
 
     Args:
         own: of the study's own model.
-        results: the folder of all studies, for the probe and for imitation.
+        results: the folder of all studies, for the probe, imitation and short trainings.
         lists: to cut scores of single sets into.
+        measured: the study that is to be foretold, which foretells nothing itself.
 
     Returns:
         The predictions, and what could not be read.
@@ -101,9 +96,9 @@ def predictions(
             found.append(replace(probed, core_minutes=_probes_cost(results / _PROBE.parent)))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
-    for folder in (_IMITATION, _FAST):
-        if (results / folder).is_dir():
-            found.append(_trained(STUDIES[folder.name], results / folder, lists))
+    for name, who in _STUDIES.items():
+        if name != measured and (results / name).is_dir():
+            found.append(_trained(who, results / name, lists))
     return tuple(one for one in found if one.lists), left_out
 
 
