@@ -11,11 +11,10 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
-from needlehoop.envs.observer import state
+from needlehoop.envs.observer import read
 from needlehoop.envs.rollout import Controller
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.scene.signals import proprio
 
 BATCH = 40
 """Episodes flown side by side."""
@@ -29,8 +28,8 @@ class Flight:
     """One episode of ``t`` steps; observations have a row more: the one after the last step.
 
     ``images`` ``(t + 1, h, w, c)`` uint8 by camera; ``vectors`` ``(t + 1, k)`` float32:
-    ``proprio`` always, ``signals`` where the settings ask for them; ``actions`` ``(t, k)``
-    float32, as they were carried out; ``rewards`` ``(t,)`` float32. It ends by success
+    ``proprio`` always, ``signals`` and ``told`` where the settings ask for them; ``actions``
+    ``(t, k)`` float32, as they were carried out; ``rewards`` ``(t,)`` float32. It ends by success
     (``episode.success``) or by its time limit.
     """
 
@@ -99,10 +98,8 @@ def _look(
     """Images ``(n, h, w, c)`` and vectors ``(n, k)`` by name."""
     images = imager(simulation.engine.render())
     seen = {name: image.permute(0, 2, 3, 1).numpy() for name, image in images.items()}
-    seen["proprio"] = proprio(moment.signals).numpy()
-    if settings.obs.signals:
-        seen["signals"] = state(moment.signals).numpy()
-    return seen
+    vectors = read(replace(settings.obs, proprio=True), moment.signals)
+    return {**seen, **{name: rows.numpy() for name, rows in vectors.items()}}
 
 
 class _Log:

@@ -20,7 +20,7 @@ from torch import Tensor
 from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
 from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
-from needlehoop.envs.observer import STATE_SIZE, Observer
+from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import PROPRIO_SIZE, proprio
@@ -76,11 +76,9 @@ class NeedleHoopTask(control.Task):
         for name, channels in s.image_channels.items():
             shape = (s.image_size, s.image_size, channels)
             found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
-        if s.obs.proprio or not (s.cams or s.obs.signals):
-            found["proprio"] = specs.Array((PROPRIO_SIZE,), np.float32, "proprio")
-        if s.obs.signals:
-            found["signals"] = specs.Array((STATE_SIZE,), np.float32, "signals")
-        return found
+        for name, length in vectors(s.obs).items():
+            found[name] = specs.Array((length,), np.float32, name)
+        return found or OrderedDict(proprio=specs.Array((PROPRIO_SIZE,), np.float32, "proprio"))
 
     def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
         signals = self._known().signals

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -32,9 +33,19 @@ STATE_SIZE = 29
 
 
 def vectors(obs: Observations) -> dict[str, int]:
-    """Lengths of the observed vectors by name."""
-    lengths = {"proprio": PROPRIO_SIZE, "signals": STATE_SIZE}
-    return {name: length for name, length in lengths.items() if getattr(obs, name)}
+    """Lengths of the observed vectors by name, in the order in which an agent reads them."""
+    lengths = {
+        "proprio": PROPRIO_SIZE * obs.proprio,
+        "signals": STATE_SIZE * obs.signals,
+        "told": len(obs.told),
+    }
+    return {name: length for name, length in lengths.items() if length}
+
+
+def read(obs: Observations, signals: Signals) -> dict[str, Tensor]:
+    """The observed vectors, float32 ``(n, length)``, by the names of ``vectors``."""
+    made = {"proprio": proprio, "signals": state, "told": partial(_beside, obs.told)}
+    return {name: made[name](signals) for name in vectors(obs)}
 
 
 class Observer:
@@ -60,7 +71,7 @@ class Observer:
         """The observation of all ``n`` environments, as nested tensors by name.
 
         ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
-        an episode's first frame repeated; ``proprio`` ``(n, 8)`` and ``signals`` float32.
+        an episode's first frame repeated; and what ``read`` gives.
 
         Args:
             signals: current.
@@ -71,11 +82,7 @@ class Observer:
         if self._has_eyes:
             self._take(ids, images or (lambda: self.look(ids)))
             seen["pixels"] = dict(self._pixels)
-        if self._obs.proprio:
-            seen["proprio"] = proprio(signals)
-        if self._obs.signals:
-            seen["signals"] = state(signals)
-        return seen
+        return {**seen, **read(self._obs, signals)}
 
     def snapshot(self) -> dict[str, Tensor]:
         """The frames in memory, by camera."""
@@ -125,8 +132,13 @@ class Observer:
 
 def state(signals: Signals) -> Tensor:
     """``STATE_SIGNALS`` side by side, float32 ``(n, STATE_SIZE)``."""
+    return _beside(STATE_SIGNALS, signals)
+
+
+def _beside(names: tuple[str, ...], signals: Signals) -> Tensor:
+    """Named signals side by side, float32."""
     columns = []
-    for name in STATE_SIGNALS:
+    for name in names:
         value = getattr(signals, name).float()
         columns.append(value if value.ndim == 2 else value.unsqueeze(-1))
     return torch.cat(columns, -1)

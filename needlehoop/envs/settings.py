@@ -11,13 +11,21 @@ from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.scene.layout import Layout
+from needlehoop.scene.vocabulary import TABLE
 from needlehoop.strict import Range, Seed
 from needlehoop.task.episode import Episode
+
+KNOWABLE = tuple(name for name, signal in TABLE.items() if signal.source == "fact")
+"""Facts that a robot can keep track of by itself; a verdict would be the task's answer."""
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What is reported beside the images."""
+    """What is reported beside the images.
+
+    Raises:
+        ValueError: a fact to be told that is none of ``KNOWABLE``, or one named twice.
+    """
 
     proprio: bool
     """Joint positions, jaw and jaw command."""
@@ -25,6 +33,17 @@ class Observations:
     """The whole state, for agents that need no eyes."""
     frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
+    told: tuple[str, ...]
+    """Facts that one image need not show, in the order in which they are reported."""
+
+    def __post_init__(self) -> None:
+        for name in self.told:
+            if name not in KNOWABLE:
+                raise ValueError(
+                    f"obs.told: {name!r} is unknown; choose from {', '.join(KNOWABLE)}"
+                )
+        if len(set(self.told)) < len(self.told):
+            raise ValueError(f"obs.told: {', '.join(self.told)} names one twice")
 
 
 @dataclass(frozen=True)

@@ -12,22 +12,21 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import STATE_SIZE, Observer
+from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
-from needlehoop.scene.signals import PROPRIO_SIZE
 
 
 class NeedleHoopEnv(EnvBase):
     """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
 
     Keys: ``("pixels", <camera>)`` uint8 ``(n, frame_stack * channels, h, w)``; optionally
-    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command) and ``signals`` float32; for
-    logging ``("facts", <name>)`` bool, ``("terms", <name>)`` and ``potential`` float32 and
-    ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1], ``(n, 7)`` with
-    ``control=pose``. Success terminates; the time limit truncates.
+    ``proprio`` float32 ``(n, 8)`` (six joints, jaw, jaw command), ``signals`` and ``told``
+    float32; for logging ``("facts", <name>)`` bool, ``("terms", <name>)`` and ``potential``
+    float32 and ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1],
+    ``(n, 7)`` with ``control=pose``. Success terminates; the time limit truncates.
 
     ``snapshot`` and ``restore`` carry a run on, bit for bit, in another process.
 
@@ -73,10 +72,8 @@ class NeedleHoopEnv(EnvBase):
                 shape = torch.Size((n, channels, size, size))
                 pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
-        if settings.obs.proprio:
-            observed["proprio"] = Unbounded(shape=torch.Size((n, PROPRIO_SIZE)))
-        if settings.obs.signals:
-            observed["signals"] = Unbounded(shape=torch.Size((n, STATE_SIZE)))
+        for name, length in vectors(settings.obs).items():
+            observed[name] = Unbounded(shape=torch.Size((n, length)))
         observed["facts"] = Composite(
             {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts()}, shape=(n,)
         )

@@ -22,10 +22,10 @@ class GymnasiumEnv(gymnasium.Env):
     """One environment; observations are a ``Dict``.
 
     By camera: uint8 ``(h, w, frame_stack * channels)``, or channels first; ``proprio`` float32
-    ``(8,)`` and ``signals`` float32 ``(29,)`` where asked for. Actions: ``Box(-1, 1)``, five
-    numbers (seven with ``control=pose``). ``info``: ``facts`` and ``terms`` by name,
-    ``success`` (what ``episode.success`` says it is), ``cheat``, ``potential``, ``steps``. Success
-    terminates; the time limit truncates.
+    ``(8,)``, ``signals`` float32 ``(29,)`` and ``told`` where asked for. Actions:
+    ``Box(-1, 1)``, five numbers (seven with ``control=pose``). ``info``: ``facts`` and
+    ``terms`` by name, ``success`` (what ``episode.success`` says it is), ``cheat``,
+    ``potential``, ``steps``. Success terminates; the time limit truncates.
 
     ``reset(seed=s)`` begins the first episode of environment 0 of the seed ``s``, which is that
     of ``needlehoop.load(seed=s)``; ``reset()`` begins the next. If no seed is ever given, one

@@ -32,7 +32,7 @@ class Stage:
     def __init__(self, settings: Settings, channels: str):
         if channels not in CHANNELS:
             raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
-        if not (settings.cams or settings.obs.proprio or settings.obs.signals):
+        if not (settings.cams or vectors(settings.obs)):
             raise ValueError(
                 "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"
                 " obs=signals or obs.proprio=true"
@@ -50,7 +50,8 @@ class Stage:
             shape = (size, size, count) if self._last else (count, size, size)
             found[name] = spaces.Box(0, 255, shape, np.uint8)
         for name, length in vectors(settings.obs).items():
-            found[name] = spaces.Box(-np.inf, np.inf, (length,), np.float32)
+            low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
+            found[name] = spaces.Box(low, high, (length,), np.float32)
         return spaces.Dict(found)
 
     def reset(self, seed: int | None = None, mask: np.ndarray | None = None) -> Moment:

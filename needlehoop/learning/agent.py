@@ -21,7 +21,7 @@ from torchrl.modules import (
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
 
-VECTORS = ("proprio", "signals")
+VECTORS = ("proprio", "signals", "told")
 """Observations that are not images, in the order in which the trunk reads them."""
 
 

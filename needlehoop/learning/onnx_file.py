@@ -34,8 +34,8 @@ class _Clamped(nn.Module):
 def onnx_bytes(job: Job, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy. Extra ``onnx``.
 
-    Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio`` and ``signals``
-    where it was told them, float32 ``(n, length)``; its output is ``action``, float32
+    Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
+    and ``told`` where it had them, float32 ``(n, length)``; its output is ``action``, float32
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
 
     Args:

@@ -17,8 +17,8 @@ from needlehoop.learning.weights import Actor
 class Policy:
     """``policy(observation)``: the mean action, in [-1, 1].
 
-    An observation maps the run's cameras, and ``proprio`` and ``signals`` where it was told
-    them, to numpy arrays or torch tensors, one or with any leading dimensions. Images are
+    An observation maps the run's cameras, and ``proprio``, ``signals`` and ``told`` where it
+    had them, to numpy arrays or torch tensors, one or with any leading dimensions. Images are
     uint8, ``(..., h, w, c)`` as from Gymnasium and dm_control or ``(..., c, h, w)`` as from
     TorchRL, whose TensorDict may be given as it is. The action ``(..., action_size)`` is
     float32 and of the same kind: numpy for numpy, torch for torch.

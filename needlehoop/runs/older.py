@@ -9,6 +9,7 @@ from typing import Any
 _MEANT: tuple[tuple[str, Any], ...] = (
     ("engine.renderer", "tracer"),
     ("episode.success", "thread"),
+    ("obs.told", []),
     ("algo.network.told", []),
 )
 """What a run did that says nothing of a setting, by key."""

@@ -14,6 +14,7 @@ from torchrl.envs.utils import check_env_specs
 
 import needlehoop
 from needlehoop import config
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.observer import STATE_SIGNALS
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 
@@ -21,7 +22,7 @@ from needlehoop.envs.torchrl_env import NeedleHoopEnv
 @pytest.mark.parametrize(
     ("cams", "overrides"),
     [
-        (["dep_front", "seg_side"], ["obs.proprio=true"]),
+        (["dep_front", "seg_side"], ["obs.proprio=true", "obs.told=[lifted]"]),
         (["rgb_default"], ["episode.control=pose", "reward=sparse"]),
         ([], ["obs.signals=true", "episode.grasp=friction", "psm=serial"]),
     ],
@@ -123,6 +124,24 @@ def test_an_action_of_nan_is_refused_by_name():
         env.step(state)
 
 
+def test_told_facts_come_in_the_order_asked_for():
+    env = needlehoop.make_env(num_envs=2, overrides=["obs.told=[lifted,grasped]"])
+    state = env.reset()
+    assert torch.equal(state["told"], torch.zeros(2, 2))
+    expert = controller("smooth", env.settings)
+    told = []
+    for _ in range(18):
+        state["action"] = expert(env.simulation.look().signals).float().clamp(-1, 1)
+        state = env.step(state)["next"]
+        facts = state["facts"]
+        expected = torch.cat((facts["lifted"], facts["grasped"]), -1).float()
+        assert torch.equal(state["told"], expected)
+        told.append(state["told"][0].tolist())
+    # Held before it is lifted, so that the order can be seen.
+    assert [0.0, 1.0] in told
+    assert [1.0, 1.0] in told
+
+
 def test_signals_are_the_whole_state_by_name():
     env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     vector = env.reset()["signals"]
@@ -169,7 +188,7 @@ def test_both_faces_show_the_same_image():
 
 
 def test_dm_control_spells_out_its_observations_before_the_first_reset():
-    for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.frame_stack=2"], []):
+    for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.told=[lifted]"], []):
         env = needlehoop.load(cams=["dep_front"] if overrides else [], overrides=overrides)
         spec = env.observation_spec()
         seen = env.reset().observation

@@ -21,6 +21,7 @@ OWN = {
         "cams=[dep_front,seg_side]",
         "obs=images",
         "obs.proprio=true",
+        "obs.told=[grasped,lifted]",
         "obs.frame_stack=2",
         "image_size=16",
         "precision=fp32",

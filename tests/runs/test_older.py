@@ -37,6 +37,11 @@ def test_what_is_not_there_to_be_completed_is_left_alone():
     assert before == {"algo": {"network": {}}}
 
 
+def test_an_older_run_was_told_nothing():
+    before = {"obs": {"proprio": False}}
+    assert completed(before) == {"obs": {"proprio": False, "told": []}}
+
+
 def test_an_older_run_drew_with_rays():
     values = yaml.safe_load(next((RESULTS / "former").rglob("config.yaml")).read_text())
     assert "renderer" not in values["engine"]
