@@ -9,7 +9,7 @@ TESTED := $(VENV)/.tested
 # Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
 ARGS ?=
 
-.PHONY: setup demo train test browser check docs format clean
+.PHONY: setup demo train test screens check docs format clean
 
 setup: $(STAMP)
 
@@ -30,14 +30,16 @@ demo: $(STAMP)
 train: $(STAMP)
 	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
 
-test: $(TESTED) browser
+test: $(TESTED) screens
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-# Debian's Chromium, which opens the report in a test; elsewhere that test is skipped.
-browser:
-	@command -v chromedriver >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null \
-	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium chromium-driver; } \
-	  || echo "no chromedriver: the report is not opened in a browser"
+# Debian's Chromium, which opens the report in a test, and a screen for MuJoCo's window; elsewhere
+# those tests are skipped.
+screens:
+	@{ command -v chromedriver && command -v Xvfb; } >/dev/null || { test "$$(id -u)" = 0 \
+	  && command -v apt-get >/dev/null && apt-get update -qq && apt-get install -y -qq \
+	  --no-install-recommends chromium chromium-driver xvfb libgl1-mesa-dri; } \
+	  || echo "no chromedriver or Xvfb: no test opens the report in a browser, or a window"
 
 check: $(TESTED)
 	$(BIN)/ruff format --check .

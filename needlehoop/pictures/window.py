@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import threading
+from functools import cache
 from typing import Any
 
 import mujoco
@@ -33,6 +36,7 @@ class Window:
         # Data of its own: the engine's are on the move while the window draws.
         self._data = mujoco.MjData(self._engine.model)
         self._viewer: Any = None
+        self._drawing: list[threading.Thread] = []
 
     @property
     def is_closed(self) -> bool:
@@ -42,7 +46,9 @@ class Window:
     def show(self) -> None:
         """Bring the window up to this moment; one that was closed by hand stays closed."""
         if self._viewer is None:
+            others = set(threading.enumerate())
             self._viewer = open_window(self._engine.model, self._data, self._view)
+            self._drawing = [one for one in threading.enumerate() if one not in others]
         if self.is_closed:
             return
         with self._viewer.lock():
@@ -53,21 +59,63 @@ class Window:
         """Close the window."""
         if self._viewer is not None:
             self._viewer.close()
+        # MuJoCo only asks its thread to end. A program that ended meanwhile would take OpenGL
+        # away under it, and crash.
+        for thread in self._drawing:
+            thread.join()
+        self._drawing = []
 
 
 def has_display() -> bool:
-    """Whether this machine can show a window."""
-    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return bool(named) or not sys.platform.startswith("linux")
+    """Whether a window can be shown here."""
+    return not _missing()
 
 
 def check_display(instead: str) -> None:
-    """Raises ``RuntimeError`` where there is no display, with what there is ``instead``."""
-    if not has_display():
-        raise RuntimeError(
-            "no display (DISPLAY and WAYLAND_DISPLAY are unset); on a machine without one,"
-            f" {instead} instead"
-        )
+    """Raises ``RuntimeError`` where no window can be shown, with what there is ``instead``."""
+    missing = _missing()
+    if missing:
+        raise RuntimeError(f"no display ({missing}); without one, {instead} instead")
+
+
+def _missing() -> str:
+    """What a window lacks here; empty if it can be shown."""
+    if sys.platform == "darwin":
+        # macOS gives windows to a program's first thread, which mjpython keeps free for them.
+        mjpython = getattr(mujoco.viewer, "_MJPYTHON", None)
+        return "" if mjpython else "on macOS a window needs mjpython instead of python"
+    if sys.platform.startswith("linux"):
+        named = {name: os.environ.get(name, "") for name in ("DISPLAY", "WAYLAND_DISPLAY")}
+        if not any(named.values()):
+            return "DISPLAY and WAYLAND_DISPLAY are unset"
+        if not _opens(*named.values()):
+            told = ", ".join(f"{name}={value}" for name, value in named.items() if value)
+            return f"{told} opens no window with OpenGL"
+    return ""
+
+
+_TRY = """
+import glfw
+glfw.ERROR_REPORTING = "ignore"
+if not glfw.init():
+    raise SystemExit(1)
+glfw.window_hint(glfw.VISIBLE, glfw.FALSE)
+raise SystemExit(0 if glfw.create_window(8, 8, "", None, None) else 1)
+"""
+
+
+@cache
+def _opens(*_: str) -> bool:
+    """Whether a window opens on the displays that are named (which the environment names).
+
+    A name may be left over from a session that is gone, as on a cluster; MuJoCo's viewer would
+    end the whole program. Tried in a process of its own, as the library is one for all windows.
+    """
+    command = [sys.executable, "-c", _TRY]
+    try:
+        return subprocess.run(command, capture_output=True, timeout=30).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False
 
 
 def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.viewer.Handle:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sys
 from pathlib import Path
 
 import imageio.v2 as imageio
@@ -79,6 +80,7 @@ def test_where_there_is_a_display_a_window_shows_it(run, monkeypatch, capsys, pa
         return opened[-1]
 
     monkeypatch.setenv("DISPLAY", ":7")
+    monkeypatch.setattr(window, "_opens", lambda *_: True)
     monkeypatch.setattr(window, "open_window", open_window)
     assert main(["watch", str(run), "episodes=1", "video_episodes=2", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["episodes"] == 1
@@ -88,6 +90,16 @@ def test_where_there_is_a_display_a_window_shows_it(run, monkeypatch, capsys, pa
     assert viewer.seen[0] < viewer.seen[1] < viewer.seen[2]
     assert not viewer.is_open
     assert list(Path().iterdir()) == []
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="X is Linux'")
+def test_a_display_that_is_gone_is_none(run, monkeypatch, capsys):
+    # As a terminal on a cluster names it after its connection has ended.
+    monkeypatch.setenv("DISPLAY", "localhost:99.0")
+    assert main(["watch", str(run), "episodes=1", "window=true"]) == 2
+    assert "no display (DISPLAY=localhost:99.0 opens no window" in capsys.readouterr().err
+    assert main(["watch", str(run), "episodes=1", "video_episodes=1"]) == 0
+    assert Path("watch.mp4").exists()
 
 
 @pytest.mark.parametrize(
