@@ -37,6 +37,28 @@ class Agreement:
     """Best measured value less the predicted best's (their mean, if tied); in its unit."""
 
 
+@dataclass(frozen=True)
+class Pooled:
+    """Agreement over several lists, each ordered by itself.
+
+    Lists on which a side puts all on one level have no correlation and are left out of the
+    means; where that leaves none, correlations and p-values are NaN.
+    """
+
+    lists: int
+    tau: float
+    """Mean of the lists' tau-b."""
+    tau_p: float
+    """Share of draws, an order for each list, whose mean is as far from 0: two-sided."""
+    rho: float
+    rho_p: float
+    top_hits: int
+    """Lists whose best was found."""
+    bottom_hits: int
+    regret: float
+    """Mean over the lists."""
+
+
 def scores(order: Sequence[str]) -> dict[str, float]:
     """An order, best first, as a score by name: higher is better.
 
@@ -71,14 +93,12 @@ def agreement(
         for name, value in values.items():
             if not math.isfinite(value):
                 raise ValueError(f"agreement: {side} {name}: {value} is not finite")
-    names = sorted(predicted)
-    a = np.array([predicted[name] for name in names], dtype=float)
-    b = np.array([measured[name] for name in names], dtype=float)
-    tau, tau_p = _correlate(np.sign(_differences(a)), np.sign(_differences(b)), seed)
-    rho, rho_p = _correlate(_differences(rankdata(a)), _differences(rankdata(b)), seed)
+    a, b = _in_one_order(predicted, measured)
+    tau, tau_p = _correlate(*_signs(a, b), seed)
+    rho, rho_p = _correlate(*_ranks(a, b), seed)
     chosen = a == a.max()
     return Agreement(
-        n=len(names),
+        n=len(a),
         tau=tau,
         tau_p=tau_p,
         rho=rho,
@@ -89,28 +109,97 @@ def agreement(
     )
 
 
-def _correlate(a: np.ndarray, b: np.ndarray, seed: int) -> tuple[float, float]:
-    """Correlation of two square matrices of differences, and its permutation p-value.
+def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Pooled:
+    """Compare several lists' scores, and take them together.
 
-    With the differences' signs it is Kendall's tau-b, with differences of ranks Spearman's
-    rho (Daniels 1944). NaN where one side is constant.
+    A few sets have few orders, so that a list alone seldom says that a prediction is better
+    than chance; several lists together can. What is drawn keeps each list's sets in it.
+
+    Args:
+        sides: predicted and measured scores, as for ``agreement``, of each list.
+
+    Raises:
+        ValueError: no list, or one that cannot be compared.
     """
-    size = math.sqrt((a**2).sum() * (b**2).sum())
-    if size == 0:
+    if not sides:
+        raise ValueError("agreement: no lists")
+    found = [agreement(*both) for both in sides]
+    arrays = [_in_one_order(*both) for both in sides]
+    tau, tau_p = _mean_correlation([_signs(*both) for both in arrays])
+    rho, rho_p = _mean_correlation([_ranks(*both) for both in arrays])
+    return Pooled(
+        lists=len(found),
+        tau=tau,
+        tau_p=tau_p,
+        rho=rho,
+        rho_p=rho_p,
+        top_hits=sum(one.top_hit for one in found),
+        bottom_hits=sum(one.bottom_hit for one in found),
+        regret=sum(one.regret for one in found) / len(found),
+    )
+
+
+def _in_one_order(
+    predicted: Mapping[str, float], measured: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    names = sorted(predicted)
+    a, b = (np.array([side[name] for name in names], float) for side in (predicted, measured))
+    return a, b
+
+
+def _signs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differences whose correlation is Kendall's tau-b."""
+    return np.sign(_differences(a)), np.sign(_differences(b))
+
+
+def _ranks(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differences whose correlation is Spearman's rho (Daniels 1944)."""
+    return _differences(rankdata(a)), _differences(rankdata(b))
+
+
+def _correlate(a: np.ndarray, b: np.ndarray, seed: int) -> tuple[float, float]:
+    """Correlation of two matrices of differences and its permutation p-value.
+
+    NaN where one side is constant.
+    """
+    value = _correlation(a, b)
+    if math.isnan(value):
         return math.nan, math.nan
-    value = float((a * b).sum() / size)
-    n = len(a)
-    every = math.factorial(n) <= _RESAMPLES
-    orders = _every_order(n) if every else _some_orders(n, seed)
-    extreme = 0
-    for part in np.array_split(orders, max(1, orders.size * n // 1_000_000)):
-        moved = a[part[:, :, None], part[:, None, :]]
-        drawn = np.einsum("kij,ij->k", moved, b) / size
-        # A hair's slack: equal correlations may differ in the last bit.
-        extreme += int((np.abs(drawn) >= abs(value) - 1e-9).sum())
+    every = math.factorial(len(a)) <= _RESAMPLES
+    orders = _every_order(len(a)) if every else _some_orders(len(a), seed)
+    return value, _share(_drawn(a, b, orders), value, every)
+
+
+def _mean_correlation(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+    """The mean over lists, and its p-value by orders drawn for each."""
+    kept = [(a, b) for a, b in sides if not math.isnan(_correlation(a, b))]
+    if not kept:
+        return math.nan, math.nan
+    value = sum(_correlation(a, b) for a, b in kept) / len(kept)
+    drawn = [_drawn(a, b, _some_orders(len(a), seed)) for seed, (a, b) in enumerate(kept)]
+    return value, _share(np.mean(drawn, axis=0), value, False)
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    size = math.sqrt((a**2).sum() * (b**2).sum())
+    return float((a * b).sum() / size) if size else math.nan
+
+
+def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """The correlation of each of the orders ``(k, n)`` of ``a`` with ``b``."""
+    size = math.sqrt((a**2).sum() * (b**2).sum())
+    parts = np.array_split(orders, max(1, orders.size * len(a) // 1_000_000))
+    moved = (a[part[:, :, None], part[:, None, :]] for part in parts)
+    return np.concatenate([np.einsum("kij,ij->k", one, b) / size for one in moved])
+
+
+def _share(drawn: np.ndarray, value: float, every: bool) -> float:
+    """How many of the drawn are as far from 0 as ``value``; ``every``: no order is missing."""
+    # A hair's slack: equal correlations may differ in the last bit.
+    extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
     # The order found counts as one of a sample, so that its p is never zero.
     own = 0 if every else 1
-    return value, (extreme + own) / (len(orders) + own)
+    return (extreme + own) / (len(drawn) + own)
 
 
 def _every_order(n: int) -> np.ndarray:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from needlehoop.study import paper
-from needlehoop.study.agreement import Agreement, agreement
+from needlehoop.study.agreement import Agreement, Pooled, agreement, pooled
 from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
@@ -94,6 +94,7 @@ def agreements(findings: Findings) -> Table:
         sides += [(one, IMITATION, values) for one in findings.predictions if one not in flown]
     rows = []
     for one, against, values in sides:
+        both = []
         for members, scores in one.lists.items():
             if against != MEASURED and not members <= set(values):
                 continue
@@ -101,12 +102,16 @@ def agreements(findings: Findings) -> Table:
             if missing:
                 said = ("",) * 6 + (f"{len(missing)} of {len(members)} not measured",)
             else:
-                said = _said(agreement(scores, {cameras: values[cameras] for cameras in members}))
+                both.append((scores, {cameras: values[cameras] for cameras in members}))
+                said = _said(agreement(*both[-1]))
             rows.append((f"{one.who} against {against}", list_name(members), *said))
+        if len(both) > 1:
+            rows.append((f"{one.who} against {against}", "all lists", *_together(pooled(both))))
     head = ("what", "list", "tau-b", "p", "rho", "p", "best found", "worst found", "regret")
     note = (
         "Two-sided permutation p-values; regret is the return lost by taking the predicted best,"
-        " against imitation the share of successes."
+        " against imitation the share of successes. All lists: means, p by orders drawn for each"
+        " list by itself."
     )
     return Table("agreement", "Agreement of predictions", head, tuple(rows), note)
 
@@ -171,6 +176,22 @@ def _said(found: Agreement) -> tuple[str, ...]:
         "yes" if found.bottom_hit else "no",
         f"{found.regret:.2f}",
     )
+
+
+def _together(found: Pooled) -> tuple[str, ...]:
+    return (
+        _number(found.tau),
+        _probability(found.tau_p),
+        _number(found.rho),
+        _probability(found.rho_p),
+        f"{found.top_hits} of {found.lists}",
+        f"{found.bottom_hits} of {found.lists}",
+        f"{found.regret:.2f}",
+    )
+
+
+def _probability(value: float) -> str:
+    return f"{value:.1g}" if value < 0.01 else _number(value)
 
 
 def _number(value: float) -> str:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import kendalltau, spearmanr
 
 import needlehoop
-from needlehoop.study.agreement import agreement, scores
+from needlehoop.study.agreement import agreement, pooled, scores
 
 PAPER = Path(needlehoop.__file__).parent / "recordings" / "paper" / "table_2.csv"
 
@@ -112,6 +112,41 @@ def test_a_tie_at_the_bottom_hits_only_if_all_of_it_is_worst():
 def test_what_cannot_be_compared_is_refused(predicted, measured, said):
     with pytest.raises(ValueError, match=said):
         agreement(predicted, measured)
+
+
+def test_lists_that_say_little_alone_say_more_together():
+    three = scores(["a", "b", "c"]), {"a": 3.0, "b": 2.0, "c": 1.0}
+    assert agreement(*three).tau_p == pytest.approx(2 / 6)
+    both = pooled([three, three])
+    # Of 36 pairs of orders one agrees fully, and one disagrees fully.
+    assert both.tau == both.rho == pytest.approx(1.0)
+    assert both.tau_p == pytest.approx(2 / 36, abs=0.005)
+    assert both.rho_p == pytest.approx(2 / 36, abs=0.005)
+    assert (both.lists, both.top_hits, both.bottom_hits, both.regret) == (2, 2, 2, 0.0)
+    assert pooled([three, three]) == both
+
+
+@given(st.lists(two_sides(), min_size=1, max_size=3))
+def test_lists_together_are_the_mean_of_those_that_say_something(sides):
+    alone = [agreement(named(a), named(b)) for a, b in sides]
+    both = pooled([(named(a), named(b)) for a, b in sides])
+    told = [one for one in alone if not math.isnan(one.tau)]
+    if told:
+        assert both.tau == pytest.approx(np.mean([one.tau for one in told]))
+        assert both.rho == pytest.approx(np.mean([one.rho for one in told]))
+    else:
+        assert math.isnan(both.tau)
+        assert math.isnan(both.tau_p)
+    if len(sides) == len(told) == 1:
+        assert both.tau_p == pytest.approx(alone[0].tau_p, abs=0.015)
+    assert both.regret == pytest.approx(np.mean([one.regret for one in alone]))
+    assert both.top_hits == sum(one.top_hit for one in alone)
+    assert both.bottom_hits == sum(one.bottom_hit for one in alone)
+
+
+def test_lists_together_take_a_list():
+    with pytest.raises(ValueError, match="no lists"):
+        pooled([])
 
 
 def test_an_order_names_each_once():
