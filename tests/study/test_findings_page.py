@@ -29,7 +29,7 @@ def table(study: str, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(own.csv())))
 
 
-@pytest.mark.parametrize("name", ["results", "phases", "effects"])
+@pytest.mark.parametrize("name", ["results", "phases", "effects", "cost"])
 def test_tables_in_results_are_those_of_its_runs(name):
     path = ROOT / "results" / "fast" / "tables" / f"{name}.csv"
     with path.open(newline="") as file:
@@ -55,3 +55,21 @@ def test_the_ranking_on_the_page_is_that_of_the_runs():
 
 def test_effects_on_the_page_are_those_of_the_runs():
     assert rows_of("results/fast effects") == table("fast", "effects")
+
+
+def test_how_far_rankings_predict_is_what_the_tables_say():
+    minutes = {
+        row["prediction"]: row["core-minutes"]
+        for row in table("fast", "cost")
+        if row["against"] == "measured"
+    }
+    findings = study_findings(ROOT / "results" / "fast")
+    own = next(table for table in all_tables(findings) if table.name == "agreement")
+    expected = []
+    for what, members, *numbers in own.rows:
+        who, _, against = what.partition(" against ")
+        if (against, members) == ("measured", "all lists"):
+            expected.append([who, *numbers, minutes.get(who, "")])
+    lines = PAGE.partition("<!-- results/fast agreement -->\n")[2].splitlines()
+    shown = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    assert shown[2 : lines.index("")] == expected
