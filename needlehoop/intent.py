@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop import config, strict
 from needlehoop.learning.job import Job
 from needlehoop.rewards import NONE
-from needlehoop.strict import told
+from needlehoop.strict import Range, told
 from needlehoop.vlm.asked import InquiryConfig
 from needlehoop.vlm.gates import Gates
 from needlehoop.vlm.providers.contract import config_of
@@ -27,6 +27,8 @@ class Intent:
     overwrite: bool
     """Whether it is set aside and begun anew."""
     existing: str
+    until: Annotated[int, Range(1, 10**15)] | None
+    """Environment steps after which a run pauses."""
 
     def __post_init__(self) -> None:
         if self.existing not in EXISTING:

@@ -23,8 +23,8 @@ from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
 
 _OF_NO_CONSEQUENCE = (
-    *("resume", "overwrite", "existing", "results", "engine", "logger", "checkpoint_every"),
-    *("vlm", "asking", "gates", "weights"),
+    *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights"),
 )
 """Settings that a run may be gone on with others of: its results are the same."""
 
@@ -59,6 +59,11 @@ class Session(AbstractContextManager):
     def is_finished(self) -> bool:
         """Whether nothing is left to do."""
         return bool(self.run.manifest().get("finished"))
+
+    @property
+    def steps(self) -> int:
+        """Environment steps that are done."""
+        return 0 if self.state is None else self.state["update"] * self.job.buffer
 
     @property
     def is_trained(self) -> bool:

@@ -21,7 +21,8 @@ from needlehoop.runs.terminal import printable
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
 
-DONE_BEFORE, STOPPED, FAILED, HELD = "done before", "stopped", "failed", "under way elsewhere"
+DONE_BEFORE, STOPPED, PAUSED = "done before", "stopped", "paused"
+FAILED, HELD = "failed", "under way elsewhere"
 
 
 _LOG = "error.log"
@@ -115,7 +116,7 @@ def summary(folder: Path) -> tuple[list[str], int]:
             place = f"{note['cameras']}/{note['reward']}/seed{note['seed']}"
             lines.append(printable(f"  {place}: {note['error']}"))
     told = f"{len(jobs)} runs, {outcomes[FAILED]} failed"
-    for other in (DONE_BEFORE, HELD):
+    for other in (DONE_BEFORE, PAUSED, HELD):
         if outcomes[other]:
             told += f", {outcomes[other]} {other}"
     return [told, *lines], outcomes[FAILED] + outcomes[HELD]

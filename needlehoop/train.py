@@ -33,7 +33,8 @@ def train(
     logger: Logger,
     state: dict[str, Any] | None = None,
     weights: dict[str, Any] | None = None,
-) -> bool:
+    until: int | None = None,
+) -> str:
     """Train until the job's steps are done, or until a signal asks to stop.
 
     Args:
@@ -42,9 +43,10 @@ def train(
         logger: where else.
         state: the checkpoint to go on from.
         weights: of another run's agent, to begin with.
+        until: pause after so many of the steps.
 
     Returns:
-        Whether the steps are done.
+        ``done``; ``stopped`` by a signal, or ``paused`` by ``until``, with a checkpoint.
 
     Raises:
         FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
@@ -74,13 +76,17 @@ def train(
                 run.append(EVALUATIONS, evaluation)
                 logger.log("evaluation", evaluation)
 
-            if interruption.asked or update % job.checkpoint_every == 0 or update == job.updates:
+            paused = until is not None and until <= learner.steps and update < job.updates
+            stopping = interruption.asked or paused
+            if stopping or update % job.checkpoint_every == 0 or update == job.updates:
                 wall = time.perf_counter() - began
                 run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
-                run.note(steps=learner.steps, wall_time=round(wall, 1), stopped=interruption.asked)
-            if interruption.asked:
+                run.note(steps=learner.steps, wall_time=round(wall, 1), stopped=stopping)
+            if stopping:
                 break
-    return learner.done_updates == job.updates
+    if learner.done_updates == job.updates:
+        return "done"
+    return "stopped" if interruption.asked else "paused"
 
 
 def _check_finite(losses: Mapping[str, float], update: int) -> None:
@@ -117,22 +123,27 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
         command: after what: ``python train.py`` or ``needlehoop train``.
 
     Returns:
-        ``done``, ``done before`` or ``stopped``.
+        ``done``, ``done before``, ``paused`` or ``stopped``.
     """
+    until = values["until"]
     with open_session(values, overrides, command) as session:
         job, run = session.job, session.run
         if session.is_finished:
             return "done before"
         logger = build_logger(job.logger, job.place, session.values, run.folder)
         try:
-            if session.is_trained or train(job, run, logger, session.state, session.weights):
+            end = "done" if session.is_trained else "paused"
+            if end != "done" and (until is None or session.steps < until):
+                end = train(job, run, logger, session.state, session.weights, until)
+            if end == "done":
                 try:
                     with terminable():
                         finish(job, run, logger)
-                    return "done"
+                    return end
                 except KeyboardInterrupt:
-                    run.note(stopped=True)
-            print(f"stopped; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
-            return "stopped"
+                    end = "stopped"
+            run.note(stopped=True)
+            print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
+            return end
         finally:
             logger.close()

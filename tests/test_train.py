@@ -67,6 +67,34 @@ def finished(tmp_path_factory) -> Path:
     return results / "main/dep_front+seg_side/human/seed0"
 
 
+def test_a_run_that_pauses_goes_on_to_the_same_end(finished, tmp_path, monkeypatch, capsys):
+    words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2", "results=."]
+    words += ["obs.proprio=true", "evaluation.video_episodes=1", "checkpoint_every=5"]
+    monkeypatch.chdir(tmp_path)
+    folder = Path("main/dep_front+seg_side/human/seed0")
+    for more in (["until=65"], ["until=128", "existing=resume"]):
+        run_train(monkeypatch, *words, *more)
+        said = capsys.readouterr().out
+        assert said.splitlines()[-1].startswith("paused; go on with: python train.py resume=main/")
+        manifest = json.loads((folder / "manifest.json").read_text())
+        assert (manifest["steps"], manifest["stopped"], manifest["finished"]) == (128, True, False)
+    # What is typed for one session binds no other.
+    run_train(monkeypatch, f"resume={folder}")
+    assert table(folder / "metrics.csv") == table(finished / "metrics.csv")
+    assert (folder / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
+    assert json.loads((folder / "manifest.json").read_text())["finished"]
+
+
+def test_a_sweep_pauses_all_its_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["-m", "cams=[seg_side]", "seed=0,1", *TINY, "results=results"]
+    run_train(monkeypatch, *words, "until=64")
+    assert "2 runs, 0 failed, 2 paused" in capsys.readouterr().out
+    folders = [Path(f"results/main/seg_side/human/seed{seed}") for seed in (0, 1)]
+    steps = [json.loads((one / "manifest.json").read_text())["steps"] for one in folders]
+    assert steps == [64, 64]
+
+
 def test_a_run_is_a_folder_of_plain_files(finished):
     assert {path.name for path in finished.iterdir()} == {
         "config.yaml",
