@@ -29,15 +29,17 @@ def table(study: str, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(own.csv())))
 
 
+@pytest.mark.parametrize("study", ["fast", "imitation"])
 @pytest.mark.parametrize("name", ["results", "phases", "effects", "cost"])
-def test_tables_in_results_are_those_of_its_runs(name):
-    path = ROOT / "results" / "fast" / "tables" / f"{name}.csv"
+def test_tables_in_results_are_those_of_its_runs(study, name):
+    path = ROOT / "results" / study / "tables" / f"{name}.csv"
     with path.open(newline="") as file:
-        assert list(csv.DictReader(file)) == table("fast", name)
+        assert list(csv.DictReader(file)) == table(study, name)
 
 
 def test_the_ranking_on_the_page_is_that_of_the_runs():
     phases = {row["cameras"]: row for row in table("fast", "phases")}
+    imitated = {row["cameras"]: row["success, %"] for row in table("imitation", "results")}
     expected = [
         {
             "cameras": row["cameras"],
@@ -47,6 +49,7 @@ def test_the_ranking_on_the_page_is_that_of_the_runs():
             "cheat, %": row["cheat, %"],
             "grasped, %": phases[row["cameras"]]["grasped, %"],
             "seeds": row["seeds"],
+            "imitated, %": imitated[row["cameras"]],
         }
         for row in table("fast", "results")
     ]
