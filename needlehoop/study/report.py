@@ -23,7 +23,7 @@ from needlehoop.study.records import Record
 from needlehoop.study.statistics import ENOUGH, no_interval
 from needlehoop.study.tables import all_tables
 
-_FIRST = ("cost_and_regret",)
+_FIRST = ("cost_and_regret", "rankings")
 """Figures before all others."""
 
 
