@@ -456,9 +456,14 @@ def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
 
 
 def test_after_the_warm_up_the_policy_moves(imitated, tmp_path, monkeypatch):
-    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2"]
+    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2", "algo.finetune=0.1"]
     monkeypatch.chdir(tmp_path)
     run_train(monkeypatch, *words, "results=.")
+    rates = [
+        float(row["learning_rate"]) for row in table(Path("main/seg_side/human/seed0/metrics.csv"))
+    ]
+    # The schedule's thirds; gently, once the policy moves.
+    assert rates == pytest.approx([3e-4, 2e-4, 1e-5])
     ours = weights(tmp_path / "main/seg_side/human/seed0")
     theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
     mean = [name for name in ours if name.endswith("mean.weight")]

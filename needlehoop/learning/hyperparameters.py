@@ -43,6 +43,8 @@ class PpoConfig:
     warmup: Number = 0
     """Buffers, in a run that begins with another's agent, from which the value function alone
     learns; runs older than it have none."""
+    finetune: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
+    """Share of the learning rate with which its policy learns afterwards; in older runs, all."""
     buffer: Count | None = None
     """Steps of all environments that are collected before they are learnt from; ``None``: one
     horizon of each. Runs older than it have none."""

@@ -65,8 +65,8 @@ class Reinforcement:
     ):
         assert isinstance(job.algo, PpoConfig)
         self._env = env
-        warmup = 0 if job.init is None else job.algo.warmup
-        self.ppo = Ppo(agent, job.algo, job.updates, job.env.seed, workers, warmup)
+        kept = (0, 1.0) if job.init is None else (job.algo.warmup, job.algo.finetune)
+        self.ppo = Ppo(agent, job.algo, job.updates, job.env.seed, workers, *kept)
         if state is not None:
             check_learner(state, self.ppo, env)
             self.ppo.load_state_dict(state["ppo"])

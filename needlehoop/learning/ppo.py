@@ -52,6 +52,7 @@ class Ppo(Pupil):
         workers: to share the work; the result is the same with any number.
         warmup: buffers from which the value function alone learns, without the trunk that it
             shares with the policy.
+        finetune: share of the learning rate, once the policy learns.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class Ppo(Pupil):
         seed: int,
         workers: Workers,
         warmup: int = 0,
+        finetune: float = 1.0,
     ):
         super().__init__(agent, config.shards, updates, seed, workers)
         self.config = config
@@ -87,7 +89,7 @@ class Ppo(Pupil):
             loss_critic_type="l2",
             functional=False,
         ).to(next(agent.parameters()).device)
-        self._warmup = warmup
+        self._warmup, self._finetune = warmup, finetune
         policy_s = {id(weight) for weight in agent.actor.parameters()}
         self._policy_s = {i for i, w in enumerate(agent.parameters()) if id(w) in policy_s}
 
@@ -149,7 +151,8 @@ class Ppo(Pupil):
     def _schedule(self) -> float:
         """Set learning rate and clipping; returns the former."""
         left = 1.0 - self.done_updates / self.updates
-        rate = max(self.config.learning_rate * left, _LEARNING_RATE_END)
+        share = 1.0 if self.done_updates < self._warmup else self._finetune
+        rate = max(share * self.config.learning_rate * left, _LEARNING_RATE_END)
         self._optimizer.set_rate(rate)
         end = self.config.epsilon_end
         epsilon = end + (self.config.epsilon - end) * left

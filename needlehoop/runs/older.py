@@ -15,7 +15,7 @@ _MEANT: tuple[tuple[str, Any], ...] = (
 """What a run did that says nothing of a setting, by key."""
 
 _OF_TRAINING = (("init", None), ("weights", "float32"))
-_OF_PPO = (("algo.warmup", 0), ("algo.buffer", None))
+_OF_PPO = (("algo.warmup", 0), ("algo.finetune", 1.0), ("algo.buffer", None))
 
 _OF_KIND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     # Its lengths were in metres.
