@@ -132,8 +132,12 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
             return "done before"
         logger = build_logger(job.logger, job.place, session.values, run.folder)
         try:
-            end = "done" if session.is_trained else "paused"
-            if end != "done" and (until is None or session.steps < until):
+            if session.is_trained:
+                end = "done"
+            elif until is not None and until <= session.steps:
+                run.note(stopped=True)
+                end = "paused"
+            else:
                 end = train(job, run, logger, session.state, session.weights, until)
             if end == "done":
                 try:
@@ -141,8 +145,8 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
                         finish(job, run, logger)
                     return end
                 except KeyboardInterrupt:
+                    run.note(stopped=True)
                     end = "stopped"
-            run.note(stopped=True)
             print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
             return end
         finally:

@@ -162,3 +162,9 @@ def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
 def test_a_function_that_pays_nonsense_stops(function, message):
     with pytest.raises(rewards.RewardError, match=message):
         needlehoop.make_env(reward=function, num_envs=2).reset()
+
+
+def test_values_without_names_are_refused():
+    words = ["reward=python", "reward.function=examples/own_reward.py:reward", "reward.values=-1"]
+    with pytest.raises(ValueError, match=r"reward.values: -1 is no mapping"):
+        config.settings(words)

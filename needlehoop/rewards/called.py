@@ -128,7 +128,10 @@ def load(config: Mapping[str, Any]) -> Called:
         )
     name = getattr(function, "__qualname__", type(function).__name__)
     origin = name if callable(config["function"]) else str(config["function"])
-    return Called(function, values["values"] or {}, origin)
+    given = values["values"] or {}
+    if not isinstance(given, Mapping):
+        raise ValueError(f"reward.values: {given!r} is no mapping of names to values")
+    return Called(function, given, origin)
 
 
 def _find(name: str) -> Callable[..., Any]:

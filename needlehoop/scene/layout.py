@@ -10,8 +10,8 @@ import numpy as np
 
 from needlehoop.strict import Range, Share
 
-Length = Annotated[float, Range(0.0, 1.0, above=True)]
-"""m; the arm reaches a quarter of that."""
+Length = Annotated[float, Range(1e-5, 1.0)]
+"""m; the arm reaches a quarter of the most, and of far less MuJoCo makes no shapes."""
 
 Place = Annotated[float, Range(-1.0, 1.0)]
 """A coordinate, m."""
@@ -19,7 +19,7 @@ Place = Annotated[float, Range(-1.0, 1.0)]
 Spread = Annotated[float, Range(0.0, 2 * math.pi)]
 """A half-width, m or rad."""
 
-Angle = Annotated[float, Range(0.0, 2 * math.pi, above=True)]
+Angle = Annotated[float, Range(1e-2, 2 * math.pi)]
 Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
 """rad."""
 
