@@ -7,7 +7,7 @@ What numbers a field may have stands with it: ``steps: Annotated[int, Range(1)]`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -112,6 +112,15 @@ def told(value: Any) -> str:
     """A value in an error, in a line."""
     text = printable(repr(value))
     return text if len(text) <= _TOLD else f"{text[:_TOLD]}…"
+
+
+def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:
+    """Raises ``ValueError`` for a name of a setting's that is not valid, or is there twice."""
+    for name in names:
+        if name not in valid:
+            raise ValueError(f"{key}: {name!r} is unknown; choose from {', '.join(valid)}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"{key}: {', '.join(names)} names one twice")
 
 
 def _whole_number(value: Any, _: Any) -> int:

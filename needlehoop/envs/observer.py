@@ -32,14 +32,14 @@ STATE_SIZE = 29
 """Their numbers."""
 
 
+VECTORS = ("proprio", "signals", "told")
+"""Observations that are not images, in the order in which an agent reads them."""
+
+
 def vectors(obs: Observations) -> dict[str, int]:
-    """Lengths of the observed vectors by name, in the order in which an agent reads them."""
-    lengths = {
-        "proprio": PROPRIO_SIZE * obs.proprio,
-        "signals": STATE_SIZE * obs.signals,
-        "told": len(obs.told),
-    }
-    return {name: length for name, length in lengths.items() if length}
+    """Lengths of the observed vectors by name, in the order of ``VECTORS``."""
+    lengths = (PROPRIO_SIZE * obs.proprio, STATE_SIZE * obs.signals, len(obs.told))
+    return {name: length for name, length in zip(VECTORS, lengths, strict=True) if length}
 
 
 def read(obs: Observations, signals: Signals) -> dict[str, Tensor]:

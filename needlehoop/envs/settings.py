@@ -12,7 +12,7 @@ from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.vocabulary import TABLE
-from needlehoop.strict import Range, Seed
+from needlehoop.strict import Range, Seed, check_names
 from needlehoop.task.episode import Episode
 
 KNOWABLE = tuple(name for name, signal in TABLE.items() if signal.source == "fact")
@@ -37,13 +37,7 @@ class Observations:
     """Facts that one image need not show, in the order in which they are reported."""
 
     def __post_init__(self) -> None:
-        for name in self.told:
-            if name not in KNOWABLE:
-                raise ValueError(
-                    f"obs.told: {name!r} is unknown; choose from {', '.join(KNOWABLE)}"
-                )
-        if len(set(self.told)) < len(self.told):
-            raise ValueError(f"obs.told: {', '.join(self.told)} names one twice")
+        check_names("obs.told", self.told, KNOWABLE)
 
 
 @dataclass(frozen=True)

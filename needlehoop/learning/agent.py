@@ -18,11 +18,9 @@ from torchrl.modules import (
     ValueOperator,
 )
 
+from needlehoop.envs.observer import VECTORS
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
-
-VECTORS = ("proprio", "signals", "told")
-"""Observations that are not images, in the order in which the trunk reads them."""
 
 
 class Agent(TensorDictModuleBase):

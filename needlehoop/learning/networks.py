@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 from needlehoop.learning.normalizer import Normalizer
 from needlehoop.scene.vocabulary import FACTS
-from needlehoop.strict import Range
+from needlehoop.strict import Range, check_names
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,7 @@ class HeadConfig:
     """Facts that the value function is told and the policy is not."""
 
     def __post_init__(self) -> None:
-        for name in self.told:
-            if name not in FACTS:
-                valid = ", ".join(FACTS)
-                raise ValueError(f"algo.network.told: {name!r} is unknown; choose from {valid}")
-        if len(set(self.told)) < len(self.told):
-            raise ValueError(f"algo.network.told: {', '.join(self.told)} names one twice")
+        check_names("algo.network.told", self.told, FACTS)
 
 
 class Trunk(nn.Module):

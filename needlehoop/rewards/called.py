@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.rewards.written import RewardError
+from needlehoop.strict import told
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
@@ -130,7 +131,7 @@ def load(config: Mapping[str, Any]) -> Called:
     origin = name if callable(config["function"]) else str(config["function"])
     given = values["values"] or {}
     if not isinstance(given, Mapping):
-        raise ValueError(f"reward.values: {given!r} is no mapping of names to values")
+        raise ValueError(f"reward.values: {told(given)} is no mapping of names to values")
     return Called(function, given, origin)
 
 

@@ -84,29 +84,10 @@ def agreement(
     Raises:
         ValueError: other names on one side, fewer than two, or a value that is not finite.
     """
-    if set(predicted) != set(measured):
-        odd = ", ".join(sorted(set(predicted) ^ set(measured)))
-        raise ValueError(f"agreement: {odd} on one side only; both must rank the same")
-    if len(predicted) < 2:
-        raise ValueError(f"agreement: {len(predicted)} combinations; an order takes two")
-    for side, values in (("predicted", predicted), ("measured", measured)):
-        for name, value in values.items():
-            if not math.isfinite(value):
-                raise ValueError(f"agreement: {side} {name}: {value} is not finite")
     a, b = _in_one_order(predicted, measured)
     tau, tau_p = _correlate(*_signs(a, b), seed)
     rho, rho_p = _correlate(*_ranks(a, b), seed)
-    chosen = a == a.max()
-    return Agreement(
-        n=len(a),
-        tau=tau,
-        tau_p=tau_p,
-        rho=rho,
-        rho_p=rho_p,
-        top_hit=bool((b[chosen] == b.max()).all()),
-        bottom_hit=bool((b[a == a.min()] == b.min()).all()),
-        regret=float(b.max() - b[chosen].mean()),
-    )
+    return Agreement(len(a), tau, tau_p, rho, rho_p, *_hits_and_regret(a, b))
 
 
 def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Pooled:
@@ -123,28 +104,48 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     """
     if not sides:
         raise ValueError("agreement: no lists")
-    found = [agreement(*both) for both in sides]
     arrays = [_in_one_order(*both) for both in sides]
+    top_hits, bottom_hits, regrets = zip(*(_hits_and_regret(*both) for both in arrays), strict=True)
     tau, tau_p = _mean_correlation([_signs(*both) for both in arrays])
     rho, rho_p = _mean_correlation([_ranks(*both) for both in arrays])
     return Pooled(
-        lists=len(found),
+        lists=len(sides),
         tau=tau,
         tau_p=tau_p,
         rho=rho,
         rho_p=rho_p,
-        top_hits=sum(one.top_hit for one in found),
-        bottom_hits=sum(one.bottom_hit for one in found),
-        regret=sum(one.regret for one in found) / len(found),
+        top_hits=sum(top_hits),
+        bottom_hits=sum(bottom_hits),
+        regret=sum(regrets) / len(regrets),
     )
 
 
 def _in_one_order(
     predicted: Mapping[str, float], measured: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Both sides' scores as arrays; errors as in ``agreement``."""
+    if set(predicted) != set(measured):
+        odd = ", ".join(sorted(set(predicted) ^ set(measured)))
+        raise ValueError(f"agreement: {odd} on one side only; both must rank the same")
+    if len(predicted) < 2:
+        raise ValueError(f"agreement: {len(predicted)} combinations; an order takes two")
+    for side, values in (("predicted", predicted), ("measured", measured)):
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise ValueError(f"agreement: {side} {name}: {value} is not finite")
     names = sorted(predicted)
     a, b = (np.array([side[name] for name in names], float) for side in (predicted, measured))
     return a, b
+
+
+def _hits_and_regret(a: np.ndarray, b: np.ndarray) -> tuple[bool, bool, float]:
+    """``top_hit``, ``bottom_hit`` and ``regret`` of predicted scores ``a`` and measured ``b``."""
+    chosen = a == a.max()
+    return (
+        bool((b[chosen] == b.max()).all()),
+        bool((b[a == a.min()] == b.min()).all()),
+        float(b.max() - b[chosen].mean()),
+    )
 
 
 def _signs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -92,7 +92,7 @@ def test_where_there_is_a_display_a_window_shows_it(run, monkeypatch, capsys, pa
     assert list(Path().iterdir()) == []
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="X is Linux'")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the displays of X")
 def test_a_display_that_is_gone_is_none(run, monkeypatch, capsys):
     # As a terminal on a cluster names it after its connection has ended.
     monkeypatch.setenv("DISPLAY", "localhost:99.0")

@@ -2,31 +2,40 @@
 
 import csv
 import io
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from needlehoop.study.findings import study_findings
+from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "findings.md").read_text()
 
 
-def rows_of(marker: str) -> list[dict[str, str]]:
-    """The page's table under a comment that names its source."""
+def cells_of(marker: str) -> list[list[str]]:
+    """The page's table under a comment that names its source, its head first."""
     lines = PAGE.partition(f"<!-- {marker} -->\n")[2].splitlines()
-    found = []
-    for line in lines[: lines.index("")]:
-        found.append([cell.strip() for cell in line.strip("|").split("|")])
-    head, _, *rows = found
+    rows = lines[: lines.index("")]
+    head, _, *rest = [[cell.strip() for cell in line.strip("|").split("|")] for line in rows]
+    return [head, *rest]
+
+
+def rows_of(marker: str) -> list[dict[str, str]]:
+    """The same as rows by the head's names."""
+    head, *rows = cells_of(marker)
     return [dict(zip(head, row, strict=True)) for row in rows]
 
 
+@cache
+def tables(study: str) -> dict[str, Table]:
+    return {one.name: one for one in all_tables(study_findings(ROOT / "results" / study))}
+
+
 def table(study: str, name: str) -> list[dict[str, str]]:
-    findings = study_findings(ROOT / "results" / study)
-    own = next(table for table in all_tables(findings) if table.name == name)
-    return list(csv.DictReader(io.StringIO(own.csv())))
+    return list(csv.DictReader(io.StringIO(tables(study)[name].csv())))
 
 
 @pytest.mark.parametrize("study", ["fast", "imitation"])
@@ -66,13 +75,10 @@ def test_how_far_rankings_predict_is_what_the_tables_say():
         for row in table("fast", "cost")
         if row["against"] == "measured"
     }
-    findings = study_findings(ROOT / "results" / "fast")
-    own = next(table for table in all_tables(findings) if table.name == "agreement")
     expected = []
-    for what, members, *numbers in own.rows:
+    for what, members, *numbers in tables("fast")["agreement"].rows:
         who, _, against = what.partition(" against ")
         if (against, members) == ("measured", "all lists"):
             expected.append([who, *numbers, minutes.get(who, "")])
-    lines = PAGE.partition("<!-- results/fast agreement -->\n")[2].splitlines()
-    shown = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    assert shown[2 : lines.index("")] == expected
+    _, *shown = cells_of("results/fast agreement")
+    assert shown == expected
