@@ -18,9 +18,6 @@ CLASSES = {"needle": ("needle",), "hoop": ("hoop",), "robot": ("psm_base",)}
 _DARKEST = 0.15
 """Brightness at the far end of a depth-shaded image; 1 at the near end."""
 
-_PART = 5
-"""Environments whose images a thread composes at a time."""
-
 
 class Imager:
     """Composes the images of chosen cameras.
@@ -67,7 +64,7 @@ class Imager:
                 images[camera.name][rows] = self._image(camera, view, rendering, frame)
 
         count = max(map(len, images.values()), default=0)
-        self._workers.map(compose, [slice(at, at + _PART) for at in range(0, count, _PART)])
+        self._workers.map(compose, self._workers.parts(count))
         return images
 
     def _image(self, camera: Camera, view: View, rendering: Rendering, frame: Frame) -> Tensor:

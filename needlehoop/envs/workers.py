@@ -12,13 +12,17 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+_FEWEST, _MOST = 5, 20
+"""Images of a part: below, calls cost more than work; above, they leave the processor's cache."""
+
 
 class Workers:
     """A number of threads.
 
     Each of torch's operations runs on the thread that calls it (``torch.set_num_threads(1)``):
-    torch's own threads would decide how sums are rounded. So work is cut into parts by what
-    it is, never by how many threads there are, and what comes of it has the same bits anywhere.
+    torch's own threads would decide how sums are rounded. So work whose rounding depends on how
+    it is cut is cut by what it is, never by how many threads there are, and what comes of it has
+    the same bits anywhere.
 
     Args:
         threads: at least 1, of which the caller is one.
@@ -47,6 +51,14 @@ class Workers:
             self._shares.put(shared)
         shared.work_off()
         return shared.wait()
+
+    def parts(self, count: int) -> list[slice]:
+        """``count`` images in parts, one a thread where that suits their size.
+
+        For work that makes the same bits of an image in any part: the parts depend on threads.
+        """
+        size = min(max(-(-count // self.threads), _FEWEST), _MOST)
+        return [slice(at, min(at + size, count)) for at in range(0, count, size)]
 
     def begin(self, work: Callable[[], T]) -> Callable[[], T]:
         """Begin ``work`` beside what the caller does next; call what is returned to wait for it."""

@@ -12,9 +12,6 @@ from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.parallel import ParallelAgent
 
-_FOLDED = 5
-"""Environments whose images a thread folds at a time."""
-
 
 class Collector:
     """Fills one buffer ``(num_envs, horizon)`` again and again.
@@ -40,7 +37,7 @@ class Collector:
             for key, x in zip(agent.seen_keys, prepared, strict=True)
         }
         self._buffer = TensorDict(kept, [count, horizon], device=self._device)
-        self._parts = [slice(at, at + _FOLDED) for at in range(0, count, _FOLDED)]
+        self._parts = workers.parts(count)
         self._now: TensorDictBase | None = None
 
     @torch.no_grad()

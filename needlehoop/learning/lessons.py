@@ -22,9 +22,6 @@ TEACHER = "smooth"
 LEARNER = "learner"
 """Whether the learner flew, among a step's keys."""
 
-_FOLDED = 5
-"""Environments whose images a thread folds at a time."""
-
 
 class Lessons:
     """Fills one buffer ``(num_envs, horizon)`` after the other.
@@ -60,7 +57,7 @@ class Lessons:
         self._noise = Perturbation(count, size, config.noise, self._generator)
         self._learner = torch.zeros(count, dtype=torch.bool)
         self._flown: list[Tensor] = []
-        self._parts = [slice(at, at + _FOLDED) for at in range(0, count, _FOLDED)]
+        self._parts = workers.parts(count)
         self._now: TensorDictBase | None = None
 
     @torch.no_grad()

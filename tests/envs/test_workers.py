@@ -39,6 +39,16 @@ def test_the_first_item_that_fails_is_raised_and_the_next_work_is_done(threads):
     assert workers.map(abs, [-1, 2, -3]) == [1, 2, 3]
 
 
+@pytest.mark.parametrize(
+    ("threads", "count", "sizes"),
+    [(1, 80, [20] * 4), (2, 80, [20] * 4), (8, 80, [10] * 8), (64, 80, [5] * 16), (2, 13, [7, 6])],
+)
+def test_images_are_parted_for_the_threads_that_there_are(threads, count, sizes):
+    parts = Workers(threads).parts(count)
+    assert [part.stop - part.start for part in parts] == sizes
+    assert [row for part in parts for row in range(count)[part]] == [*range(count)]
+
+
 def test_work_aside_may_share_out_parts_of_its_own():
     workers = Workers(2)
     waits = workers.begin(lambda: workers.map(abs, [-1, -2]))
