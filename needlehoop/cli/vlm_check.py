@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
+
+_OWN = "FILE, flavour, study, recording, sample, unit"
+"""What says which program, and how it is read."""
 
 
 def add_check_command(commands: Any) -> None:
@@ -21,7 +25,8 @@ def add_check_command(commands: Any) -> None:
         description=f"{summary} Exit status 1 where it is refused.",
         epilog="Keys: gates.range=refuse|clip gates.margin=2 gates.audit=flag|refuse and the rest"
         " of conf/gates; without FILE, cams=[dep_front,seg_side] flavour=image|text study=main"
-        " recording=paper sample=1; and all of conf/env.yaml.",
+        " recording=paper sample=1; unit=0.1 (m per scene unit of the program); and all of"
+        " conf/env.yaml but the reward.",
     )
     check.add_argument("overrides", nargs="*", metavar="FILE | key=value")
     check.add_argument("--json", action="store_true", help="print one line of JSON")
@@ -32,7 +37,7 @@ def _check(options: argparse.Namespace) -> int:
     from needlehoop import config
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
-    from needlehoop.rewards.written import find, read
+    from needlehoop.rewards.written import find, read, scaled
     from needlehoop.runs.files import check_name
     from needlehoop.strict import Count
     from needlehoop.vlm.gates import Gates
@@ -40,7 +45,13 @@ def _check(options: argparse.Namespace) -> int:
     files = [word for word in options.overrides if "=" not in word]
     if len(files) > 1:
         raise ValueError(f"one file at a time; got {' '.join(files)}")
-    values = config.compose([word for word in options.overrides if "=" in word], "check")
+    words = [word for word in options.overrides if "=" in word]
+    for word in words:
+        if re.match(r"reward\b", word):
+            raise ValueError(
+                f"{word}: the program is judged, no other reward; choose from its {_OWN}"
+            )
+    values = config.compose(words, "check")
     settings = config.structure(values)
     gates = config.as_type(values["gates"], Gates, "gates")
     flavour, study, results = (
@@ -55,6 +66,7 @@ def _check(options: argparse.Namespace) -> int:
         source = find(settings.cams, flavour, study, results, recording, sample)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
+    source = scaled(source, values["unit"], "unit")
     try:
         program = compile_program(source.text)
     except ProgramError as error:

@@ -233,7 +233,7 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     """
     if config.get("kind") not in KINDS:
         return dict(config)
-    source = _scaled(_source(config), config["unit"])
+    source = scaled(_source(config), config["unit"], "reward.unit")
     return {**config, "program": {"text": source.text, "origin": source.origin}}
 
 
@@ -243,7 +243,7 @@ def load(config: Mapping[str, Any]) -> Written:
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
     """
-    source = _scaled(_source(config), config["unit"])
+    source = scaled(_source(config), config["unit"], "reward.unit")
     clip = _limits(config["clip"])
     try:
         program = compile_program(source.text)
@@ -252,15 +252,19 @@ def load(config: Mapping[str, Any]) -> Written:
     return Written(program, source.origin, clip)
 
 
-def _scaled(source: Source, unit: Any) -> Source:
-    """A program whose scene units have so many metres; ``None`` leaves it as it is."""
+def scaled(source: Source, unit: Any, key: str) -> Source:
+    """A program whose scene units have so many metres; ``None`` leaves it as it is.
+
+    Raises:
+        ValueError: not a length, or a program that names none; ``key`` is what gave it.
+    """
     if unit is None:
         return source
     if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0 < unit < float("inf"):
-        raise ValueError(f"reward.unit: {unit!r} is not null or a positive number of metres")
+        raise ValueError(f"{key}: {unit!r} is not null or a positive number of metres")
     if len(_UNIT.findall(source.text)) != 1:
         raise ValueError(
-            f"reward.unit: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
+            f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
             " leave it null"
         )
     return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))

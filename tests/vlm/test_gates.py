@@ -301,6 +301,14 @@ def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
         assert f"{file}: line 2, column 1: 'import' is not in the language" in out
 
 
+def test_check_reads_a_program_in_another_unit(capsys):
+    paid = {}
+    for unit in ("null", "0.05", "0.1"):
+        check("cams=[rgb_default]", "flavour=text", f"unit={unit}", "--json")
+        paid[unit] = json.loads(capsys.readouterr().out)["paid"]
+    assert paid["null"] == paid["0.05"] < paid["0.1"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -310,6 +318,9 @@ def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
         (["cams=[rgb_top]"], "rgb_top"),
         (["a.txt", "gates.range=cut"], "range: 'cut'"),
         (["a.txt", "gates.rnage=clip"], "rnage"),
+        (["cams=[rgb_default]", "reward.unit=0.1"], "reward.unit=0.1: the program is judged"),
+        (["cams=[rgb_default]", "flavour=text", "unit=no"], "unit: 'no' is not null"),
+        (["cams=[rgb_default]", "flavour=text", "recording=claude", "unit=0.1"], "no line such as"),
     ],
 )
 def test_a_mistake_in_the_command_is_one_line(words, said, capsys, tmp_path, monkeypatch):
