@@ -1,4 +1,4 @@
-"""``needlehoop plot``, ``report``, ``status`` and ``top``: no simulator, no torch."""
+"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``: no simulator, no torch."""
 
 from __future__ import annotations
 
@@ -38,6 +38,22 @@ def add_commands(commands: Any) -> None:
             " for several studies, the folder that they are in)",
         )
         command.set_defaults(run=run, overrides=[])
+    summary = "Set studies with other settings beside each other, cameras by cameras."
+    command = commands.add_parser(
+        "compare",
+        help=summary,
+        description=summary,
+        epilog="Prints in which settings they differ and how soon each run got how far, and draws"
+        " learning curves. Studies: folders with runs of the same cameras and reward.",
+    )
+    command.add_argument("study", metavar="STUDY", nargs="+", help="a study's folder")
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="where to write (comparison, in the folder that the studies are in)",
+    )
+    command.set_defaults(run=_compare, overrides=[])
     summary = "Show what of a study is done, running, stopped, failed or missing."
     command = commands.add_parser(
         "status",
@@ -93,6 +109,37 @@ def _report(options: argparse.Namespace) -> None:
     print(page)
     for findings, _ in opened:
         _say_left_out(findings)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    from needlehoop.study.comparison import comparison_chart, comparisons, differences, progress
+    from needlehoop.study.records import read_study
+    from needlehoop.study.style import save, styled
+
+    _no_more(options)
+    studies = [read_study(Path(_word(study))) for study in options.study]
+    found = comparisons(studies)
+    out = options.out or _beside([study.folder for study in studies]) / "comparison"
+    for table in (differences(found), progress(found)):
+        print(table.text())
+        for path in table.write(out):
+            print(path)
+        print()
+    for one in found:
+        with styled():
+            for path in save(comparison_chart(one), out / f"{one.cameras}_{one.reward}"):
+                print(path)
+    for study in studies:
+        for left in study.left_out:
+            print(f"left out: {study.folder}/{left}")
+
+
+def _beside(folders: list[Path]) -> Path:
+    """The folder that all of these are in."""
+    if len({folder.resolve().parent for folder in folders}) > 1:
+        names = ", ".join(map(str, folders))
+        raise ValueError(f"studies: {names} are not beside each other; give --out")
+    return folders[0].parent
 
 
 def _word(study: str) -> str:

@@ -11,17 +11,13 @@ from matplotlib.ticker import MaxNLocator
 
 from needlehoop.study import paper
 from needlehoop.study.combinations import HUMAN, label, reward_label
-from needlehoop.study.curves import MissingDataError, moving_mean
+from needlehoop.study.curves import MissingDataError, steps_to_share
 from needlehoop.study.findings import Findings, Result
-from needlehoop.study.records import Record
 from needlehoop.study.statistics import ENOUGH, Estimate, no_interval
 from needlehoop.study.style import CHEAT, COLOURS, FAINT, INK, SUCCESS, explain_views, new_figure
 
 THRESHOLD = 0.5
 """Success rate that a run has to reach."""
-
-_BUFFERS = 5
-"""Buffers of training over which the rate is taken."""
 
 _ROW = 4.2
 """Height of a bar and its gap, mm."""
@@ -116,7 +112,7 @@ def time_to_threshold(findings: Findings) -> Figure:
         if result.reward == findings.main_reward:
             runs = [run for run in result.runs if run.metrics is not None]
             if runs:
-                found.append((result, [steps_to_threshold(run, THRESHOLD) for run in runs]))
+                found.append((result, [steps_to_share(run, "success", THRESHOLD) for run in runs]))
     if not found:
         raise MissingDataError("no learning curves")
     found.sort(key=lambda pair: (_median(pair[1]), -pair[0].value.value))
@@ -137,21 +133,6 @@ def time_to_threshold(findings: Findings) -> Figure:
     axes.grid(axis="both", linewidth=0.3)
     axes.set_xlabel(f"environment steps to {100 * THRESHOLD:.0f} % success in training, millions")
     return figure
-
-
-def steps_to_threshold(run: Record, threshold: float) -> float | None:
-    """Steps until the success rate over five buffers first reaches a threshold.
-
-    ``None`` where it never does, or where the run has no metrics.
-    """
-    if run.metrics is None or len(run.metrics) < _BUFFERS:
-        return None
-    steps = run.metrics["step"]
-    buffer = float(np.median(np.diff(steps)))
-    rates = moving_mean(run, "success", steps, (_BUFFERS - 0.5) * buffer)
-    # Before that, the mean is of too few episodes.
-    hits = np.flatnonzero(rates[_BUFFERS - 1 :] >= threshold)
-    return float(steps[_BUFFERS - 1 + hits[0]]) if len(hits) else None
 
 
 def _rows(axes: Axes, names: Sequence[str]) -> None:

@@ -20,8 +20,14 @@ from needlehoop.study.style import COLOURS, DASHES, explain_views, label_ends, n
 _POINTS = 120
 _WINDOW = 0.04
 """Width of the moving mean over training, as a share of the longest run."""
+BUFFERS = 5
+"""Buffers of training over which a share of episodes is taken."""
+
 _PANEL = 7
 """Curves in a panel, at most: one for each colour."""
+
+LineEnd = tuple[str, float, float, str]
+"""A line's name, where it ends in millions of steps and in y, and its colour."""
 
 _Lines = list[tuple[str, tuple[Record, ...], int]]
 """What a panel shows: name, runs and number of the colour of each curve."""
@@ -116,7 +122,12 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
         axes.set_ylabel("return in training")
-        ends.append([_line(axes, steps, number, name, runs) for name, runs, number in lines])
+        ends.append(
+            [
+                draw_line(axes, steps, number, name, _on(_curves(runs), steps))
+                for name, runs, number in lines
+            ]
+        )
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
@@ -124,6 +135,20 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
         axes.set_xlim(0, longest / 1e6)
         axes.grid(axis="y", linewidth=0.3)
     column[-1].set_xlabel("environment steps, millions")
+    name_ends(figure, column, ends, longest)
+
+
+def name_ends(
+    figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]], longest: float
+) -> None:
+    """Write names beside lines that ``draw_line`` drew; the last thing that is done to a figure.
+
+    Args:
+        figure: with the axes in ``column`` below each other, and their limits set.
+        column: axes.
+        ends: of each one's lines.
+        longest: environment steps that the axes show.
+    """
     # Room for the names, then names: they need to know how tall the axes came out.
     layout: Any = figure.get_layout_engine()
     longest_name = max(len(name) for own in ends for name, *_ in own)
@@ -135,16 +160,20 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
     figure.set_layout_engine("none")
 
 
-def _line(
-    axes: Axes, steps: np.ndarray, number: int, name: str, runs: tuple[Record, ...]
-) -> tuple[str, float, float, str]:
+def draw_line(axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray) -> LineEnd:
     """Draw the IQM and the interval over seeds; returns where the line ends.
 
     The line breaks where a run ends before the others: what is left is a mean over fewer, and
     thinner.
+
+    Args:
+        axes: whose x is in millions of steps.
+        steps: rising, ``(points,)``.
+        number: of the line's colour.
+        name: of the line.
+        curves: ``(seeds, points)``; NaN where a run has not come so far.
     """
     colour = COLOURS[number % len(COLOURS)]
-    curves = np.array([_on(run, steps) for run in _curves(runs)])
     middle, low, high = band(curves)
     million = steps / 1e6
     present = (~np.isnan(curves)).sum(axis=0)
@@ -158,19 +187,21 @@ def _line(
     return name, float(million[last]), float(middle[last]), colour
 
 
+def has_curve(run: Record) -> bool:
+    """Whether at least one of its episodes ended."""
+    return run.metrics is not None and not np.isnan(run.metrics["return"]).all()
+
+
 def _curves(runs: Iterable[Record]) -> list[Record]:
-    """Runs in which at least one episode ended."""
-    return [
-        run for run in runs if run.metrics is not None and not np.isnan(run.metrics["return"]).all()
-    ]
+    return [run for run in runs if has_curve(run)]
 
 
-def _on(run: Record, steps: np.ndarray) -> np.ndarray:
-    """A run's return on a grid of steps, as a moving mean; NaN beyond what it has.
+def _on(runs: Iterable[Record], steps: np.ndarray) -> np.ndarray:
+    """Runs' returns on a grid of steps, as moving means; NaN beyond what they have.
 
     Buffers in which no episode ended have no return.
     """
-    return moving_mean(run, "return", steps, _WINDOW * steps[-1])
+    return np.array([moving_mean(run, "return", steps, _WINDOW * steps[-1]) for run in runs])
 
 
 def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:
@@ -193,3 +224,21 @@ def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> n
     with np.errstate(invalid="ignore"):
         means = (sums[last] - sums[first]) / np.where(count > 0, count, np.nan)
     return np.where(steps <= at[-1] if len(at) else False, means, np.nan)
+
+
+def share_at(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+    """A column of ``metrics.csv`` on a grid of steps, as the mean over ``BUFFERS`` buffers."""
+    return moving_mean(run, column, steps, (BUFFERS - 0.5) * run.buffer)
+
+
+def steps_to_share(run: Record, column: str, share: float) -> float | None:
+    """Environment steps until a share of training episodes is first reached.
+
+    ``None`` where it never is, or where the run has no metrics.
+    """
+    if run.metrics is None:
+        return None
+    steps = run.metrics["step"]
+    # Before that, the mean is of too few episodes.
+    hits = np.flatnonzero(share_at(run, column, steps)[BUFFERS - 1 :] >= share)
+    return float(steps[BUFFERS - 1 + hits[0]]) if len(hits) else None

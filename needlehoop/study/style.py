@@ -99,7 +99,9 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, float, float, str]], right:
             [x, right],
             [y, place],
             color=colour,
-            linewidth=0.6,
+            linewidth=0.5,
+            # Fainter than the line: one that ended early does not go on.
+            alpha=0.4,
             clip_on=False,
             solid_capstyle="butt",
         )

@@ -10,8 +10,13 @@ from PIL import Image
 from study_files import BUFFER, PAIRS, REWARDED, UPDATES, write_run, write_study
 
 from needlehoop.cli.main import main
-from needlehoop.study.charts import final_values, steps_to_threshold, success_and_cheats
-from needlehoop.study.curves import MissingDataError, learning_curves, reward_comparison
+from needlehoop.study.charts import final_values, success_and_cheats
+from needlehoop.study.curves import (
+    MissingDataError,
+    learning_curves,
+    reward_comparison,
+    steps_to_share,
+)
 from needlehoop.study.figures import draw
 from needlehoop.study.findings import paper_findings, study_findings
 from needlehoop.study.records import read_study
@@ -177,8 +182,8 @@ def test_time_to_threshold_is_the_first_buffer_that_holds_it(tmp_path):
     lines = [f"{i},{i * BUFFER},{i},1.0,{rate}" for i, rate in enumerate(rates, start=1)]
     path.write_text("\n".join([header, *lines, ""]))
     (record,) = read_study(tmp_path).runs
-    assert steps_to_threshold(record, 0.5) == 10 * BUFFER
-    assert steps_to_threshold(record, 0.95) is None
+    assert steps_to_share(record, "success", 0.5) == 10 * BUFFER
+    assert steps_to_share(record, "success", 0.95) is None
 
 
 @pytest.mark.parametrize(
