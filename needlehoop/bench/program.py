@@ -10,13 +10,13 @@ from needlehoop.runs.machine import machine
 from needlehoop.vlm.moments import random_signals
 
 PROGRAM = """\
-reach = exp(-80 * clip(distance(tool_midpoint, pickup_point) - 0.0025, 0, 5))
+reach = exp(-40 * clip(distance(tool_midpoint, pickup_point) - 0.005, 0, 10))
 grasp = 1 * (1 if grasped else reach)
-raised = exp(-80 * clip(distance(pickup_point, lift_position) - 0.0025, 0, 5))
+raised = exp(-40 * clip(distance(pickup_point, lift_position) - 0.005, 0, 10))
 lift = 3 * (1 if lifted else raised)
 hoop = 0
 if lifted:
-    hoop = 3 * exp(-80 * clip(distance(needle_tip, goal) - 0.0025, 0, 5))
+    hoop = 3 * exp(-40 * clip(distance(needle_tip, goal) - 0.005, 0, 10))
 closed = 2 if grasped and jaw_command < 0.1 else 0
 time = -1 * elapsed
 reward = grasp + lift + hoop + closed + time

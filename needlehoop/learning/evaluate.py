@@ -31,6 +31,7 @@ from needlehoop.learning.weights import actor_of, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.viewer import play
 from needlehoop.pictures.window import Window
+from needlehoop.rewards import yardstick
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
@@ -170,7 +171,7 @@ def with_intervals(outcome: Outcome) -> dict[str, Any]:
         found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
         intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
     spread = float(outcome.potential.std()) if n > 1 else None
-    return {**summary, **intervals, "return_sd": spread}
+    return {**summary, **intervals, "return_sd": spread, "human_unit": yardstick().unit}
 
 
 def report(found: Mapping[str, Any]) -> str:
@@ -185,7 +186,8 @@ def report(found: Mapping[str, Any]) -> str:
             f"success      {f['success']:.1%} (95 %: {success})",
             f"return       {f['return']:.2f}{spread}"
             f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
-            f"human        {f['return_human']:.2f} (final potential of the human reward)",
+            f"human        {f['return_human']:.2f} (final potential of the human reward,"
+            f" scene unit {f['human_unit']:g} m)",
             f"cheat        {f['cheat']:.1%} (95 %: {cheat})",
             f"threaded     {f['threaded']:.1%}, touched {f['touched']:.1%}",
             f"grasped      {f['grasped']:.1%}, lifted {f['lifted']:.1%}",

@@ -21,8 +21,9 @@ class Human:
 
     ``tolerance``, ``rate`` and ``reach`` shape the distance terms
     ``exp(-rate * clamp(d - tolerance, 0, reach))``, where ``d`` is in scene units of ``unit`` m:
-    the paper gives 0.05, 4 and 100, and not the unit. That one is 1/20 m is our reading, of the
-    size of its instrument. The weights are ours as well; their sum is the top of the paper's 0
+    the paper gives 0.05, 4 and 100, and not the unit. That one is 1/10 m is our choice: half of
+    it would fit the size of its instrument, and is learnt from more slowly
+    (``results/README.md``). The weights are ours as well; their sum is the top of the paper's 0
     to 9.
     """
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from needlehoop.rewards.human import Human
 from needlehoop.rewards.loader import load
-from needlehoop.rewards.terms import Reward
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 
 
-def yardstick() -> Reward:
+def yardstick() -> Human:
     """The human reward with its default values, ``conf/reward/human.yaml``."""
-    return load(read_yaml(CONF / "reward/human.yaml"))
+    reward = load(read_yaml(CONF / "reward/human.yaml"))
+    assert isinstance(reward, Human)
+    return reward

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from needlehoop.study.records import HUMAN_RETURN, Record
+from needlehoop.study.records import FORMER_UNIT, HUMAN_RETURN, HUMAN_UNIT, Record
 
 _TAIL = 0.1
 """Of an unfinished run's steps so far: its evaluations in this last share are averaged."""
@@ -21,6 +21,8 @@ class Final:
     """The return: the mean final potential."""
     human: float | None
     """What the human reward says of the same episodes; evaluations older than it have none."""
+    human_unit: float | None
+    """Its scene unit, m; ``None`` before the training is over."""
     success: float
     """Share of episodes that end with the task done."""
     cheat: float
@@ -49,6 +51,7 @@ def final(run: Record) -> Final | None:
         return Final(
             value=float(last["return"]),
             human=_told(last.get(HUMAN_RETURN)),
+            human_unit=float(last.get(HUMAN_UNIT) or FORMER_UNIT),
             success=float(last["success"]),
             cheat=float(last["cheat"]),
             grasped=_told(last.get("grasped")),
@@ -71,6 +74,7 @@ def final(run: Record) -> Final | None:
     return Final(
         value=mean("return"),
         human=known(HUMAN_RETURN),
+        human_unit=None,
         success=mean("success"),
         cheat=mean("cheat"),
         grasped=known("grasped"),

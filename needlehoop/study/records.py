@@ -39,7 +39,15 @@ _OUTCOME = {
 HUMAN_RETURN = "return_human"
 """The column of an evaluation that has the human reward's points; older ones have none."""
 
-_SINCE = {HUMAN_RETURN: _OUTCOME["return"], "grasped": (0.0, 1.0), "lifted": (0.0, 1.0)}
+HUMAN_UNIT, FORMER_UNIT = "human_unit", 0.05
+"""What says in which scene unit, m, those are; and what it was before evaluations said so."""
+
+_SINCE = {
+    HUMAN_RETURN: _OUTCOME["return"],
+    HUMAN_UNIT: (0.0, 1e9),
+    "grasped": (0.0, 1.0),
+    "lifted": (0.0, 1.0),
+}
 """What evaluations say besides, if they are not too old."""
 
 _RUN_FILES = re.compile(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
@@ -186,9 +188,17 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
 
 
 def _human(finals: Sequence[Final]) -> str:
-    """The mean of the runs' points under the human reward; empty where one has none."""
+    """The mean of the runs' points under the human reward; empty where one has none.
+
+    Points of another scene unit than today's default are told by it.
+    """
     points = [final.human for final in finals if final.human is not None]
-    return f"{sum(points) / len(points):.2f}" if points and len(points) == len(finals) else ""
+    if not points or len(points) < len(finals):
+        return ""
+    now = read_yaml(CONF / "reward/human.yaml")["unit"]
+    units = {final.human_unit for final in finals} - {None, now}
+    others = " and ".join(f"{unit:g}" for unit in sorted(filter(None, units)))
+    return f"{sum(points) / len(points):.2f}" + (f" (unit {others} m)" if others else "")
 
 
 def improvements(findings: Findings) -> Table:

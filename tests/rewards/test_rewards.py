@@ -68,8 +68,7 @@ def test_a_perfect_state_is_worth_nine_less_the_time(human):
     assert total(human, **PERFECT) == pytest.approx(9.0 - human.time * 0.25)
 
 
-def test_the_start_is_worth_little(human, layout, episode):
-    """The paper's reward begins at 0: nothing to be had from waiting."""
+def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, layout, episode):
     drawn = np.stack([draws(0, env, 0) for env in range(500)])
     begun = start(layout, torch.from_numpy(drawn))
     worth = [
@@ -85,7 +84,7 @@ def test_the_start_is_worth_little(human, layout, episode):
         for one in begun
     ]
     assert min(worth) > 0
-    assert max(worth) < 1.0
+    assert max(worth) - human.time < 0.5
 
 
 DISTANCES = {
@@ -136,6 +135,8 @@ def test_runs_older_than_scene_units_gave_metres(human, values):
     metres = {**values["human"], "tolerance": 0.0025, "rate": 80.0, "reach": 5.0}
     del metres["unit"]
     before = rewards.load(completed({"reward": metres})["reward"])
+    # Theirs was half of today's.
+    human = replace(human, unit=0.05)
     for away in (0.001, 0.01, 0.05):
         given_ = {"tool_midpoint": (away, 0, 0)}
         assert terms_of(before, **given_) == pytest.approx(terms_of(human, **given_))

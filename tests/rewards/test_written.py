@@ -212,7 +212,8 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
 @pytest.mark.parametrize("flavour", ["vlm_text", "vlm_img"])
 def test_every_program_of_the_papers_is_in_scene_units(flavour):
     words = [f"reward={flavour}", "cams=[dep_front,seg_side]"]
-    assert "unit = 0.05\n" in rewards.text(loaded(*words))
+    human = config.compose([])["reward"]
+    assert f"unit = {human['unit']}\n" in rewards.text(loaded(*words))
     assert "unit = 0.2\n" in rewards.text(loaded(*words, "reward.unit=0.2"))
 
 

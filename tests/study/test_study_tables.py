@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import trim_mean
 from study_files import PAIRS, REWARDED, write_answers, write_study
 
+from needlehoop.rewards import yardstick
 from needlehoop.study import paper
 from needlehoop.study.findings import Findings, paper_findings, study_findings
 from needlehoop.study.rankings import agreements, rankings
@@ -178,6 +179,23 @@ def test_rewards_stand_together_with_the_papers(findings):
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
     assert cheat["cheat, %"] == "60"
+
+
+def test_points_of_another_scene_unit_say_so(tmp_path):
+    pairs = [("rgb_default", "human"), ("rgb_default", "vlm_text"), ("rgb_default", "vlm_img")]
+    study = write_study(tmp_path / "main", pairs, seeds=2)
+    said = {"human": {}, "vlm_text": {"human_unit": yardstick().unit}, "vlm_img": {"human_unit": 1}}
+    for reward, unit in said.items():
+        for path in (study / "rgb_default" / reward).glob("*/evaluation.json"):
+            found = json.loads(path.read_text())
+            path.write_text(json.dumps({**found, "return_human": 2.5, **unit}))
+    rows = {row["reward"]: row["human's points"] for row in dicts(rewards(study_findings(study)))}
+    assert rows == {
+        # Before evaluations said so it was half of today's.
+        "human": "2.50 (unit 0.05 m)",
+        "VLM, text": "2.50",
+        "VLM, text + image": "2.50 (unit 1 m)",
+    }
 
 
 def test_chances_to_be_better_add_up(findings):

@@ -188,11 +188,14 @@ def test_what_counts_as_paid_and_how_much_is_asked_are_settings(judge):
     assert any("at least 99 %" in flag for flag in judge(SOUND, paid=0.99).flags)
 
 
-def test_the_papers_rewards_are_hardly_ever_paid(judge):
+def test_the_papers_image_rewards_are_hardly_ever_paid_and_its_text_reward_by_the_unit(judge):
     shipped = written.RECORDINGS / "paper" / "rewards"
-    found = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
+    found = [judge(path.read_text()) for path in shipped.glob("*/image.txt")]
     assert all(card.paid < 0.1 for card in found)
     assert all("of random steps are paid" in card.flags[-1] for card in found)
+    text = (shipped / "any" / "text.txt").read_text()
+    assert judge(text).paid > 0.5
+    assert judge(text.replace("unit = 0.1", "unit = 0.05")).paid < 0.1
 
 
 def test_the_papers_own_rewards_are_seen_through(judge):
@@ -306,7 +309,7 @@ def test_check_reads_a_program_in_another_unit(capsys):
     for unit in ("null", "0.05", "0.1"):
         check("cams=[rgb_default]", "flavour=text", f"unit={unit}", "--json")
         paid[unit] = json.loads(capsys.readouterr().out)["paid"]
-    assert paid["null"] == paid["0.05"] < paid["0.1"]
+    assert paid["0.05"] < paid["0.1"] == paid["null"]
 
 
 @pytest.mark.parametrize(

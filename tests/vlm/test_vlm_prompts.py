@@ -317,7 +317,7 @@ def test_all_prompts_are_among_those_searched(asked, corrected):
         "success is decided so",
         "the goal's radius",
         "distance < 0.005",
-        "exp(-80.0 * d)",
+        "exp(-40.0 * d)",
         "a term closed_below",
         "reward 3.0 for the lift",
         *(f"    {line}" for line in inspect.getsource(Human.__call__).splitlines()[3:5]),
