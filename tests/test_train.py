@@ -389,10 +389,15 @@ def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
 
 
 @pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
-def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(tmp_path, monkeypatch, kind):
+def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
+    tmp_path, monkeypatch, request, kind
+):
     monkeypatch.chdir(tmp_path)
     words = [word for word in TINY if not word.startswith("evaluation.video")]
     frame = film._frame
+    # Whoever runs the tests in the background has Ctrl-C ignored, and so would the run.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
     def stopped(*seen):
         os.kill(os.getpid(), kind)
