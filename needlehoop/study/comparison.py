@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,13 +13,15 @@ from needlehoop.study.curves import (
     BUFFERS,
     MissingDataError,
     draw_line,
+    grid_of,
     has_curve,
-    moving_mean,
     name_ends,
     share_at,
+    smooth,
     steps_to_share,
 )
 from needlehoop.study.records import Record, Study
+from needlehoop.study.settings import typed_settings
 from needlehoop.study.style import new_figure
 from needlehoop.study.table import Table
 
@@ -35,9 +35,6 @@ _MILESTONES = {
 """Shares of training episodes."""
 
 _SHARES = {"grasped": "grasped, %", "lifted": "lifted, %", "threaded": "threaded, %"}
-
-_POINTS, _WINDOW = 120, 0.04
-"""Of a curve; the moving mean's width is a share of the longest run."""
 
 _WHICH = ("study", "seed", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, and not what was trained."""
@@ -128,8 +125,8 @@ def differences(found: Sequence[Comparison]) -> Table:
 def comparison_chart(one: Comparison) -> Figure:
     """Shares lifted and threaded, and the return, over training; a line for each study."""
     runs = [run for own in one.runs.values() for run in own]
-    longest = max(run.steps for run in runs)
-    steps = np.linspace(0, longest, min(_POINTS, max(map(_buffers, runs))) + 1)
+    steps = grid_of(runs)
+    longest = steps[-1]
     shown = {"lifted": "share lifted", "threaded": "share threaded", "return": "return"}
     drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
     if not drawn:
@@ -142,9 +139,7 @@ def comparison_chart(one: Comparison) -> Figure:
         axes.set_xlim(0, longest / 1e6)
         lines = []
         for number, (study, own) in enumerate(one.runs.items()):
-            curves = np.array(
-                [moving_mean(run, _column(run, column), steps, _WINDOW * longest) for run in own]
-            )
+            curves = np.array([smooth(run, _column(run, column), steps) for run in own])
             lines.append(draw_line(axes, steps, number, study, curves))
         ends.append(lines)
     grid[0, 0].set_title(f"{label(one.cameras)}, {reward_label(one.reward)}")
@@ -154,11 +149,7 @@ def comparison_chart(one: Comparison) -> Figure:
 
 
 def _name(study: Study) -> str:
-    return Path(study.folder).resolve().name
-
-
-def _buffers(run: Record) -> int:
-    return 0 if run.metrics is None else len(run.metrics)
+    return study.folder.resolve().name
 
 
 def _column(run: Record, column: str) -> str:
@@ -186,20 +177,12 @@ def _said(runs: Sequence[Record]) -> dict[str, str]:
     """Each setting of a study's runs; where they differ among themselves, all that it was."""
     values: dict[str, dict[str, None]] = {}
     for run in runs:
-        settings = dict(_flat(run.config))
+        settings = dict(typed_settings(run.config))
         settings["commit"] = str(run.manifest.get("commit", ""))
         for key, value in settings.items():
             if key not in _WHICH:
                 values.setdefault(key, {})[value] = None
     return {key: " / ".join(own) for key, own in values.items()}
-
-
-def _flat(config: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in config.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", str(value)
 
 
 def _millions(steps: float | None) -> str:

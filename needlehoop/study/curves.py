@@ -114,9 +114,7 @@ def _order(reward: str) -> int:
 def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]]) -> None:
     runs = [run for _, lines in panels for _, some, _ in lines for run in some]
     longest = max(run.steps for run in runs)
-    # No more points than buffers, or a short run's line has stairs.
-    buffers = max(len(run.metrics) for run in runs if run.metrics is not None)
-    steps = np.linspace(0, longest, min(_POINTS, buffers) + 1)
+    steps = grid_of(runs)
     # One scale for all panels, so that they can be compared.
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
@@ -124,7 +122,7 @@ def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, 
         axes.set_ylabel("return in training")
         ends.append(
             [
-                draw_line(axes, steps, number, name, _on(_curves(runs), steps))
+                draw_line(axes, steps, number, name, _returns(runs, steps))
                 for name, runs, number in lines
             ]
         )
@@ -196,12 +194,24 @@ def _curves(runs: Iterable[Record]) -> list[Record]:
     return [run for run in runs if has_curve(run)]
 
 
-def _on(runs: Iterable[Record], steps: np.ndarray) -> np.ndarray:
-    """Runs' returns on a grid of steps, as moving means; NaN beyond what they have.
+def _returns(runs: Iterable[Record], steps: np.ndarray) -> np.ndarray:
+    return np.array([smooth(run, "return", steps) for run in _curves(runs)])
 
-    Buffers in which no episode ended have no return.
+
+def grid_of(runs: Iterable[Record]) -> np.ndarray:
+    """Steps for the curves of runs, some with metrics, from 0 to what the longest has."""
+    own = list(runs)
+    # No more points than buffers, or a short run's line has stairs.
+    buffers = max(len(run.metrics) for run in own if run.metrics is not None)
+    return np.linspace(0, max(run.steps for run in own), min(_POINTS, buffers) + 1)
+
+
+def smooth(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+    """A column of a run on a grid of steps, as a moving mean; NaN beyond what the run has.
+
+    Buffers in which no episode ended have no values.
     """
-    return np.array([moving_mean(run, "return", steps, _WINDOW * steps[-1]) for run in runs])
+    return moving_mean(run, column, steps, _WINDOW * steps[-1])
 
 
 def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from needlehoop.study.findings import Findings, Result
 from needlehoop.study.gallery import Films, Tiles, galleries, inline, read_tiles
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.records import Record
+from needlehoop.study.settings import typed_settings
 from needlehoop.study.statistics import ENOUGH, no_interval
 from needlehoop.study.tables import all_tables
 
@@ -197,7 +198,7 @@ def _ranking(findings: Findings, answers: Answers, number: int) -> dict[str, Any
 def _settings(findings: Findings) -> dict[str, Any]:
     """What all runs share, and what each has of its own."""
     runs = findings.study.runs if findings.study else ()
-    flat = [dict(_flatten(run.config)) for run in runs]
+    flat = [dict(typed_settings(run.config)) for run in runs]
     shared = {
         key: value
         for key, value in (flat[0].items() if flat else ())
@@ -242,23 +243,3 @@ def _reward(run: Record, study: Path | None) -> str:
         return read_text(path, within=study)
     except UnreadableError as error:
         return f"{files.REWARD} {error}"
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Settings as ``algo.gamma``, as they are typed on the command line."""
-    pairs = []
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            pairs += _flatten(value, f"{prefix}{key}.")
-        else:
-            pairs.append((f"{prefix}{key}", _typed(value)))
-    return pairs
-
-
-def _typed(value: Any) -> str:
-    """A value as Hydra takes it."""
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    if isinstance(value, list):
-        return f"[{','.join(map(_typed, value))}]"
-    return str(value)
