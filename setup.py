@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 PLACES = {
     "needlehoop.conf": "conf",
-    "needlehoop.agent": "results/reference/dep_front+seg_side/human/seed0",
+    "needlehoop.agent": "results/table2/dep_front+seg_side/human/seed0",
 }
 
 setup(

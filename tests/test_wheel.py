@@ -15,7 +15,7 @@ from needlehoop.runs.files import POLICY
 from needlehoop.runs.shipped import CONF
 
 ROOT = Path(__file__).parent.parent
-AGENT = "results/reference/dep_front+seg_side/human/seed0"
+AGENT = "results/table2/dep_front+seg_side/human/seed0"
 
 SCRIPT = """
 import contextlib, io, json, sys

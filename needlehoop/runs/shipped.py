@@ -15,7 +15,7 @@ CONF = next(
 RECORDINGS = _PACKAGE / "recordings"
 """What models answered, each in a folder of its own."""
 
-_AGENT = "results/reference/dep_front+seg_side/human/seed0"
+_AGENT = "results/table2/dep_front+seg_side/human/seed0"
 
 AGENT = next(
     (place for place in (_PACKAGE / "agent", _PACKAGE.parent / _AGENT) if place.is_dir()),
