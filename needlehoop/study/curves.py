@@ -113,8 +113,8 @@ def _order(reward: str) -> int:
 
 def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]]) -> None:
     runs = [run for _, lines in panels for _, some, _ in lines for run in some]
-    longest = max(run.steps for run in runs)
     steps = grid_of(runs)
+    longest = steps[-1]
     # One scale for all panels, so that they can be compared.
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
