@@ -8,6 +8,7 @@ import yaml
 
 import needlehoop
 from needlehoop import config
+from needlehoop.runs.files import reward_name
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import parse_cameras
 
@@ -116,10 +117,13 @@ def test_every_option_of_every_group_composes(group, option, tmp_path):
         "file": [f"reward.path={tmp_path}/mine.txt"],
         "python": [f"reward.function={tmp_path}/mine.py:paid"],
         "vlm_img": ["cams=[dep_front,seg_side]"],
+        "vlm_img_claude": ["cams=[dep_front,seg_side]"],
     }
     composed = config.compose([f"{group}={option}", *more.get(option, [])])
     assert composed[group]
     config.structure(composed)
+    # What a plan of runs takes for granted.
+    assert group != "reward" or reward_name(composed[group]) == option
 
 
 @pytest.mark.parametrize(

@@ -104,7 +104,7 @@ def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, mo
     ):
         with pytest.raises(SystemExit):
             run_train(monkeypatch, "-m", *words)
-    assert len(started) == 6 + 2
+    assert len(started) == 12 + 2
 
 
 def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):

@@ -91,6 +91,8 @@ NEEDED = {
     "reward=python": [f"reward.function={FUNCTION}"],
     "reward=vlm_img": ["cams=[dep_front,seg_side]"],
     "reward=vlm_text": ["cams=[dep_front,seg_side]"],
+    "reward=vlm_img_claude": ["cams=[dep_front,seg_side]"],
+    "reward=vlm_text_claude": ["cams=[dep_front,seg_side]"],
     **{f"vlm={name}": ["vlm.model=m"] for name in ("gemini", "openai", "manual")},
 }
 """What an option of a group can't be chosen without."""

@@ -119,7 +119,7 @@ def swept(experiment: str) -> list[tuple[tuple[str, ...], str]]:
 
 
 @pytest.mark.parametrize(
-    ("experiment", "count"), [("table2", 14), ("rewards", 6), ("full", 20), ("segdep", 4)]
+    ("experiment", "count"), [("table2", 14), ("rewards", 12), ("full", 20), ("segdep", 4)]
 )
 def test_every_run_of_an_experiment_is_another_and_composes(experiment, count):
     runs = swept(experiment)
@@ -130,8 +130,10 @@ def test_every_run_of_an_experiment_is_another_and_composes(experiment, count):
         assert (job.env.cams, job.reward_name) == (cams, reward)
 
 
-def test_full_is_table2_and_rewards():
-    assert set(swept("full")) == set(swept("table2")) | set(swept("rewards"))
+def test_full_is_table2_and_the_papers_rewards():
+    papers = {run for run in swept("rewards") if not run[1].endswith("_claude")}
+    assert len(papers) == 6
+    assert set(swept("full")) == set(swept("table2")) | papers
 
 
 def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capfd):
@@ -141,8 +143,8 @@ def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capf
     monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
     with pytest.raises(SystemExit):
         run_train(monkeypatch, "+experiment=rewards", "seed=3,4", *TINY)
-    assert len(started) == 12
-    assert "12 runs, 12 failed" in capfd.readouterr().out
+    assert len(started) == 24
+    assert "24 runs, 24 failed" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize(

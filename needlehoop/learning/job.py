@@ -12,7 +12,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.precision import convolution_dtype
-from needlehoop.runs.files import EXPERT, check_folder, check_name, seen
+from needlehoop.runs.files import EXPERT, check_folder, check_name, reward_name, seen
 from needlehoop.strict import Count, Number, Range, Seed
 
 LOGGERS = ("csv", "wandb")
@@ -140,7 +140,7 @@ class Job:
     @property
     def reward_name(self) -> str:
         """What the run's folder calls the reward, or who taught the run."""
-        return EXPERT if isinstance(self.algo, DaggerConfig) else str(self.env.reward["kind"])
+        return EXPERT if isinstance(self.algo, DaggerConfig) else reward_name(self.env.reward)
 
     @property
     def place(self) -> str:

@@ -11,6 +11,7 @@ from needlehoop.rewards import called, written
 from needlehoop.rewards.human import Human
 from needlehoop.rewards.sparse import Sparse
 from needlehoop.rewards.terms import Reward
+from needlehoop.runs.files import EXPERT, check_name
 
 REWARDS = {"human": Human, "sparse": Sparse}
 """Rewards that are classes; other kinds are programs or functions: ``written``, ``called``."""
@@ -20,20 +21,22 @@ NONE = {"kind": "sparse", "success": 1.0}
 
 
 def load(config: Mapping[str, Any]) -> Reward:
-    """A reward from its config: ``kind`` and the values of that kind.
+    """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
 
     Raises:
-        ValueError: an unknown kind, or values that are not its own.
+        ValueError: an unknown kind, values that are not its own, or a name that can't be had.
     """
-    values = dict(config)
-    kind = values.pop("kind", None)
-    if isinstance(kind, str) and kind in written.KINDS:
-        return written.load(config)
-    if not isinstance(kind, str) or kind not in {*REWARDS, called.KIND, *called.kinds()}:
-        valid = ", ".join((*REWARDS, *written.KINDS, called.KIND, *called.kinds()))
-        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {valid}")
+    values = _unnamed(config)
+    kind = values.get("kind")
+    valid = (*REWARDS, *written.KINDS, called.KIND, *called.kinds())
+    if not isinstance(kind, str) or kind not in valid:
+        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(valid)}")
+    _check_name(config.get("name"), {*valid, EXPERT} - {kind})
+    if kind in written.KINDS:
+        return written.load(values)
     if kind not in REWARDS:
-        return called.load(config)
+        return called.load(values)
+    del values["kind"]
     return strict.structure(values, REWARDS[kind], "reward")
 
 
@@ -43,7 +46,23 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         ValueError: as in ``load``.
     """
-    return called.pin(config) if config.get("kind") == called.KIND else written.pin(config)
+    values = _unnamed(config)
+    kept = called.pin(values) if values.get("kind") == called.KIND else written.pin(values)
+    return {**kept, **{key: config[key] for key in config if key not in values}}
+
+
+def _unnamed(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What the reward itself is made from."""
+    return {key: value for key, value in config.items() if key != "name"}
+
+
+def _check_name(name: Any, taken: set[str]) -> None:
+    """Whether a run's folder can call its reward so."""
+    if strict.structure(name, str | None, "reward.name") is None:
+        return
+    check_name("reward.name", name)
+    if name in taken:
+        raise ValueError(f"reward.name: {name!r} means another reward; choose a name of your own")
 
 
 def text(reward: Reward) -> str:

@@ -118,7 +118,7 @@ def file_name(flavour: str, sample: int = FIRST) -> str:
 def find(
     cams: Iterable[str],
     flavour: str,
-    study: str,
+    study: str | None,
     results: str,
     recording: str | None,
     sample: int = FIRST,
@@ -132,14 +132,14 @@ def find(
     Args:
         cams: names of cameras.
         flavour: ``text`` or ``image``.
-        study: whose folder comes first.
+        study: whose folder comes first; ``None``: the recording alone.
         results: folder of all studies.
         recording: the name of a shipped recording; ``None``: the study's folder alone.
         sample: which of several programs for the same cameras.
 
     Raises:
-        ValueError: a flavour or recording that is unknown, or no program; the message has
-            the command that makes one.
+        ValueError: a flavour or recording that is unknown, neither study nor recording, or no
+            program; the message has the command that makes one, if that is of use.
     """
     chosen = tuple(cams)
     folders = _folders(flavour, study, results, recording)
@@ -148,22 +148,31 @@ def find(
     if found is None:
         known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
         which = "" if sample == FIRST else f" (sample {sample})"
-        raise ValueError(
+        missing = (
             f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
-            f" (there is {', '.join(known) or 'none'}); make one with:"
-            f" {command(chosen, flavour, study, results, sample)}"
+            f" (there is {', '.join(known) or 'none'})"
         )
+        if study is None:
+            raise ValueError(f"{missing}; with reward.study=null only {recording} is looked into")
+        how = command(chosen, flavour, study, results, sample)
+        raise ValueError(f"{missing}; make one with: {how}")
     return found
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
-    """Whether there is the program that a reward's config asks for; errors as in ``find``."""
+    """Whether there is the program that a reward's config asks for.
+
+    Raises:
+        ValueError: as in ``find``, but for a missing program that can be made.
+    """
     flavour = FLAVOURS.get(config["kind"])
     if flavour is None or config["program"] is not None:
         return True
-    folders = _folders(flavour, *_place(config))
-    name = file_name(flavour, _whole(config["sample"]))
-    return _search(folders, _cams(config), name) is not None
+    place, sample = _place(config), config["sample"]
+    if place[0] is None:
+        find(_cams(config), flavour, *place, sample)
+    name = file_name(flavour, _whole(sample))
+    return _search(_folders(flavour, *place), _cams(config), name) is not None
 
 
 def check_flavour(flavour: str) -> None:
@@ -173,10 +182,12 @@ def check_flavour(flavour: str) -> None:
         raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
 
 
-def _folders(flavour: str, study: str, results: str, recording: str | None) -> list[Path]:
+def _folders(flavour: str, study: str | None, results: str, recording: str | None) -> list[Path]:
     check_flavour(flavour)
-    own = Path(results) / study / "vlm" / "rewards"
-    return [own] if recording is None else [own, _recording(recording) / "rewards"]
+    if study is None and recording is None:
+        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
+    own = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
+    return own if recording is None else [*own, _recording(recording) / "rewards"]
 
 
 def _search(folders: Iterable[Path], cams: tuple[str, ...], name: str) -> Source | None:
@@ -309,12 +320,12 @@ def _cams(config: Mapping[str, Any]) -> tuple[str, ...]:
     return strict.structure(config["cams"], tuple[str, ...], "reward.cams")
 
 
-def _place(config: Mapping[str, Any]) -> tuple[str, str, str | None]:
+def _place(config: Mapping[str, Any]) -> tuple[str | None, str, str | None]:
     """Study, results and shipped recording, in which a program is looked for."""
-    study, results = (
-        strict.structure(config[key], str, f"reward.{key}") for key in ("study", "results")
+    study, recording = (
+        strict.structure(config[key], str | None, f"reward.{key}") for key in ("study", "recording")
     )
-    return study, results, strict.structure(config["recording"], str | None, "reward.recording")
+    return study, strict.structure(config["results"], str, "reward.results"), recording
 
 
 def read(path: Path) -> Source:

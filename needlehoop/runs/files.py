@@ -46,9 +46,14 @@ def seen(cams: Iterable[str], signals: bool = False) -> str:
     return "+".join((*cams, *([SIGNALS] if signals else [])))
 
 
+def reward_name(reward: Mapping[str, Any]) -> str:
+    """What a run's folder calls its reward: ``reward.name``, or else the reward's kind."""
+    return str(reward["kind"] if reward.get("name") is None else reward["name"])
+
+
 def taught_by(values: Mapping[str, Any]) -> str:
     """What the run of a composed config is called by: its reward, or ``expert`` in imitation."""
-    return EXPERT if values["algo"].get("kind") == DAGGER else str(values["reward"]["kind"])
+    return EXPERT if values["algo"].get("kind") == DAGGER else reward_name(values["reward"])
 
 
 def check_name(key: str, name: str) -> None:

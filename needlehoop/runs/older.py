@@ -19,10 +19,12 @@ _OF_PPO = (("algo.warmup", 0), ("algo.finetune", 1.0), ("algo.buffer", None))
 
 _OF_KIND: Mapping[str, tuple[tuple[str, Any], ...]] = {
     # Its lengths were in metres.
-    "human": (("reward.unit", 1.0),),
-    "vlm_text": (("reward.sample", 1), ("reward.unit", None)),
-    "vlm_img": (("reward.sample", 1), ("reward.unit", None)),
-    "file": (("reward.unit", None),),
+    "human": (("reward.unit", 1.0), ("reward.name", None)),
+    "sparse": (("reward.name", None),),
+    "vlm_text": (("reward.sample", 1), ("reward.unit", None), ("reward.name", None)),
+    "vlm_img": (("reward.sample", 1), ("reward.unit", None), ("reward.name", None)),
+    "file": (("reward.unit", None), ("reward.name", None)),
+    "python": (("reward.name", None),),
 }
 """The same by the kind of its reward."""
 

@@ -13,6 +13,8 @@ REWARDS = {
     "human": "human",
     "vlm_text": "VLM, text",
     "vlm_img": "VLM, text + image",
+    "vlm_text_claude": "claude, text",
+    "vlm_img_claude": "claude, text + image",
     EXPERT: "none: an expert was imitated",
 }
 """Rewards as the paper names them; others go by their own name."""

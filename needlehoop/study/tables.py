@@ -10,6 +10,7 @@ from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
 from needlehoop.study.costs import costs
+from needlehoop.study.curves import BUFFERS, steps_to_share
 from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
@@ -27,6 +28,9 @@ from needlehoop.study.statistics import (
 from needlehoop.study.table import Table
 
 _PAPERS = "the paper's"
+
+_SOON = 0.9
+"""Success in training from which on a reward has taught the task."""
 
 
 def all_tables(findings: Findings) -> list[Table]:
@@ -151,6 +155,7 @@ def rewards(findings: Findings) -> Table:
                     _percent(result.success),
                     _interval(result.success),
                     _percent(result.cheat),
+                    _times(result),
                     f"{theirs.value:.2f}" if theirs and theirs.value else "not published",
                     theirs.remark if theirs else "",
                 )
@@ -160,10 +165,12 @@ def rewards(findings: Findings) -> Table:
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
     head = ("cameras", "reward", "return", "return, 95 %", "human's points", "success, %")
-    head += ("success, 95 %", "cheat, %", f"{_PAPERS} return", "remark on the paper's")
+    head += ("success, 95 %", "cheat, %", f"M steps to {100 * _SOON:.0f} %")
+    head += (f"{_PAPERS} return", "remark on the paper's")
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
-        " reward gives the same episodes."
+        f" reward gives the same episodes. M steps: millions, until {100 * _SOON:.0f} % of the"
+        f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
 
@@ -184,7 +191,14 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
         _percent(cheat),
         "",
         "",
+        "",
     )
+
+
+def _times(result: Result) -> str:
+    """Millions of steps until each run, by its seed, threads in ``_SOON`` of its episodes."""
+    steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
+    return ", ".join("not reached" if one is None else f"{one / 1e6:.2f}" for one in steps)
 
 
 def _human(finals: Sequence[Final]) -> str:

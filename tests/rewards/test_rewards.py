@@ -12,6 +12,7 @@ from torch import Tensor
 
 from needlehoop import config, rewards
 from needlehoop.rewards.human import Human
+from needlehoop.runs.files import reward_name
 from needlehoop.runs.older import completed
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE
@@ -253,6 +254,31 @@ def test_an_unknown_value_is_refused_by_name(values):
 def test_a_value_that_is_no_number_is_refused_by_name(values, value):
     with pytest.raises(ValueError, match=r"reward\.grasp: .*not a number"):
         rewards.load({**values["human"], "grasp": value})
+
+
+@BOTH
+def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
+    named = {**values[kind], "name": "my idea-2"}
+    assert rewards.load(named) == rewards.load(values[kind])
+    assert rewards.pin(named) == named
+    assert [reward_name(one) for one in (named, values[kind])] == ["my idea-2", kind]
+    assert rewards.load({**values[kind], "name": kind}) == rewards.load(values[kind])
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("sparse", r"reward\.name: 'sparse' means another reward; choose a name of your own"),
+        ("vlm_img", "'vlm_img' means another reward"),
+        ("expert", "'expert' means another reward"),
+        ("a/b", r"reward\.name: 'a/b' is no name for a folder"),
+        ("", r"reward\.name: '' is no name for a folder"),
+        (3, r"reward\.name: 3"),
+    ],
+)
+def test_a_name_that_cannot_be_had_is_refused(values, name, said):
+    with pytest.raises(ValueError, match=said):
+        rewards.load({**values["human"], "name": name})
 
 
 @BOTH

@@ -65,6 +65,23 @@ def test_the_studys_program_comes_before_the_recordings(place):
     assert worth(loaded(*words, "reward.study=mine")) == 6
 
 
+def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
+    place("rewards/dep_front/image.txt", 3)
+    place("main/vlm/rewards/dep_front/image.txt", 4)
+    place("main/vlm/rewards/seg_side/image.txt", 4)
+    alone = ["reward=vlm_img", "reward.study=null"]
+    assert worth(loaded(*alone, "cams=[dep_front]")) == 5
+    said = r"no image reward is recorded for seg_side \(there is dep_front\); .*only paper"
+    values = config.compose([*alone, "cams=[seg_side]"])["reward"]
+    with pytest.raises(ValueError, match=said):
+        rewards.load(values)
+    # Not one to ask a model for either: what it wrote would not be found.
+    with pytest.raises(ValueError, match=said):
+        written.is_recorded(values)
+    with pytest.raises(ValueError, match=r"reward\.study, reward\.recording: both are null"):
+        loaded(*alone, "reward.recording=null", "cams=[dep_front]")
+
+
 def test_a_text_program_serves_any_cameras_unless_they_have_their_own(place):
     place("rewards/any/text.txt", 3)
     place("rewards/dep_front/text.txt", 4)
@@ -194,6 +211,19 @@ def test_a_run_from_before_there_were_samples_and_units_keeps_its_program(place)
     with pytest.raises(ValueError, match="sample, unit missing or unknown"):
         rewards.load(values["reward"])
     assert worth(rewards.load(completed(values)["reward"])) == 5
+
+
+@pytest.mark.parametrize("flavour", ["text", "img"])
+def test_the_other_recording_has_options_of_its_own(flavour):
+    cams = "cams=[dep_front,seg_side]"
+    papers, claudes = (
+        rewards.load(config.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
+        for which in ("", "_claude")
+    )
+    assert isinstance(papers, Written)
+    assert isinstance(claudes, Written)
+    assert Path(papers.origin).parts[-4] == "paper"
+    assert Path(claudes.origin).parts[-4] == "claude"
 
 
 def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from needlehoop import config
+from needlehoop.runs.files import reward_name
 from needlehoop.runs.older import completed
 from needlehoop.runs.run import Run
 
@@ -46,3 +47,12 @@ def test_an_older_run_drew_with_rays():
     values = yaml.safe_load(next((RESULTS / "former").rglob("config.yaml")).read_text())
     assert "renderer" not in values["engine"]
     assert completed(values)["engine"]["renderer"] == "tracer"
+
+
+@pytest.mark.parametrize("option", ["human", "sparse", "vlm_text", "vlm_img"])
+def test_an_older_run_called_its_reward_by_its_kind(option):
+    values = config.compose(["cams=[dep_front,seg_side]", f"reward={option}"], "config")
+    del values["reward"]["name"]
+    assert reward_name(values["reward"]) == option
+    assert completed(values)["reward"]["name"] is None
+    assert reward_name(completed(values)["reward"]) == option

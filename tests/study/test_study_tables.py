@@ -5,6 +5,7 @@ import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from study_files import PAIRS, REWARDED, write_answers, write_study
 
 from needlehoop.rewards import yardstick
 from needlehoop.study import paper
+from needlehoop.study.combinations import label, reward_label
 from needlehoop.study.findings import Findings, paper_findings, study_findings
 from needlehoop.study.rankings import agreements, rankings
 from needlehoop.study.table import Table
@@ -179,6 +181,23 @@ def test_rewards_stand_together_with_the_papers(findings):
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
     assert cheat["cheat, %"] == "60"
+
+
+def test_rewards_say_how_soon_each_seed_threads(findings):
+    rows = {(row["cameras"], row["reward"]): row for row in dicts(rewards(findings))}
+    for result in findings.results:
+        if (row := rows.get((label(result.cameras), reward_label(result.reward)))) is None:
+            continue
+        for run, said in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
+            assert run.metrics is not None
+            step, share = run.metrics["step"], run.metrics["success"]
+            sooner = [
+                step[i] for i in range(4, len(step)) if np.nanmean(share[i - 4 : i + 1]) >= 0.9
+            ]
+            assert said == (f"{sooner[0] / 1e6:.2f}" if sooner else "not reached")
+    told = {said for row in rows.values() for said in row["M steps to 90 %"].split(", ")}
+    assert "not reached" in told
+    assert len(told) > 2
 
 
 def test_points_of_another_scene_unit_say_so(tmp_path):
