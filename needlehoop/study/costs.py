@@ -14,6 +14,14 @@ from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
 from needlehoop.study.predictions import Prediction
 from needlehoop.study.rankings import MEASURED, PAPERS_MEASURED, list_name, measured
+from needlehoop.study.reliability import (
+    ONE_SEED,
+    Repeat,
+    Spread,
+    finals_by_seed,
+    repeat,
+    spread,
+)
 from needlehoop.study.style import COLOURS, FAINT, INK, apart, new_figure
 from needlehoop.study.table import Table
 
@@ -21,6 +29,9 @@ _MINUTE, _LONGEST = 1.0, 1e5
 """Ends of the costs' axis, core-minutes; those who are only asked stand below its beginning."""
 
 _ASKED = 0.25
+
+_NAME = 10.0
+"""Width of a name on the axis of costs, as a factor."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +42,8 @@ class Bargain:
     core_minutes: float | None
     regrets: Mapping[frozenset[str], float]
     """Best measured value less the predicted best's, by list, in points of return."""
+    interval: tuple[float, float] | None = None
+    """95 %, over other seeds of what was measured, of the mean over the lists."""
 
     @property
     def regret(self) -> float:
@@ -51,16 +64,21 @@ class Market:
 def markets(findings: Findings) -> list[Market]:
     """Against what was measured here, and against the paper's numbers.
 
+    What was measured here is foretold by each of its own seeds, too, where there are several.
     Lists are left out of which a set was not measured, and measurements with none left.
     """
     truths = {PAPERS_MEASURED: paper.measured()}
     if findings.study is not None:
         truths = {MEASURED: measured(findings), **truths}
+    runs = {name: [*own.values()] for name, own in finals_by_seed(findings).items()}
     found = []
     for against, values in truths.items():
+        own = runs if against == MEASURED else {}
         lists = [m for m in map(frozenset, findings.lists.values()) if m <= set(values)]
         blind = {m: _best(values, m) - sum(values[name] for name in m) / len(m) for m in lists}
-        bargains = [_bargain(one, values, lists) for one in findings.predictions]
+        bargains = [_bargain(one, values, lists, own) for one in findings.predictions]
+        if own:
+            bargains.append(_of_one_seed(repeat(findings)))
         if kept := tuple(one for one in bargains if one.regrets):
             found.append(Market(against, kept, blind))
     return found
@@ -74,14 +92,17 @@ def costs(findings: Findings) -> Table:
             blind = sum(market.blind[m] for m in one.regrets) / len(one.regrets)
             cost = "not on record" if one.core_minutes is None else f"{one.core_minutes:.0f}"
             names = ", ".join(list_name(members) for members in one.regrets)
-            rows.append((one.who, market.against, f"{one.regret:.2f}", f"{blind:.2f}", cost, names))
-    head = ("prediction", "against", "regret", "chosen blindly", "core-minutes", "lists")
+            interval = "" if one.interval is None else "{:.2f} to {:.2f}".format(*one.interval)
+            regrets = (f"{one.regret:.2f}", interval, f"{blind:.2f}")
+            rows.append((one.who, market.against, *regrets, cost, names))
+    head = ("prediction", "against", "regret", "regret, 95 %", "chosen blindly", "core-minutes")
     note = (
         "Regret: return of a list's best set less that of the predicted best, mean over the lists."
         " Core-minutes: wall time of the cores that computed the ranking of all sets, training"
         " included, on machines that often did other work as well; 0: a model was only asked."
+        f" {ONE_SEED.capitalize()}: of what was measured, to choose by; the regret is the others'."
     )
-    return Table("cost", "What predictions cost and lose", head, tuple(rows), note)
+    return Table("cost", "What predictions cost and lose", (*head, "lists"), tuple(rows), note)
 
 
 def cost_and_regret(findings: Findings) -> Figure:
@@ -118,33 +139,62 @@ def _panel(axes: Axes, market: Market, whos: list[str]) -> None:
         colour, x = COLOURS[whos.index(one.who) % len(COLOURS)], _x(one)
         regrets = [*one.regrets.values()]
         axes.plot([x] * len(regrets), regrets, "o", markersize=2.2, color=colour, alpha=0.45)
+        if one.interval is not None:
+            axes.plot([x, x], one.interval, color=colour, linewidth=0.9, zorder=3)
         axes.plot([x], [one.regret], "o", markersize=5.5, color=colour, zorder=4)
     _names(axes, placed)
 
 
 def _names(axes: Axes, placed: list[Bargain]) -> None:
-    """Names to the right of the points, those of one column apart from each other."""
+    """Names beside the points, those of one column apart from each other.
+
+    They stand to the right, or to the left where another point is in the way.
+    """
     low, high = axes.get_ylim()
     for x in sorted({_x(one) for one in placed}):
         column = sorted((one for one in placed if _x(one) == x), key=lambda one: one.regret)
         heights = apart([one.regret for one in column], 0.075 * (high - low), low, high)
         for one, y in zip(column, heights, strict=True):
             said = one.who.replace("the paper's", "paper's")
-            axes.plot([x, 1.35 * x], [one.regret, y], color=FAINT, linewidth=0.4)
-            axes.text(1.4 * x, y, said, va="center", fontsize=6.5, color=INK)
+            in_the_way = x > _ASKED and any(
+                x < _x(other) < _NAME * x and abs(other.regret - y) < 0.06 * (high - low)
+                for other in placed
+            )
+            away, side = (1 / 1.4, "right") if in_the_way else (1.4, "left")
+            axes.plot([x, away * x], [one.regret, y], color=FAINT, linewidth=0.4)
+            axes.text(away * x, y, said, va="center", ha=side, fontsize=6.5, color=INK)
 
 
 def _x(one: Bargain) -> float:
     return max(one.core_minutes, _MINUTE) if one.core_minutes else _ASKED
 
 
-def _bargain(one: Prediction, values: Mapping[str, float], lists: list[frozenset[str]]) -> Bargain:
+def _bargain(
+    one: Prediction,
+    values: Mapping[str, float],
+    lists: list[frozenset[str]],
+    runs: Mapping[str, list[float]],
+) -> Bargain:
+    """Of a prediction; its interval where ``runs`` has enough seeds of what it is held against."""
+    ranked = [m for m in lists if len(one.lists.get(m, {})) == len(m)]
     regrets = {
         members: agreement(one.lists[members], {name: values[name] for name in members}).regret
-        for members in lists
-        if len(one.lists.get(members, {})) == len(members)
+        for members in ranked
     }
-    return Bargain(one.who, one.core_minutes, regrets)
+    over_seeds: Spread | None = None
+    if runs and ranked:
+        sides = [(one.lists[m], {name: runs[name] for name in m}) for m in ranked]
+        over_seeds = spread(sides)
+    return Bargain(one.who, one.core_minutes, regrets, over_seeds.regret if over_seeds else None)
+
+
+def _of_one_seed(found: Repeat) -> Bargain:
+    """Of a study's own seeds; without regrets where it has one of each set."""
+    regrets = {
+        members: sum(one.regret for one in seeds) / len(seeds)
+        for members, seeds in found.lists.items()
+    }
+    return Bargain(ONE_SEED, found.core_minutes, regrets)
 
 
 def _best(values: Mapping[str, float], members: frozenset[str]) -> float:

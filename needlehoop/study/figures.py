@@ -26,7 +26,8 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
         cost_and_regret,
         "What choosing cameras by each prediction costs, and what it loses: the return of the best"
         " set less that of the predicted best, mean over the lists that it ranked (dots: each"
-        " list). Lower and further left is better. Dashed: a set chosen blindly.",
+        " list; line: 95 % over other seeds of what was measured). Lower and further left is"
+        " better. Dashed: a set chosen blindly. One seed: of what was measured, to choose by.",
     ),
     "learning_curves": (
         learning_curves,

@@ -14,6 +14,17 @@ from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
 from needlehoop.study.predictions import IMITATION, Prediction, scored
+from needlehoop.study.reliability import (
+    ONE_SEED,
+    OTHER_SEEDS,
+    Repeat,
+    Spread,
+    finals_by_seed,
+    mean_known,
+    repeat,
+    spread,
+)
+from needlehoop.study.statistics import ENOUGH
 from needlehoop.study.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.table import Table
 
@@ -79,41 +90,43 @@ def ranking_chart(findings: Findings) -> Figure:
 def agreements(findings: Findings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list.
 
-    Imitation predicts, and is predicted: what flies ranks cameras as well.
+    Imitation predicts, and is predicted: what flies ranks cameras as well. Each seed of what was
+    measured here predicts the others, too, which says what a prediction can be compared with.
     """
-    published = paper.measured()
-    sides = []
-    if findings.study is not None:
-        ours = measured(findings)
-        theirs = scored(PAPERS_MEASURED, published, paper.lists().values())
-        sides += [(one, MEASURED, ours) for one in (*findings.predictions, theirs)]
-    sides += [(one, PAPERS_MEASURED, published) for one in findings.predictions]
-    flown = [one for one in findings.predictions if one.who == IMITATION]
-    for imitation in flown:
-        values = {name: score for own in imitation.lists.values() for name, score in own.items()}
-        sides += [(one, IMITATION, values) for one in findings.predictions if one not in flown]
+    runs = {name: [*own.values()] for name, own in finals_by_seed(findings).items()}
     rows = []
-    for one, against, values in sides:
-        both = []
+    for one, against, values in _sides(findings):
+        own = runs if against == MEASURED else {}
+        both: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
         for members, scores in one.lists.items():
             if against != MEASURED and not members <= set(values):
                 continue
             missing = [cameras for cameras in members if cameras not in values]
             if missing:
-                said = ("",) * 6 + (f"{len(missing)} of {len(members)} not measured",)
+                said = ("",) * 7 + (f"{len(missing)} of {len(members)} not measured", "")
             else:
                 both.append((scores, {cameras: values[cameras] for cameras in members}))
-                said = _said(agreement(*both[-1]))
+                said = _said(agreement(*both[-1]), _spread(both[-1:], own))
             rows.append((f"{one.who} against {against}", list_name(members), *said))
         if len(both) > 1:
-            rows.append((f"{one.who} against {against}", "all lists", *_together(pooled(both))))
-    head = ("what", "list", "tau-b", "p", "rho", "p", "best found", "worst found", "regret")
+            said = _together(pooled(both), _spread(both, own))
+            rows.append((f"{one.who} against {against}", "all lists", *said))
+    repeated = _repeated(repeat(findings))
+    head = ("what", "list", "tau-b", "tau-b, 95 %", "p", "rho", "p", "best found", "worst found")
     note = (
         "Two-sided permutation p-values; regret is the return lost by taking the predicted best,"
         " against imitation the share of successes. All lists: means, p by orders drawn for each"
-        " list by itself."
+        " list by itself. Intervals: over other seeds of what was measured, where each set has"
+        f" {ENOUGH} or more (bootstrap)."
     )
-    return Table("agreement", "Agreement of predictions", head, tuple(rows), note)
+    if repeated:
+        note += (
+            f" {ONE_SEED.capitalize()} against {OTHER_SEEDS}: means over the seeds, each held"
+            " against the mean of the rest; a prediction that does as well is worth a training of"
+            " every set."
+        )
+    head += ("regret", "regret, 95 %")
+    return Table("agreement", "Agreement of predictions", head, (*rows, *repeated), note)
 
 
 def measured(findings: Findings) -> dict[str, float]:
@@ -127,6 +140,22 @@ def list_name(members: frozenset[str]) -> str:
         if frozenset(own) == members:
             return LISTS[name]
     return ", ".join(label(cameras) for cameras in sorted(members))
+
+
+def _sides(findings: Findings) -> list[tuple[Prediction, str, Mapping[str, float]]]:
+    """Each prediction with what it is held against: what that is, and its values by set."""
+    published = paper.measured()
+    sides: list[tuple[Prediction, str, Mapping[str, float]]] = []
+    if findings.study is not None:
+        ours = measured(findings)
+        theirs = scored(PAPERS_MEASURED, published, paper.lists().values())
+        sides += [(one, MEASURED, ours) for one in (*findings.predictions, theirs)]
+    sides += [(one, PAPERS_MEASURED, published) for one in findings.predictions]
+    flown = [one for one in findings.predictions if one.who == IMITATION]
+    for imitation in flown:
+        values = {name: score for own in imitation.lists.values() for name, score in own.items()}
+        sides += [(one, IMITATION, values) for one in findings.predictions if one not in flown]
+    return sides
 
 
 def _columns(findings: Findings) -> tuple[Prediction, ...]:
@@ -169,25 +198,70 @@ def _column(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[s
         axes.text(x, y, said, ha="center", va="center", fontsize=6, color=ink)
 
 
-def _said(found: Agreement) -> tuple[str, ...]:
+def _spread(
+    sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]],
+    runs: Mapping[str, Sequence[float]],
+) -> Spread | None:
+    """Intervals over the runs of the measured sets; none of what has no runs of ours."""
+    if any(name not in runs for _, values in sides for name in values):
+        return None
+    return spread([(scores, {name: runs[name] for name in values}) for scores, values in sides])
+
+
+def _repeated(found: Repeat) -> list[tuple[str, ...]]:
+    """A row for each list that several seeds have ranked, and one for all."""
+    rows = []
+    for members, seeds in found.lists.items():
+        rows.append((list_name(members), *_mean(seeds)))
+    if len(found.lists) > 1:
+        every = [one for seeds in found.lists.values() for one in seeds]
+        rows.append(("all lists", *_mean(every)))
+    return [(f"{ONE_SEED} against {OTHER_SEEDS}", *row) for row in rows]
+
+
+def _mean(found: Sequence[Agreement]) -> tuple[str, ...]:
+    """Without p-values and intervals: the same seeds are on either side in turn."""
     return (
-        *(_number(value) for value in (found.tau, found.tau_p, found.rho, found.rho_p)),
-        "yes" if found.top_hit else "no",
-        "yes" if found.bottom_hit else "no",
-        f"{found.regret:.2f}",
+        _number(mean_known([one.tau for one in found])),
+        "",
+        "",
+        _number(mean_known([one.rho for one in found])),
+        "",
+        f"{sum(one.top_hit for one in found)} of {len(found)}",
+        f"{sum(one.bottom_hit for one in found)} of {len(found)}",
+        f"{sum(one.regret for one in found) / len(found):.2f}",
+        "",
     )
 
 
-def _together(found: Pooled) -> tuple[str, ...]:
+def _said(found: Agreement, over_seeds: Spread | None) -> tuple[str, ...]:
     return (
         _number(found.tau),
+        _range(over_seeds.tau if over_seeds else None),
+        *(_number(value) for value in (found.tau_p, found.rho, found.rho_p)),
+        "yes" if found.top_hit else "no",
+        "yes" if found.bottom_hit else "no",
+        f"{found.regret:.2f}",
+        _range(over_seeds.regret if over_seeds else None),
+    )
+
+
+def _together(found: Pooled, over_seeds: Spread | None) -> tuple[str, ...]:
+    return (
+        _number(found.tau),
+        _range(over_seeds.tau if over_seeds else None),
         _probability(found.tau_p),
         _number(found.rho),
         _probability(found.rho_p),
         f"{found.top_hits} of {found.lists}",
         f"{found.bottom_hits} of {found.lists}",
         f"{found.regret:.2f}",
+        _range(over_seeds.regret if over_seeds else None),
     )
+
+
+def _range(interval: tuple[float, float] | None) -> str:
+    return "" if interval is None else "{:.2f} to {:.2f}".format(*interval)
 
 
 def _probability(value: float) -> str:

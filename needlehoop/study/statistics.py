@@ -67,8 +67,8 @@ def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> Estimate:
     if fewest < ENOUGH:
         return Estimate(value, None, None, fewest)
     generator = np.random.default_rng(seed)
-    drawn = np.concatenate([_resample(group, generator) for group in groups], axis=1)
-    return Estimate(value, *_percentiles(iqm(drawn, axis=1)), fewest)
+    drawn = np.concatenate([resample(group, generator) for group in groups], axis=1)
+    return Estimate(value, *percentiles(iqm(drawn, axis=1)), fewest)
 
 
 def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> Estimate:
@@ -107,8 +107,8 @@ def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) 
     if fewest < ENOUGH:
         return Estimate(value, None, None, fewest)
     generator = np.random.default_rng(seed)
-    drawn = _above(_resample(a, generator), _resample(b, generator))
-    return Estimate(value, *_percentiles(drawn), fewest)
+    drawn = _above(resample(a, generator), resample(b, generator))
+    return Estimate(value, *percentiles(drawn), fewest)
 
 
 def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -138,23 +138,25 @@ def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
     return middle, low, high
 
 
+def resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """Runs drawn from ``(n,)`` with replacement, ``(k, n)``."""
+    return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
+
+
+def percentiles(drawn: np.ndarray) -> tuple[float, float]:
+    """The 95 % interval of what was drawn, ``(k,)``."""
+    low, high = np.percentile(drawn, _limits())
+    return float(low), float(high)
+
+
 def _above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Share of pairs in which a run of ``a`` ``(k, n)`` beats one of ``b`` ``(k, m)``."""
     difference = a[:, :, None] - b[:, None, :]
     return ((np.sign(difference) + 1.0) / 2.0).mean(axis=(1, 2))
 
 
-def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
-
-
 def _limits() -> tuple[float, float]:
     return 50.0 * (1.0 - _LEVEL), 50.0 * (1.0 + _LEVEL)
-
-
-def _percentiles(drawn: np.ndarray) -> tuple[float, float]:
-    low, high = np.percentile(drawn, _limits())
-    return float(low), float(high)
 
 
 def _checked(strata: Sequence[Sequence[float]]) -> list[np.ndarray]:

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from study_files import PAIRS, write_run, write_study
 
+from needlehoop.study import costs as costs_of
 from needlehoop.study import paper
-from needlehoop.study.costs import cost_and_regret, costs, markets
+from needlehoop.study.costs import Bargain, Market, cost_and_regret, costs, markets
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.effects import effects
 from needlehoop.study.findings import paper_findings, study_findings
 from needlehoop.study.phases import phases, reached
 from needlehoop.study.predictions import FAST, IMITATION, PROBE
+from needlehoop.study.reliability import ONE_SEED, finals_by_seed
 
 
 def rewrite(run, **numbers):
@@ -135,6 +137,48 @@ def test_predictions_have_a_cost_and_a_regret(studies):
     assert "not on record" in column(table, "core-minutes")
 
 
+def test_a_study_with_several_seeds_is_foretold_by_one_of_them(studies, tmp_path):
+    (alone, _) = markets(study_findings(studies / "main"))
+    assert ONE_SEED not in {one.who for one in alone.bargains}
+    findings = study_findings(studies / "fast")
+    here, there = markets(findings)
+    assert ONE_SEED not in {one.who for one in there.bargains}
+    (own,) = [one for one in here.bargains if one.who == ONE_SEED]
+    # One of two runs of 97 buffers of 16 s for each of 14 sets, on a core.
+    assert own.core_minutes == pytest.approx(14 * 97 * 16 / 60)
+    finals = finals_by_seed(findings)
+    for members, regret in own.regrets.items():
+        lost = []
+        for seed in (0, 1):
+            chosen = max(members, key=lambda name: finals[name][seed])
+            others = {name: finals[name][1 - seed] for name in members}
+            lost.append(max(others.values()) - others[chosen])
+        assert regret == pytest.approx(sum(lost) / 2)
+    assert len(own.regrets) == 3
+    # Two seeds are too few for an interval.
+    assert [one.interval for one in here.bargains] == [None] * len(here.bargains)
+
+
+def test_three_seeds_give_regrets_an_interval(tmp_path):
+    write_study(tmp_path / "main", PAIRS, seeds=3)
+    findings = study_findings(tmp_path / "main")
+    here, there = markets(findings)
+    foretold = [one for one in here.bargains if one.who != ONE_SEED]
+    assert foretold
+    for one in foretold:
+        assert one.interval is not None
+        low, high = one.interval
+        assert 0.0 <= low <= high
+    assert any(low < high for one in foretold for low, high in [one.interval or (0.0, 0.0)])
+    assert {one.interval for one in there.bargains} == {None}
+    rows = [row for row in costs(findings).rows if row[1] == "measured"]
+    assert [bool(row[3]) for row in rows] == [row[0] != ONE_SEED for row in rows]
+    (axes, _) = cost_and_regret(findings).axes
+    # Each has its lists, its interval, its mean and its name's line; what one seed took is not on
+    # record here, so that it has no place.
+    assert len(axes.lines) == 1 + 4 * len(foretold)
+
+
 def test_what_was_measured_there_foretells_nothing(studies):
     findings = study_findings(studies / "fast")
     assert FAST not in {one.who for one in findings.predictions}
@@ -153,6 +197,18 @@ def test_cost_and_regret_are_drawn_for_each_measurement(studies, tmp_path):
     write_run(tmp_path / "main", "rgb_default")
     assert len(cost_and_regret(study_findings(tmp_path / "main")).axes) == 1
     assert len(cost_and_regret(paper_findings(tmp_path)).axes) == 1
+
+
+@pytest.mark.parametrize(("regret", "side"), [(0.0, "right"), (1.0, "left")])
+def test_a_name_leaves_the_point_beside_it_to_be_seen(studies, monkeypatch, regret, side):
+    lists = {frozenset({"a", "b"}): 0.0}
+    near = Bargain("probe", 20.0, lists)
+    far = Bargain("imitation", 100.0, dict.fromkeys(lists, regret))
+    shown = Market("measured", (near, far), dict.fromkeys(lists, 2.0))
+    monkeypatch.setattr(costs_of, "markets", lambda findings: [shown])
+    (axes,) = cost_and_regret(study_findings(studies / "main")).axes
+    said = {text.get_text(): text.get_ha() for text in axes.texts}
+    assert (said["probe"], said["imitation"]) == (side, "left")
 
 
 def test_without_a_prediction_there_is_no_figure(studies, monkeypatch):
