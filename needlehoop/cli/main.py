@@ -8,6 +8,8 @@ says no with exit status 1.
 from __future__ import annotations
 
 import argparse
+import os
+import select
 import sys
 from collections.abc import Sequence
 
@@ -22,6 +24,9 @@ from needlehoop.cli.vlm import add_commands as add_vlm_commands
 from needlehoop.runs.terminal import printable
 
 _TRAIN, _VERSION = "train", "--version"
+
+_UNREAD = 141
+"""Exit status where whoever read the output went, as of a program that SIGPIPE ends."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,13 +51,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.overrides += rest
     try:
         status = options.run(options)
+        # Here, and not when Python ends, which would show a trace if nobody reads any more.
+        print(end="", flush=True)
     except KeyboardInterrupt:
         print(f"needlehoop {options.command}: stopped", file=sys.stderr)
         return 130
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError) and _is_read_no_more():
+            return _UNREAD
         print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2
     return status or 0
+
+
+def _is_read_no_more() -> bool:
+    """Whether it is standard output that is broken; if so, it goes nowhere from here on.
+
+    Another pipe may be as well: that to the program that writes films.
+    """
+    output = sys.stdout.fileno()
+    poll = select.poll()
+    poll.register(output, select.POLLOUT)
+    if not any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return True
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -99,7 +99,13 @@ def _report(options: argparse.Namespace) -> None:
     _no_more(options)
     words = [_word(study) for study in options.study]
     opened = [_open(word, options.out) for word in words]
-    out = opened[0][1] if len(opened) == 1 else options.out or _common(opened)
+    if len(opened) == 1:
+        out = opened[0][1]
+    else:
+        titles = [findings.title for findings, _ in opened]
+        if len({*titles}) < len(titles):
+            raise ValueError(f"studies: {', '.join(titles)} are not different names")
+        out = options.out or _beside([folder for _, folder in opened])
     parts = []
     for findings, _ in opened:
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
@@ -147,17 +153,6 @@ def _word(study: str) -> str:
     if "=" in study:
         raise ValueError(f"{study!r} is not understood; it takes studies")
     return study
-
-
-def _common(opened: list[tuple[Findings, Path]]) -> Path:
-    """The folder of several studies."""
-    folders = {out.resolve().parent for _, out in opened}
-    titles = [findings.title for findings, _ in opened]
-    if len(folders) > 1 or len(set(titles)) < len(titles):
-        raise ValueError(
-            f"studies: {', '.join(titles)} are not different folders beside each other; give --out"
-        )
-    return opened[0][1].parent
 
 
 def _status(options: argparse.Namespace) -> None:

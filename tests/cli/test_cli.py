@@ -1,6 +1,7 @@
 """The commands, as typed."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from needlehoop.bench import against, scaling
+from needlehoop.cli import look
 from needlehoop.cli.main import main
 
 
@@ -270,3 +272,26 @@ def test_an_unknown_option_is_refused(capsys):
         main(["expert", "--jsn"])
     assert stopped.value.code == 2
     assert "--jsn" in capsys.readouterr().err
+
+
+def test_a_reader_that_goes_ends_a_command_without_a_word():
+    """As ``needlehoop signals | head`` does."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "needlehoop.cli.main", "signals"],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_another_pipe_that_breaks_is_an_error(monkeypatch, capfd):
+    def broken(options):
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr(look, "_signals", broken)
+    assert main(["signals"]) == 2
+    assert "Broken pipe" in capfd.readouterr().err

@@ -192,13 +192,26 @@ def test_several_studies_have_a_switch(browser, study, tmp_path):
     assert (root / "figures" / "other" / "final_values.png").exists()
 
 
-def test_studies_of_one_name_need_a_place_for_their_page(tmp_path, capsys):
+def test_studies_of_one_name_have_no_page_together(tmp_path, capsys):
     for where in ("a", "b"):
         write_run(tmp_path / where / "main", "rgb_default")
     words = ["report", str(tmp_path / "a" / "main"), str(tmp_path / "b" / "main")]
-    assert main(words) == 2
-    assert "not different folders beside each other" in capsys.readouterr().err
+    for more in ([], ["--out", str(tmp_path / "c")]):
+        assert main([*words, *more]) == 2
+        assert "main, main are not different names" in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.html"))
+
+
+def test_studies_in_two_folders_need_a_place_for_their_page(tmp_path, capsys):
+    words = ["report"]
+    for where in ("a", "b"):
+        write_run(tmp_path / where / where, "rgb_default")
+        words.append(str(tmp_path / where / where))
+    assert main(words) == 2
+    assert "not beside each other; give --out" in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.html"))
+    assert main([*words, "--out", str(tmp_path / "c")]) == 0
+    assert [page.parent.name for page in tmp_path.rglob("*.html")] == ["c"]
 
 
 def test_the_papers_page_says_whose_numbers_it_shows(browser, tmp_path):
