@@ -8,6 +8,7 @@ from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
+from needlehoop.study.claims import claims
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
 from needlehoop.study.costs import costs
 from needlehoop.study.curves import BUFFERS, steps_to_share
@@ -39,6 +40,7 @@ def all_tables(findings: Findings) -> list[Table]:
         results(findings),
         phases(findings),
         effects(findings),
+        claims(findings),
         table_1(findings),
         table_2(findings),
         rankings(findings),

@@ -40,7 +40,7 @@ def table(study: str, name: str) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize("study", ["fast", "imitation"])
-@pytest.mark.parametrize("name", ["results", "phases", "effects", "cost"])
+@pytest.mark.parametrize("name", ["results", "phases", "effects", "claims", "cost"])
 def test_tables_in_results_are_those_of_its_runs(study, name):
     path = ROOT / "results" / study / "tables" / f"{name}.csv"
     with path.open(newline="") as file:

@@ -1,0 +1,125 @@
+"""What the paper says of cameras, one comparison at a time, and what became of it here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from needlehoop.study import paper
+from needlehoop.study.combinations import label
+from needlehoop.study.findings import Findings, Result
+from needlehoop.study.statistics import ENOUGH, iqm, no_interval, percentiles, resample
+from needlehoop.study.table import Table
+
+
+@dataclass(frozen=True)
+class Claim:
+    """That some sets of cameras do better than others: by the mean of each side's returns."""
+
+    text: str
+    better: tuple[str, ...]
+    worse: tuple[str, ...]
+
+
+_COLOUR = ("rgb_front+rgb_side",)
+_DEPTH = ("dep_front+rgb_side", "rgb_front+dep_side")
+_SEGMENTATION = ("rgb_front+seg_side", "seg_front+rgb_side")
+_SAME = ("dep_front+dep_side", "seg_front+seg_side")
+_BEST, _REVERSED = ("dep_front+seg_side",), ("seg_front+dep_side",)
+_SINGLE = ("rgb_default", "dep_default", "seg_default")
+
+CLAIMS = (
+    Claim(
+        "front and side views together beat single cameras",
+        (*_COLOUR, *_DEPTH, *_SEGMENTATION, *_SAME, *_BEST, *_REVERSED),
+        _SINGLE,
+    ),
+    Claim("depth beside colour beats colour alone", _DEPTH, _COLOUR),
+    Claim("depth is better in front than at the side", _DEPTH[:1], _DEPTH[1:]),
+    Claim(
+        "depth beside colour wants two views, not one twice", _DEPTH, ("rgb_default+dep_default",)
+    ),
+    Claim("segmentation beside colour beats colour alone", _SEGMENTATION, _COLOUR),
+    Claim("segmentation is better at the side than in front", _SEGMENTATION[:1], _SEGMENTATION[1:]),
+    Claim(
+        "segmentation beside colour helps even from one view",
+        ("rgb_default+seg_default",),
+        ("rgb_default",),
+    ),
+    Claim("depth in front with segmentation at the side beats the reverse", _BEST, _REVERSED),
+    Claim("depth with segmentation beats two of the same", _BEST, _SAME),
+    Claim("one segmentation camera beats one of colour", ("seg_default",), ("rgb_default",)),
+)
+"""Of the paper's discussion of its camera combinations (section V), in its order."""
+
+
+def claims(findings: Findings) -> Table:
+    """A row for each claim whose sets have all been trained with the main reward."""
+    results = {result.cameras: result for result in findings.ranked if result.finals}
+    published = paper.measured()
+    rows = []
+    for claim in CLAIMS:
+        if not {*claim.better, *claim.worse} <= set(results):
+            continue
+        ours = [[results[name] for name in side] for side in (claim.better, claim.worse)]
+        theirs = [_mean([published[name] for name in s]) for s in (claim.better, claim.worse)]
+        difference, interval, verdict = _judged(*ours)
+        rows.append(
+            (
+                claim.text,
+                " against ".join(_named(side) for side in (claim.better, claim.worse)),
+                _pair(theirs, "{:.2f}"),
+                _pair([_mean([one.value.value for one in side]) for side in ours], "{:.2f}"),
+                f"{difference:+.2f}" + (f" ({interval})" if interval else ""),
+                _pair([100 * _mean([_success(one) for one in side]) for side in ours], "{:.0f}"),
+                verdict,
+            )
+        )
+    head = ("the paper says", "cameras", "its returns", "returns here", "difference, 95 %")
+    note = (
+        "Means of each side's sets. Holds, or reversed: by the interval over seeds, where every set"
+        f" has {ENOUGH} or more; by the difference alone where there are fewer, and then it may be"
+        " luck. The paper has one run of each set."
+    )
+    head += ("threaded, %", "here")
+    return Table("claims", "What of the paper holds here", head, tuple(rows), note)
+
+
+def _judged(better: Sequence[Result], worse: Sequence[Result]) -> tuple[float, str, str]:
+    """The difference of two sides, its interval in words, and what it says of the claim."""
+    sides = [[[one.value for one in r.finals] for r in side] for side in (better, worse)]
+    value, other = (_mean([float(iqm(np.array(own))) for own in side]) for side in sides)
+    seeds = min(len(own) for side in sides for own in side)
+    if seeds < ENOUGH:
+        verdict = "holds" if value > other else "reversed"
+        return value - other, "", f"{verdict}; {no_interval(seeds)}"
+    generator = np.random.default_rng(0)
+    drawn = [
+        np.mean([iqm(resample(np.array(own), generator), axis=1) for own in side], axis=0)
+        for side in sides
+    ]
+    low, high = percentiles(drawn[0] - drawn[1])
+    verdict = "holds" if low > 0 else "reversed" if high < 0 else "cannot be told"
+    return value - other, f"{low:+.2f} to {high:+.2f}", verdict
+
+
+def _named(side: Sequence[str]) -> str:
+    """Two sets by name; of more, how many of what."""
+    if len(side) > 2:
+        return f"{len(side)} {'pairs' if all('+' in name for name in side) else 'single cameras'}"
+    return ", ".join(label(name) for name in side)
+
+
+def _pair(sides: Sequence[float], form: str) -> str:
+    return " / ".join(form.format(value) for value in sides)
+
+
+def _success(result: Result) -> float:
+    assert result.success is not None
+    return result.success.value
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
