@@ -9,7 +9,7 @@ TESTED := $(VENV)/.tested
 # Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
 ARGS ?=
 
-.PHONY: setup demo train test screens check docs format clean
+.PHONY: setup demo train test screens check docs findings format clean
 
 setup: $(STAMP)
 
@@ -48,6 +48,12 @@ check: $(TESTED)
 
 docs: $(TESTED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# What results/ says, in its tables, in docs/findings.md and in the README's figure.
+findings: $(STAMP)
+	for study in fast imitation; do $(BIN)/needlehoop plot results/$$study || exit; done
+	cp results/fast/figures/cost_and_regret.png docs/
+	$(BIN)/python docs/refill.py
 
 format: $(TESTED)
 	$(BIN)/ruff format .

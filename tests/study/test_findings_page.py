@@ -3,10 +3,12 @@
 import csv
 import io
 from functools import cache
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
+from needlehoop.study.claims import CLAIMS
 from needlehoop.study.findings import study_findings
 from needlehoop.study.reliability import OTHER_SEEDS
 from needlehoop.study.table import Table
@@ -37,6 +39,26 @@ def tables(study: str) -> dict[str, Table]:
 
 def table(study: str, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(tables(study)[name].csv())))
+
+
+def test_claims_on_the_page_are_judged_by_the_runs():
+    expected = [
+        {name: cell for name, cell in row.items() if name != "cameras"}
+        for row in table("fast", "claims")
+    ]
+    assert len(expected) == len(CLAIMS)
+    assert rows_of("results/fast claims") == expected
+
+
+def test_a_refilled_page_is_the_page():
+    spec = spec_from_file_location("refill", ROOT / "docs" / "refill.py")
+    assert spec is not None
+    assert spec.loader is not None
+    refill = module_from_spec(spec)
+    spec.loader.exec_module(refill)
+    assert refill.refilled(PAGE) == PAGE
+    with pytest.raises(ValueError, match="no table results/fast effects"):
+        refill.refilled(PAGE.replace("fast effects", "fast nothing"))
 
 
 @pytest.mark.parametrize("study", ["fast", "imitation"])

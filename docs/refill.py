@@ -1,0 +1,95 @@
+"""Puts what the runs in results/ say into the tables of docs/findings.md: ``make findings``.
+
+A table stands below a comment that names it; what is between them and around them is written by
+hand, and read again after each refill.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+from needlehoop.study.findings import study_findings
+from needlehoop.study.rankings import MEASURED
+from needlehoop.study.reliability import OTHER_SEEDS
+from needlehoop.study.table import Table
+from needlehoop.study.tables import all_tables
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "findings.md"
+
+
+def refilled(page: str) -> str:
+    """The page with the tables of today's runs."""
+    for marker, table in (
+        ("results/fast", _ranking()),
+        ("results/fast effects", _columns("fast", "effects")),
+        ("results/fast claims", _columns("fast", "claims", leave=("cameras",))),
+        ("results/fast agreement", _agreement()),
+    ):
+        head = f"<!-- {marker} -->\n"
+        before, found, after = page.partition(head)
+        if not found:
+            raise ValueError(f"{PAGE}: no table {marker}")
+        _, end, after = after.partition("\n\n")
+        page = before + head + "\n".join(_lines(table)) + end + after
+    return page
+
+
+def _ranking() -> list[Sequence[str]]:
+    """The fast protocol's sets, the best first, with imitation's successes beside them."""
+    phases = {row["cameras"]: row for row in _rows("fast", "phases")}
+    imitated = {row["cameras"]: row["success, %"] for row in _rows("imitation", "results")}
+    head = ("cameras", "threaded, %", "95 %", "return", "cheat, %", "grasped, %")
+    table: list[Sequence[str]] = [(*head, "seeds", "imitated, %")]
+    for row in _rows("fast", "results"):
+        cameras = row["cameras"]
+        interval = row["success, 95 %"].partition(" (")[0]
+        numbers = (row["success, %"], interval, row["return"], row["cheat, %"])
+        grasped = phases[cameras]["grasped, %"]
+        table.append((cameras, *numbers, grasped, row["seeds"], imitated[cameras]))
+    return table
+
+
+def _agreement() -> list[Sequence[str]]:
+    """How far each prediction fits the fast protocol, over all lists, and what it took."""
+    minutes = {
+        row["prediction"]: row["core-minutes"]
+        for row in _rows("fast", "cost")
+        if row["against"] == MEASURED
+    }
+    head = ("prediction", "tau-b", "95 %", "p", "rho", "p", "best found", "worst found")
+    table: list[Sequence[str]] = [(*head, "regret", "95 %", "core-minutes")]
+    for what, members, *numbers in _tables("fast")["agreement"].rows:
+        who, _, against = what.partition(" against ")
+        if against in (MEASURED, OTHER_SEEDS) and members == "all lists":
+            table.append((who, *numbers, minutes.get(who, "")))
+    return table
+
+
+def _columns(study: str, name: str, leave: Sequence[str] = ()) -> list[Sequence[str]]:
+    """A table as it is, without some columns."""
+    table = _tables(study)[name]
+    kept = [i for i, column in enumerate(table.header) if column not in leave]
+    return [[row[i] for i in kept] for row in (table.header, *table.rows)]
+
+
+@cache
+def _tables(study: str) -> dict[str, Table]:
+    return {one.name: one for one in all_tables(study_findings(ROOT / "results" / study))}
+
+
+def _rows(study: str, name: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(_tables(study)[name].csv())))
+
+
+def _lines(table: Sequence[Sequence[str]]) -> list[str]:
+    head, *rows = (f"| {' | '.join(row)} |" for row in table)
+    return [head, "|" + "---|" * len(table[0]), *rows]
+
+
+if __name__ == "__main__":
+    PAGE.write_text(refilled(PAGE.read_text()))
