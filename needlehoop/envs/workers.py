@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -14,6 +14,9 @@ T = TypeVar("T")
 
 _FEWEST, _MOST = 5, 20
 """Images of a part: below, calls cost more than work; above, they leave the processor's cache."""
+
+_LONGEST_WAIT = 10.0
+"""For a thread that is to end, s: what it is at may be stuck."""
 
 
 class Workers:
@@ -33,9 +36,13 @@ class Workers:
         self._shares: SimpleQueue[_Shared | None] = SimpleQueue()
         # Work that was begun may share out parts of its own: it must not wait in their queue.
         self._aside = ThreadPoolExecutor(1) if threads > 1 else None
-        for _ in range(threads - 1):
-            threading.Thread(target=_help, args=(self._shares,), daemon=True).start()
-        weakref.finalize(self, _dismiss, self._shares, threads - 1)
+        helpers = [
+            threading.Thread(target=_help, args=(self._shares,), daemon=True)
+            for _ in range(threads - 1)
+        ]
+        for helper in helpers:
+            helper.start()
+        weakref.finalize(self, _dismiss, self._shares, helpers)
 
     def map(self, work: Callable[..., T], *items: Iterable[Any]) -> list[T]:
         """``work`` on the items side by side; what it returns, in their order.
@@ -108,6 +115,15 @@ def _help(shares: SimpleQueue[_Shared | None]) -> None:
         del shared
 
 
-def _dismiss(shares: SimpleQueue[_Shared | None], helpers: int) -> None:
-    for _ in range(helpers):
+def _dismiss(shares: SimpleQueue[_Shared | None], helpers: Sequence[threading.Thread]) -> None:
+    """Let threads end, and wait for it.
+
+    At Python's end a thread that still frees tensors would have the process aborted: torch asks
+    for the interpreter then, which is none any more.
+    """
+    for _ in helpers:
         shares.put(None)
+    for helper in helpers:
+        # The last reference may have been a helper's own.
+        if helper is not threading.current_thread():
+            helper.join(_LONGEST_WAIT)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -64,6 +66,22 @@ def test_threads_end_with_their_workers():
     assert len(started) == 3
     del workers
     gc.collect()
-    for thread in started:
-        thread.join(30)
-        assert not thread.is_alive()
+    assert not [thread for thread in started if thread.is_alive()]
+
+
+def test_python_ends_after_what_a_thread_is_still_at():
+    """As of freeing a batch, in which torch asks for the interpreter."""
+    script = """
+import time
+from needlehoop.envs.workers import Workers, _Shared
+
+def slow():
+    time.sleep(1.0)
+    print("done", flush=True)
+
+workers = Workers(2)
+workers._shares.put(_Shared(slow, [()]))
+time.sleep(0.2)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
