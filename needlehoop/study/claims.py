@@ -93,7 +93,8 @@ def _judged(better: Sequence[Result], worse: Sequence[Result]) -> tuple[float, s
     value, other = (_mean([float(iqm(np.array(own))) for own in side]) for side in sides)
     seeds = min(len(own) for side in sides for own in side)
     if seeds < ENOUGH:
-        verdict = "holds" if value > other else "reversed"
+        level = f"{value - other:.2f}".lstrip("-") == "0.00"
+        verdict = "no difference" if level else "holds" if value > other else "reversed"
         return value - other, "", f"{verdict}; {no_interval(seeds)}"
     generator = np.random.default_rng(0)
     drawn = [
