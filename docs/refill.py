@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 
 from needlehoop.study.combinations import label
-from needlehoop.study.findings import study_findings
+from needlehoop.study.findings import Findings, study_findings
 from needlehoop.study.rankings import MEASURED
 from needlehoop.study.reliability import OTHER_SEEDS
 from needlehoop.study.table import Table
@@ -47,7 +47,7 @@ def _ranking() -> list[Sequence[str]]:
     """
     seeds = {
         label(result.cameras): ", ".join(f"{100 * one.success:.0f}" for one in result.finals)
-        for result in study_findings(ROOT / "results" / "fast").ranked
+        for result in _findings("fast").ranked
     }
     phases = {row["cameras"]: row for row in _rows("fast", "phases")}
     imitated = {row["cameras"]: row["success, %"] for row in _rows("imitation", "results")}
@@ -85,7 +85,12 @@ def _columns(study: str, name: str, leave: Sequence[str] = ()) -> list[Sequence[
 
 @cache
 def _tables(study: str) -> dict[str, Table]:
-    return {one.name: one for one in all_tables(study_findings(ROOT / "results" / study))}
+    return {one.name: one for one in all_tables(_findings(study))}
+
+
+@cache
+def _findings(study: str) -> Findings:
+    return study_findings(ROOT / "results" / study)
 
 
 def _rows(study: str, name: str) -> list[dict[str, str]]:

@@ -17,7 +17,6 @@ from needlehoop.study.rankings import MEASURED, PAPERS_MEASURED, list_name, meas
 from needlehoop.study.reliability import (
     ONE_SEED,
     Repeat,
-    Spread,
     finals_by_seed,
     repeat,
     spread,
@@ -181,10 +180,7 @@ def _bargain(
         members: agreement(one.lists[members], {name: values[name] for name in members}).regret
         for members in ranked
     }
-    over_seeds: Spread | None = None
-    if runs and ranked:
-        sides = [(one.lists[m], {name: runs[name] for name in m}) for m in ranked]
-        over_seeds = spread(sides)
+    over_seeds = spread([one.lists[m] for m in ranked], runs)
     return Bargain(one.who, one.core_minutes, regrets, over_seeds.regret if over_seeds else None)
 
 

@@ -106,10 +106,10 @@ def agreements(findings: Findings) -> Table:
                 said = ("",) * 7 + (f"{len(missing)} of {len(members)} not measured", "")
             else:
                 both.append((scores, {cameras: values[cameras] for cameras in members}))
-                said = _said(agreement(*both[-1]), _spread(both[-1:], own))
+                said = _said(agreement(*both[-1]), spread([scores], own))
             rows.append((f"{one.who} against {against}", list_name(members), *said))
         if len(both) > 1:
-            said = _together(pooled(both), _spread(both, own))
+            said = _together(pooled(both), spread([side for side, _ in both], own))
             rows.append((f"{one.who} against {against}", "all lists", *said))
     repeated = _repeated(repeat(findings))
     head = ("what", "list", "tau-b", "tau-b, 95 %", "p", "rho", "p", "best found", "worst found")
@@ -196,16 +196,6 @@ def _column(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[s
                           alpha=0.06 + 0.84 * better)  # fmt: skip
         said, ink = _place(places, cameras, len(ordered)), "white" if better > 0.45 else INK
         axes.text(x, y, said, ha="center", va="center", fontsize=6, color=ink)
-
-
-def _spread(
-    sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]],
-    runs: Mapping[str, Sequence[float]],
-) -> Spread | None:
-    """Intervals over the runs of the measured sets; none of what has no runs of ours."""
-    if any(name not in runs for _, values in sides for name in values):
-        return None
-    return spread([(scores, {name: runs[name] for name in values}) for scores, values in sides])
 
 
 def _repeated(found: Repeat) -> list[tuple[str, ...]]:

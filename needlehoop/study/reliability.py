@@ -59,34 +59,38 @@ def repeat(findings: Findings) -> Repeat:
         shared = sorted(set.intersection(*own))
         if len(shared) > 1:
             lists[members] = tuple(_held_out(finals, members, shared, one) for one in shared)
-    costs = [[run.core_minutes for run in result.runs] for result in findings.ranked]
-    means = [sum(known) / len(own) for own in costs if (known := [c for c in own if c is not None])]
-    complete = all(cost is not None for own in costs for cost in own)
-    return Repeat(lists, sum(means) if complete else None)
+    cost = 0.0
+    for result in findings.ranked:
+        known = [run.core_minutes for run in result.runs if run.core_minutes is not None]
+        if len(known) < len(result.runs):
+            return Repeat(lists, None)
+        cost += sum(known) / len(known) if known else 0.0
+    return Repeat(lists, cost)
 
 
 def spread(
-    sides: Sequence[tuple[Mapping[str, float], Mapping[str, Sequence[float]]]], seed: int = 0
+    lists: Sequence[Mapping[str, float]], measured: Mapping[str, Sequence[float]], seed: int = 0
 ) -> Spread | None:
     """Intervals of a prediction's agreement over lists, by drawing each set's seeds anew.
 
     Args:
-        sides: a prediction's scores, and the values of the runs, by set, of each list.
+        lists: a prediction's scores by set, of each list.
+        measured: the values of the runs, by set.
         seed: of the drawing.
 
     Returns:
-        ``None`` where a set has too few seeds.
+        ``None`` where a set has too few seeds, or has not been measured.
     """
-    runs = {name: np.asarray(values) for _, side in sides for name, values in side.items()}
+    runs = {name: np.asarray(measured.get(name, ())) for scores in lists for name in scores}
     if not runs or min(map(len, runs.values())) < ENOUGH:
         return None
     generator = np.random.default_rng(seed)
     # A set that is in two lists has one value in both.
     drawn = {name: iqm(resample(runs[name], generator), axis=1) for name in sorted(runs)}
     taus, regrets = [], []
-    for predicted, side in sides:
-        names = sorted(side)
-        a, b = (np.stack([np.asarray(of[name]) for name in names], -1) for of in (predicted, drawn))
+    for scores in lists:
+        names = sorted(scores)
+        a, b = (np.stack([np.asarray(of[name]) for name in names], -1) for of in (scores, drawn))
         taus.append(_taus(a, b))
         regrets.append(b.max(axis=1) - b[:, a == a.max()].mean(axis=1))
     # As in ``pooled``: a list that a draw puts on one level has no correlation there.

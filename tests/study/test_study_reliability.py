@@ -24,9 +24,14 @@ def lists_of_two() -> list[tuple[dict[str, float], dict[str, list[float]]]]:
     return [(one, {name: runs[name] for name in one}) for one in (first, second)]
 
 
+def spread_of(sides, seed: int = 0):
+    runs = {name: own for _, side in sides for name, own in side.items()}
+    return spread([predicted for predicted, _ in sides], runs, seed)
+
+
 def test_an_interval_is_that_of_pooled_agreement_over_drawn_seeds():
     sides = lists_of_two()
-    found = spread(sides)
+    found = spread_of(sides)
     assert found is not None
     # The very draws, one by one.
     generator = np.random.default_rng(0)
@@ -40,7 +45,7 @@ def test_an_interval_is_that_of_pooled_agreement_over_drawn_seeds():
         regrets.append(regret)
     assert found.tau == pytest.approx(np.nanpercentile(taus, (2.5, 97.5)))
     assert found.regret == pytest.approx(np.percentile(regrets, (2.5, 97.5)))
-    other = spread(sides, seed=1)
+    other = spread_of(sides, seed=1)
     assert other is not None
     assert other != found
     assert other.regret == pytest.approx(found.regret, abs=0.15)
@@ -66,7 +71,7 @@ def pooled_of(sides) -> tuple[float, float]:
 
 def test_seeds_that_agree_leave_nothing_open():
     same = [(p, {name: [p[name]] * 3 for name in p}) for p, _ in lists_of_two()]
-    found = spread(same)
+    found = spread_of(same)
     assert found is not None
     assert found.tau == (pytest.approx(1.0), pytest.approx(1.0))
     assert found.regret == (0.0, 0.0)
@@ -76,7 +81,7 @@ def test_seeds_that_agree_leave_nothing_open():
 
 def test_what_puts_all_on_one_level_has_regrets_alone():
     level = [(dict.fromkeys(p, 1.0), side) for p, side in lists_of_two()]
-    found = spread(level)
+    found = spread_of(level)
     assert found is not None
     assert found.tau is None
     assert found.regret[1] > found.regret[0] > 0.0
@@ -85,8 +90,8 @@ def test_what_puts_all_on_one_level_has_regrets_alone():
 def test_too_few_seeds_have_no_interval():
     sides = lists_of_two()
     sides[1][1]["d"] = [1.0, 2.0]
-    assert spread(sides) is None
-    assert spread([]) is None
+    assert spread_of(sides) is None
+    assert spread_of([]) is None
 
 
 def test_each_seed_is_held_against_the_others(tmp_path):
