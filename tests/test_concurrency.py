@@ -15,7 +15,7 @@ from tiny_runs import PLACE, TINY, outcome, refusal, run_train
 
 ROOT = Path(__file__).parent.parent
 RUN = Path("results") / PLACE
-LONG = [*TINY, "steps=400", "evaluation.every=0", "results=results"]
+LONG = [*TINY, "steps=160", "evaluation.every=0", "results=results"]
 
 
 def start(place: Path, *words: str) -> subprocess.Popen[str]:
@@ -61,7 +61,7 @@ def test_a_run_under_way_is_left_to_its_process(tmp_path, monkeypatch, capfd):
     assert "stopped; go on with: python train.py resume=results/main" in said
     run_train(f"resume={RUN}")
     updates = [int(row["update"]) for row in outcome(RUN)["metrics"]]
-    assert updates == list(range(1, 51))
+    assert updates == list(range(1, 21))
 
 
 def test_two_sweeps_at_once_make_each_run_once(tmp_path):

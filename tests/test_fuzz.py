@@ -35,7 +35,7 @@ from needlehoop.runs.shipped import CONF, RECORDINGS
 
 GROUPS = {folder.name for folder in CONF.iterdir() if folder.is_dir()} | {"cams"}
 
-CASES = int(os.environ.get("FUZZ_CASES", "1000"))
+CASES = int(os.environ.get("FUZZ_CASES", "600"))
 REAL = CASES // 25
 """Of the runs that are accepted, those that are trained to their end."""
 
