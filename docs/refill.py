@@ -27,6 +27,7 @@ def refilled(page: str) -> str:
     """The page with the tables of today's runs."""
     for marker, table in (
         ("results/fast", _ranking()),
+        ("results luck", _luck()),
         ("results/fast effects", _columns("fast", "effects")),
         ("results/fast claims", _columns("fast", "claims", leave=("cameras",))),
         ("results/fast agreement", _agreement()),
@@ -57,6 +58,16 @@ def _ranking() -> list[Sequence[str]]:
         cameras = row["cameras"]
         numbers = (row["success, %"], seeds[cameras], row["return"], row["cheat, %"])
         table.append((cameras, *numbers, phases[cameras]["grasped, %"], imitated[cameras]))
+    return table
+
+
+def _luck() -> list[Sequence[str]]:
+    """What is the cameras' and what the seeds', of agents that find the way and that are taught."""
+    table: list[Sequence[str]] = []
+    for study, how in (("fast", "reinforcement"), ("imitation", "imitation")):
+        head, *rows = _columns(study, "luck")
+        table = table or [("learnt by", *head)]
+        table += [(how, *row) for row in rows]
     return table
 
 

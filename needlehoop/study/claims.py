@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from needlehoop.study import paper
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, Result
-from needlehoop.study.statistics import ENOUGH, iqm, no_interval, percentiles, resample
+from needlehoop.study.luck import LEAST, Noise, noise
+from needlehoop.study.statistics import no_interval
 from needlehoop.study.table import Table
 
 
@@ -58,14 +57,14 @@ CLAIMS = (
 def claims(findings: Findings) -> Table:
     """A row for each claim whose sets have all been trained with the main reward."""
     results = {result.cameras: result for result in findings.ranked if result.finals}
-    published = paper.measured()
+    published, within = paper.measured(), noise(findings)
     rows = []
     for claim in CLAIMS:
         if not {*claim.better, *claim.worse} <= set(results):
             continue
         ours = [[results[name] for name in side] for side in (claim.better, claim.worse)]
         theirs = [_mean([published[name] for name in s]) for s in (claim.better, claim.worse)]
-        difference, interval, verdict = _judged(*ours)
+        difference, interval, verdict = _judged(ours[0], ours[1], within)
         rows.append(
             (
                 claim.text,
@@ -79,29 +78,28 @@ def claims(findings: Findings) -> Table:
         )
     head = ("the paper says", "cameras", "its returns", "returns here", "difference, 95 %")
     note = (
-        "Means of each side's sets. Holds, or reversed: by the interval over seeds, where every set"
-        f" has {ENOUGH} or more; by the difference alone where there are fewer, and then it may be"
-        " luck. The paper has one run of each set."
+        "Means of each side's sets. Holds, or reversed: by the interval, where every set has"
+        f" {LEAST} seeds or more (Student's; how far seeds lie apart is pooled over all sets of the"
+        " study); by the difference alone where there are fewer, and then it may be luck. The"
+        " paper has one run of each set."
     )
     head += ("threaded, %", "here")
     return Table("claims", "What of the paper holds here", head, tuple(rows), note)
 
 
-def _judged(better: Sequence[Result], worse: Sequence[Result]) -> tuple[float, str, str]:
+def _judged(
+    better: Sequence[Result], worse: Sequence[Result], within: Noise | None
+) -> tuple[float, str, str]:
     """The difference of two sides, its interval in words, and what it says of the claim."""
-    sides = [[[one.value for one in r.finals] for r in side] for side in (better, worse)]
-    value, other = (_mean([float(iqm(np.array(own))) for own in side]) for side in sides)
-    seeds = min(len(own) for side in sides for own in side)
-    if seeds < ENOUGH:
+    value, other = (_mean([one.value.value for one in side]) for side in (better, worse))
+    runs = [len(one.finals) for one in (*better, *worse)]
+    if within is None or min(runs) < LEAST:
         level = f"{value - other:.2f}".lstrip("-") == "0.00"
         verdict = "no difference" if level else "holds" if value > other else "reversed"
-        return value - other, "", f"{verdict}; {no_interval(seeds)}"
-    generator = np.random.default_rng(0)
-    drawn = [
-        np.mean([iqm(resample(np.array(own), generator), axis=1) for own in side], axis=0)
-        for side in sides
-    ]
-    low, high = percentiles(drawn[0] - drawn[1])
+        return value - other, "", f"{verdict}; {no_interval(min(runs))}"
+    weights = [1 / len(better)] * len(better) + [-1 / len(worse)] * len(worse)
+    half = within.half_width(weights, runs)
+    low, high = value - other - half, value - other + half
     verdict = "holds" if low > 0 else "reversed" if high < 0 else "cannot be told"
     return value - other, f"{low:+.2f} to {high:+.2f}", verdict
 

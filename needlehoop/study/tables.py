@@ -15,6 +15,7 @@ from needlehoop.study.curves import BUFFERS, steps_to_share
 from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.luck import apart, luck
 from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -39,6 +40,8 @@ def all_tables(findings: Findings) -> list[Table]:
     tables = [
         results(findings),
         phases(findings),
+        apart(findings),
+        luck(findings),
         effects(findings),
         claims(findings),
         table_1(findings),

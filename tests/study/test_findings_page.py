@@ -64,7 +64,9 @@ def test_a_refilled_page_is_the_page():
 
 
 @pytest.mark.parametrize("study", ["fast", "imitation"])
-@pytest.mark.parametrize("name", ["results", "phases", "effects", "claims", "cost"])
+@pytest.mark.parametrize(
+    "name", ["results", "phases", "effects", "claims", "cost", "luck", "apart"]
+)
 def test_tables_in_results_are_those_of_its_runs(study, name):
     path = ROOT / "results" / study / "tables" / f"{name}.csv"
     with path.open(newline="") as file:
@@ -91,6 +93,16 @@ def test_the_ranking_on_the_page_is_that_of_the_runs():
         for row in table("fast", "results")
     ]
     assert rows_of("results/fast") == expected
+
+
+def test_luck_on_the_page_is_that_of_the_runs():
+    expected = [
+        {"learnt by": how} | row
+        for study, how in (("fast", "reinforcement"), ("imitation", "imitation"))
+        for row in table(study, "luck")
+    ]
+    assert len(expected) == 4
+    assert rows_of("results luck") == expected
 
 
 def test_effects_on_the_page_are_those_of_the_runs():

@@ -51,9 +51,10 @@ def test_a_study_like_the_paper_bears_them_out_too(tmp_path):
         ([8.0, 8.2, 8.1], [5.0, 5.5, 5.2], "holds"),
         ([5.0, 5.5, 5.2], [8.0, 8.2, 8.1], "reversed"),
         ([5.0, 8.5, 7.0], [8.0, 5.2, 7.1], "cannot be told"),
-        ([5.0, 8.0], [8.0, 5.0], "no difference; 2 seeds, no interval"),
-        ([8.0, 8.1], [5.0, 5.2], "holds; 2 seeds, no interval"),
+        ([5.0, 8.0], [8.0, 5.0], "cannot be told"),
+        ([8.0, 8.1], [5.0, 5.2], "holds"),
         ([5.0], [8.0, 8.1, 8.2], "reversed; one seed, no interval"),
+        ([8.0], [8.0], "no difference; one seed, no interval"),
     ],
 )
 def test_a_claim_is_judged_by_its_interval(tmp_path, front, side, said):

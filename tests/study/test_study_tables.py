@@ -259,7 +259,7 @@ def test_markdown_and_latex_escape_what_they_must():
 def test_tables_are_written_three_ways(findings, tmp_path):
     written = [path for table in all_tables(findings) for path in table.write(tmp_path)]
     names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
-    names |= {"effects", "claims", "cost"}
+    names |= {"effects", "claims", "cost", "apart", "luck"}
     assert {path.name for path in written} == {
         f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
     }
