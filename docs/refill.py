@@ -14,8 +14,8 @@ from pathlib import Path
 
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, study_findings
-from needlehoop.study.rankings import MEASURED
-from needlehoop.study.reliability import OTHER_SEEDS
+from needlehoop.study.measures import TRAINING
+from needlehoop.study.rankings import MEASURED, MEASURED_SOON, repeats
 from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
 
@@ -29,7 +29,7 @@ def refilled(page: str) -> str:
         ("results/fast", _ranking()),
         ("results luck", _luck()),
         ("results/fast effects", _columns("fast", "effects")),
-        ("results/fast claims", _columns("fast", "claims", leave=("cameras",))),
+        ("results/fast claims", _columns("fast", "claims", leave=("cameras", "threaded, %"))),
         ("results/fast agreement", _agreement()),
     ):
         head = f"<!-- {marker} -->\n"
@@ -52,11 +52,12 @@ def _ranking() -> list[Sequence[str]]:
     }
     phases = {row["cameras"]: row for row in _rows("fast", "phases")}
     imitated = {row["cameras"]: row["success, %"] for row in _rows("imitation", "results")}
-    head = ("cameras", "threaded, %", "by seed", "return", "cheat, %", "grasped, %")
-    table: list[Sequence[str]] = [(*head, "imitated, %")]
+    head = ("cameras", "threaded, %", "by seed", "return", "over training", "cheat, %")
+    table: list[Sequence[str]] = [(*head, "grasped, %", "imitated, %")]
     for row in _rows("fast", "results"):
         cameras = row["cameras"]
-        numbers = (row["success, %"], seeds[cameras], row["return"], row["cheat, %"])
+        numbers = (row["success, %"], seeds[cameras], row["return"], row[TRAINING.name])
+        numbers += (row["cheat, %"],)
         table.append((cameras, *numbers, phases[cameras]["grasped, %"], imitated[cameras]))
     return table
 
@@ -78,13 +79,23 @@ def _agreement() -> list[Sequence[str]]:
         for row in _rows("fast", "cost")
         if row["against"] == MEASURED
     }
-    head = ("prediction", "tau-b", "95 %", "p", "rho", "p", "best found", "worst found")
-    table: list[Sequence[str]] = [(*head, "regret", "95 %", "core-minutes")]
+    fits: dict[str, dict[str, list[str]]] = {MEASURED: {}, MEASURED_SOON: {}}
     for what, members, *numbers in _tables("fast")["agreement"].rows:
         who, _, against = what.partition(" against ")
-        if against in (MEASURED, OTHER_SEEDS) and members == "all lists":
-            table.append((who, *numbers, minutes.get(who, "")))
+        measure = {repeats(one): one for one in fits}.get(against, against)
+        if measure in fits and members == "all lists":
+            tau, over_seeds, p, *_, regret, regrets = numbers
+            cells = [_with(tau, over_seeds), p, _with(regret, regrets)]
+            fits[measure][who] = cells
+    head = ("prediction", "tau-b", "p", "regret", "over training: tau-b", "p", "regret")
+    table: list[Sequence[str]] = [(*head, "core-minutes")]
+    for who, cells in fits[MEASURED].items():
+        table.append((who, *cells, *fits[MEASURED_SOON][who], minutes.get(who, "")))
     return table
+
+
+def _with(value: str, interval: str) -> str:
+    return f"{value} ({interval})" if interval else value
 
 
 def _columns(study: str, name: str, leave: Sequence[str] = ()) -> list[Sequence[str]]:

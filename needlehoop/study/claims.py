@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from needlehoop.study import paper
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.luck import LEAST, Noise, noise
-from needlehoop.study.statistics import no_interval
+from needlehoop.study.measures import RETURN, SUCCESS, TRAINING, Measure, values
+from needlehoop.study.statistics import iqm, no_interval
 from needlehoop.study.table import Table
 
 
@@ -57,51 +60,58 @@ CLAIMS = (
 def claims(findings: Findings) -> Table:
     """A row for each claim whose sets have all been trained with the main reward."""
     results = {result.cameras: result for result in findings.ranked if result.finals}
-    published, within = paper.measured(), noise(findings)
+    published = paper.measured()
+    within = {measure: noise(findings, measure) for measure in (RETURN, TRAINING)}
     rows = []
     for claim in CLAIMS:
         if not {*claim.better, *claim.worse} <= set(results):
             continue
-        ours = [[results[name] for name in side] for side in (claim.better, claim.worse)]
+        better, worse = ([results[name] for name in s] for s in (claim.better, claim.worse))
         theirs = [_mean([published[name] for name in s]) for s in (claim.better, claim.worse)]
-        difference, interval, verdict = _judged(ours[0], ours[1], within)
         rows.append(
             (
                 claim.text,
                 " against ".join(_named(side) for side in (claim.better, claim.worse)),
                 _pair(theirs, "{:.2f}"),
-                _pair([_mean([one.value.value for one in side]) for side in ours], "{:.2f}"),
-                f"{difference:+.2f}" + (f" ({interval})" if interval else ""),
-                _pair([100 * _mean([_success(one) for one in side]) for side in ours], "{:.0f}"),
-                verdict,
+                _pair(_means((better, worse), RETURN), "{:.2f}"),
+                *_judged(better, worse, RETURN, within[RETURN]),
+                _pair(_means((better, worse), SUCCESS), "{:.0f}"),
+                *_judged(better, worse, TRAINING, within[TRAINING]),
             )
         )
-    head = ("the paper says", "cameras", "its returns", "returns here", "difference, 95 %")
+    head = ("the paper says", "cameras", "its returns", "returns here", "difference, 95 %", "here")
     note = (
         "Means of each side's sets. Holds, or reversed: by the interval, where every set has"
         f" {LEAST} seeds or more (Student's; how far seeds lie apart is pooled over all sets of the"
         " study); by the difference alone where there are fewer, and then it may be luck. The"
         " paper has one run of each set."
     )
-    head += ("threaded, %", "here")
+    head += ("threaded, %", f"{TRAINING.name}: difference, 95 %", "here, over training")
     return Table("claims", "What of the paper holds here", head, tuple(rows), note)
 
 
 def _judged(
-    better: Sequence[Result], worse: Sequence[Result], within: Noise | None
-) -> tuple[float, str, str]:
-    """The difference of two sides, its interval in words, and what it says of the claim."""
-    value, other = (_mean([one.value.value for one in side]) for side in (better, worse))
-    runs = [len(one.finals) for one in (*better, *worse)]
+    better: Sequence[Result], worse: Sequence[Result], measure: Measure, within: Noise | None
+) -> tuple[str, str]:
+    """The difference of two sides with its interval, and what it says of the claim."""
+    if not all(values(one, measure) for one in (*better, *worse)):
+        return "", ""
+    value, other = _means((better, worse), measure)
+    difference, runs = value - other, [len(one.finals) for one in (*better, *worse)]
     if within is None or min(runs) < LEAST:
-        level = f"{value - other:.2f}".lstrip("-") == "0.00"
+        level = f"{difference:.2f}".lstrip("-") == "0.00"
         verdict = "no difference" if level else "holds" if value > other else "reversed"
-        return value - other, "", f"{verdict}; {no_interval(min(runs))}"
+        return f"{difference:+.2f}", f"{verdict}; {no_interval(min(runs))}"
     weights = [1 / len(better)] * len(better) + [-1 / len(worse)] * len(worse)
     half = within.half_width(weights, runs)
-    low, high = value - other - half, value - other + half
+    low, high = difference - half, difference + half
     verdict = "holds" if low > 0 else "reversed" if high < 0 else "cannot be told"
-    return value - other, f"{low:+.2f} to {high:+.2f}", verdict
+    return f"{difference:+.2f} ({low:+.2f} to {high:+.2f})", verdict
+
+
+def _means(sides: Sequence[Sequence[Result]], measure: Measure) -> list[float]:
+    """Of each side's sets, interquartile means over their seeds."""
+    return [_mean([float(iqm(np.array(values(one, measure)))) for one in side]) for side in sides]
 
 
 def _named(side: Sequence[str]) -> str:
@@ -113,11 +123,6 @@ def _named(side: Sequence[str]) -> str:
 
 def _pair(sides: Sequence[float], form: str) -> str:
     return " / ".join(form.format(value) for value in sides)
-
-
-def _success(result: Result) -> float:
-    assert result.success is not None
-    return result.success.value
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -12,12 +12,12 @@ from needlehoop.study import paper
 from needlehoop.study.agreement import agreement
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
+from needlehoop.study.measures import RETURN, by_seed
 from needlehoop.study.predictions import Prediction
 from needlehoop.study.rankings import MEASURED, PAPERS_MEASURED, list_name, measured
 from needlehoop.study.reliability import (
     ONE_SEED,
     Repeat,
-    finals_by_seed,
     repeat,
     spread,
 )
@@ -69,7 +69,7 @@ def markets(findings: Findings) -> list[Market]:
     truths = {PAPERS_MEASURED: paper.measured()}
     if findings.study is not None:
         truths = {MEASURED: measured(findings), **truths}
-    runs = {name: [*own.values()] for name, own in finals_by_seed(findings).items()}
+    runs = {name: [*own.values()] for name, own in by_seed(findings, RETURN).items()}
     found = []
     for against, values in truths.items():
         own = runs if against == MEASURED else {}
@@ -77,7 +77,7 @@ def markets(findings: Findings) -> list[Market]:
         blind = {m: _best(values, m) - sum(values[name] for name in m) / len(m) for m in lists}
         bargains = [_bargain(one, values, lists, own) for one in findings.predictions]
         if own:
-            bargains.append(_of_one_seed(repeat(findings)))
+            bargains.append(_of_one_seed(repeat(findings, RETURN)))
         if kept := tuple(one for one in bargains if one.regrets):
             found.append(Market(against, kept, blind))
     return found

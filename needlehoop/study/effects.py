@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.stats import t as student
 
 from needlehoop.study.findings import Findings, Result
+from needlehoop.study.measures import RETURN, SUCCESS, TRAINING, Measure, middles
 from needlehoop.study.table import Table
 
 _LEVEL = 0.95
+
+_MEASURES = (RETURN, SUCCESS, TRAINING)
 
 _TRAITS: dict[str, Callable[[frozenset[str]], bool]] = {
     "two cameras, not one": lambda cams: len(cams) == 2,
@@ -22,7 +25,7 @@ _TRAITS: dict[str, Callable[[frozenset[str]], bool]] = {
 
 
 def effects(findings: Findings) -> Table:
-    """A row for each trait: its effect on return and on success, by least squares over the sets.
+    """A row for each trait: its effect on each measure, by least squares over the sets.
 
     Each set counts once, by its value over its seeds. Intervals are Student's over what the
     traits leave unexplained; traits that the sets cannot tell apart are left out.
@@ -33,23 +36,32 @@ def effects(findings: Findings) -> Table:
     rows = []
     if traits and free > 0:
         design = _design(results, traits)
-        values = np.array([result.value.value for result in results])
-        shares = np.array([100.0 * _share(result) for result in results])
-        estimates = [_least_squares(design, found, free) for found in (values, shares)]
+        columns = [_column(results, design, middles(findings, one), one) for one in _MEASURES]
         for number, trait in enumerate(traits, start=1):
-            cells = [
-                f"{middle[number]:+.{digits}f} ({middle[number] - half[number]:+.{digits}f} to"
-                f" {middle[number] + half[number]:+.{digits}f})"
-                for (middle, half), digits in zip(estimates, (2, 0), strict=True)
-            ]
+            cells = [own[number] for own in columns]
             having = sum(_has(result, trait) for result in results)
             rows.append((trait, *cells, f"{having} of {len(results)}"))
-    head = ("trait", "return (95 %)", "success, % (95 %)", "sets that have it")
+    head = ("trait", *(f"{one.name} (95 %)" for one in _MEASURES), "sets that have it")
     note = (
         "A linear model over the sets: what a trait adds, the others held. Intervals that hold"
         " zero say nothing; with few sets or seeds most do."
     )
     return Table("effects", "What helps", head, tuple(rows), note)
+
+
+def _column(
+    results: list[Result], design: np.ndarray, values: Mapping[str, float], measure: Measure
+) -> list[str]:
+    """Each coefficient with its interval; empty where a set has no such value."""
+    if len(values) < len(results):
+        return [""] * design.shape[1]
+    found = np.array([values[one.cameras] for one in results])
+    middle, half = _least_squares(design, found, len(results) - design.shape[1])
+    form = f"+.{measure.digits}f"
+    return [
+        f"{at:{form}} ({at - wide:{form}} to {at + wide:{form}})"
+        for at, wide in zip(middle, half, strict=True)
+    ]
 
 
 def _told_apart(results: list[Result]) -> list[str]:
@@ -68,11 +80,6 @@ def _design(results: list[Result], traits: list[str]) -> np.ndarray:
 
 def _has(result: Result, trait: str) -> bool:
     return _TRAITS[trait](frozenset(result.cameras.split("+")))
-
-
-def _share(result: Result) -> float:
-    assert result.success is not None
-    return result.success.value
 
 
 def _least_squares(

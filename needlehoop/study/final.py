@@ -31,6 +31,9 @@ class Final:
     """Share that held the needle at some time; ``None`` where it was not written down."""
     lifted: float | None
     """Share that brought it to the lift position."""
+    area: float | None
+    """Mean return over all of training: the area under its curve, by steps. ``None`` where
+    training is not over, or has left no curve."""
     episodes: int
     steps: int
     """Of training, when it was measured."""
@@ -56,6 +59,7 @@ def final(run: Record) -> Final | None:
             cheat=float(last["cheat"]),
             grasped=_told(last.get("grasped")),
             lifted=_told(last.get("lifted")),
+            area=_area(run) if run.finished else None,
             episodes=int(last["episodes"]),
             steps=int(last.get("steps_trained") or run.steps),
             finished=run.finished,
@@ -79,10 +83,19 @@ def final(run: Record) -> Final | None:
         cheat=mean("cheat"),
         grasped=known("grasped"),
         lifted=known("lifted"),
+        area=None,
         episodes=int(episodes.sum()),
         steps=newest,
         finished=False,
     )
+
+
+def _area(run: Record) -> float | None:
+    """Over buffers, which have as many steps each; in the first ones no episode may end."""
+    if run.metrics is None or run.steps < run.planned_steps:
+        return None
+    returns = run.metrics["return"]
+    return float(np.nanmean(returns)) if not np.isnan(returns).all() else None
 
 
 def _told(value: Any) -> float | None:

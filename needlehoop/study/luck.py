@@ -13,8 +13,8 @@ from scipy.stats import studentized_range
 from scipy.stats import t as student
 
 from needlehoop.study.combinations import label
-from needlehoop.study.final import Final
-from needlehoop.study.findings import Findings, Result
+from needlehoop.study.findings import Findings
+from needlehoop.study.measures import RETURN, SUCCESS, TRAINING, Measure, values
 from needlehoop.study.table import Table
 
 _LEVEL = 0.95
@@ -57,27 +57,26 @@ class Noise:
         return self.deviation * size * _studentized(sets, self.free)
 
 
-def noise(findings: Findings) -> Noise | None:
-    """The noise of returns with the main reward; ``None`` where no set has two seeds."""
-    return _pooled([_values(one, "value") for one in _repeated(findings)])
+def noise(findings: Findings, measure: Measure) -> Noise | None:
+    """The noise of single runs with the main reward; ``None`` where no set has two seeds."""
+    return _pooled([*_repeated(findings, measure).values()])
 
 
 def luck(findings: Findings) -> Table:
-    """A row for return and one for success: how much sets differ, and how much seeds of one."""
-    chosen = _repeated(findings)
+    """A row for each measure: how much sets differ, and how much seeds of one."""
     rows = []
-    for what, name, scale, digits in (("return", "value", 1, 2), ("success, %", "success", 100, 0)):
-        groups = [[scale * value for value in _values(one, name)] for one in chosen]
+    for measure in (RETURN, SUCCESS, TRAINING):
+        groups = [*_repeated(findings, measure).values()]
         within = _pooled(groups)
         if within is None or len(groups) < 2 or within.deviation == 0.0:
             continue
         share, low, high, p = _share(groups, within)
-        apart = math.sqrt(share / (1.0 - share)) * within.deviation if share > 0.0 else 0.0
+        between = math.sqrt(share / (1.0 - share)) * within.deviation if share > 0.0 else 0.0
         rows.append(
             (
-                what,
-                f"{apart:.{digits}f}",
-                f"{within.deviation:.{digits}f}",
+                measure.name,
+                f"{between:.{measure.digits}f}",
+                f"{within.deviation:.{measure.digits}f}",
                 f"{100 * max(share, 0.0):.0f}",
                 f"{100 * max(low, 0.0):.0f} to {100 * max(high, 0.0):.0f}",
                 f"{p:.1g}" if p < 0.01 else f"{p:.2f}",
@@ -98,40 +97,45 @@ def luck(findings: Findings) -> Table:
 
 def apart(findings: Findings) -> Table:
     """Each set's difference from the best one, and whether it can be told from chance."""
-    chosen = _repeated(findings)
-    within = noise(findings)
+    found = [_from_the_best(findings, measure) for measure in (RETURN, TRAINING)]
     rows = []
-    if within is not None and within.deviation > 0.0 and len(chosen) > 1:
-        means = [float(np.mean(_values(one, "value"))) for one in chosen]
-        best = int(np.argmax(means))
-        for result, mean in zip(chosen, means, strict=True):
-            runs = (len(result.finals), len(chosen[best].finals))
-            half = within.half_width_of_any(len(chosen), runs)
-            difference, name = mean - means[best], label(result.cameras)
-            if result is chosen[best]:
-                rows.append((name, f"{mean:.2f}", "", "", BEST, str(runs[0])))
-                continue
-            interval = f"{difference - half:+.2f} to {difference + half:+.2f}"
-            said = LEVEL if difference + half >= 0.0 else WORSE
-            rows.append((name, f"{mean:.2f}", f"{difference:+.2f}", interval, said, str(runs[0])))
-    head = ("cameras", "return", "from the best", "95 %", "which is", "seeds")
+    for result in findings.ranked:
+        cells = [own.get(result.cameras, ("", "", "")) for own in found]
+        if any(map(any, cells)):
+            rows.append((label(result.cameras), *cells[0], *cells[1], str(len(result.finals))))
+    head = ("cameras", RETURN.name, "from the best, 95 %", "which is", TRAINING.name)
+    head += ("over training: from the best, 95 %", "over training: which is")
     note = (
         "Means over seeds. Intervals are Tukey's: right for all pairs of sets at once, however the"
         " best was found; how far seeds lie apart is pooled over the sets."
     )
-    return Table("apart", "Which can be told from the best", head, tuple(rows), note)
+    title = "Which can be told from the best"
+    return Table("apart", title, (*head, "seeds"), tuple(rows), note)
 
 
-def _repeated(findings: Findings) -> list[Result]:
-    return [one for one in findings.ranked if len(one.finals) >= LEAST]
+def _from_the_best(findings: Findings, measure: Measure) -> dict[str, tuple[str, str, str]]:
+    """By set: its mean, the difference with its interval, and what that says."""
+    groups = _repeated(findings, measure)
+    within = _pooled([*groups.values()])
+    if within is None or within.deviation == 0.0 or len(groups) < 2:
+        return {}
+    means = {cameras: float(np.mean(own)) for cameras, own in groups.items()}
+    best = max(means, key=means.__getitem__)
+    found = {}
+    for cameras, mean in means.items():
+        runs = (len(groups[cameras]), len(groups[best]))
+        half = within.half_width_of_any(len(groups), runs)
+        difference = mean - means[best]
+        told = f"{difference:+.2f} ({difference - half:+.2f} to {difference + half:+.2f})"
+        said = LEVEL if difference + half >= 0.0 else WORSE
+        found[cameras] = (f"{mean:.2f}", *(("", BEST) if cameras == best else (told, said)))
+    return found
 
 
-def _values(result: Result, name: str) -> list[float]:
-    return [_of(found, name) for found in result.finals]
-
-
-def _of(found: Final, name: str) -> float:
-    return found.value if name == "value" else found.success
+def _repeated(findings: Findings, measure: Measure) -> dict[str, list[float]]:
+    """The runs' numbers of sets with several, the best final return first."""
+    every = {result.cameras: values(result, measure) for result in findings.ranked}
+    return {cameras: own for cameras, own in every.items() if len(own) >= LEAST}
 
 
 def _pooled(groups: Sequence[Sequence[float]]) -> Noise | None:

@@ -13,13 +13,12 @@ from needlehoop.study.agreement import Agreement, Pooled, agreement, pooled
 from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
+from needlehoop.study.measures import RETURN, TRAINING, Measure, by_seed, middles
 from needlehoop.study.predictions import IMITATION, Prediction, scored
 from needlehoop.study.reliability import (
     ONE_SEED,
     OTHER_SEEDS,
-    Repeat,
     Spread,
-    finals_by_seed,
     mean_known,
     repeat,
     spread,
@@ -29,6 +28,10 @@ from needlehoop.study.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.table import Table
 
 MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
+MEASURED_SOON = TRAINING.name
+
+_OURS = {MEASURED: RETURN, MEASURED_SOON: TRAINING}
+"""What predictions are held against, of a study's own runs."""
 
 _CELL = 4.2
 """Height of a row, mm."""
@@ -90,13 +93,14 @@ def ranking_chart(findings: Findings) -> Figure:
 def agreements(findings: Findings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list.
 
-    Imitation predicts, and is predicted: what flies ranks cameras as well. Each seed of what was
-    measured here predicts the others, too, which says what a prediction can be compared with.
+    Held against final returns, and against returns over training, of which luck is a smaller
+    part. Imitation predicts, and is predicted: what flies ranks cameras as well. Each seed of what
+    was measured here predicts the others, too, which says what a prediction can be compared with.
     """
-    runs = {name: [*own.values()] for name, own in finals_by_seed(findings).items()}
+    runs = {against: _runs(findings, measure) for against, measure in _OURS.items()}
     rows = []
     for one, against, values in _sides(findings):
-        own = runs if against == MEASURED else {}
+        own = runs.get(against, {})
         both: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
         for members, scores in one.lists.items():
             if against != MEASURED and not members <= set(values):
@@ -111,11 +115,13 @@ def agreements(findings: Findings) -> Table:
         if len(both) > 1:
             said = _together(pooled(both), spread([side for side, _ in both], own))
             rows.append((f"{one.who} against {against}", "all lists", *said))
-    repeated = _repeated(repeat(findings))
+    repeated = [row for against in _OURS for row in _repeated(findings, against)]
     head = ("what", "list", "tau-b", "tau-b, 95 %", "p", "rho", "p", "best found", "worst found")
     note = (
-        "Two-sided permutation p-values; regret is the return lost by taking the predicted best,"
-        " against imitation the share of successes. All lists: means, p by orders drawn for each"
+        f"{MEASURED_SOON.capitalize()}: the mean of all training episodes, by steps, which says how"
+        " soon cameras let the task be learnt. Two-sided permutation p-values; regret is the return"
+        " lost by taking the predicted best, against imitation the share of successes. All lists:"
+        " means, p by orders drawn for each"
         " list by itself. Intervals: over other seeds of what was measured, where each set has"
         f" {ENOUGH} or more (bootstrap)."
     )
@@ -134,6 +140,11 @@ def measured(findings: Findings) -> dict[str, float]:
     return {result.cameras: result.value.value for result in findings.ranked}
 
 
+def repeats(against: str) -> str:
+    """What one seed is held against, beside predictions of a measurement."""
+    return OTHER_SEEDS if against == MEASURED else f"{OTHER_SEEDS}, {against}"
+
+
 def list_name(members: frozenset[str]) -> str:
     """A list's name; that of one that is not the paper's is what is in it."""
     for name, own in paper.lists().items():
@@ -147,9 +158,12 @@ def _sides(findings: Findings) -> list[tuple[Prediction, str, Mapping[str, float
     published = paper.measured()
     sides: list[tuple[Prediction, str, Mapping[str, float]]] = []
     if findings.study is not None:
-        ours = measured(findings)
         theirs = scored(PAPERS_MEASURED, published, paper.lists().values())
-        sides += [(one, MEASURED, ours) for one in (*findings.predictions, theirs)]
+        for against, ours in (
+            (MEASURED, measured(findings)),
+            (MEASURED_SOON, middles(findings, TRAINING)),
+        ):
+            sides += [(one, against, ours) for one in (*findings.predictions, theirs)]
     sides += [(one, PAPERS_MEASURED, published) for one in findings.predictions]
     flown = [one for one in findings.predictions if one.who == IMITATION]
     for imitation in flown:
@@ -164,6 +178,8 @@ def _columns(findings: Findings) -> tuple[Prediction, ...]:
     found = [*findings.predictions]
     if findings.study is not None:
         found.append(scored(MEASURED, measured(findings), lists, whole=False))
+        soon = scored(MEASURED_SOON, middles(findings, TRAINING), lists, whole=False)
+        found += [soon] if soon.lists else []
     return (*found, scored(PAPERS_MEASURED, paper.measured(), lists))
 
 
@@ -198,15 +214,21 @@ def _column(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[s
         axes.text(x, y, said, ha="center", va="center", fontsize=6, color=ink)
 
 
-def _repeated(found: Repeat) -> list[tuple[str, ...]]:
+def _runs(findings: Findings, measure: Measure) -> dict[str, list[float]]:
+    return {name: [*own.values()] for name, own in by_seed(findings, measure).items()}
+
+
+def _repeated(findings: Findings, against: str) -> list[tuple[str, ...]]:
     """A row for each list that several seeds have ranked, and one for all."""
+    found = repeat(findings, _OURS[against])
+    what = f"{ONE_SEED} against {repeats(against)}"
     rows = []
     for members, seeds in found.lists.items():
         rows.append((list_name(members), *_mean(seeds)))
     if len(found.lists) > 1:
         every = [one for seeds in found.lists.values() for one in seeds]
         rows.append(("all lists", *_mean(every)))
-    return [(f"{ONE_SEED} against {OTHER_SEEDS}", *row) for row in rows]
+    return [(what, *row) for row in rows]
 
 
 def _mean(found: Sequence[Agreement]) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from needlehoop.study.agreement import Agreement, agreement
 from needlehoop.study.findings import Findings
+from needlehoop.study.measures import Measure, by_seed
 from needlehoop.study.statistics import ENOUGH, iqm, percentiles, resample
 
 ONE_SEED, OTHER_SEEDS = "one seed", "the other seeds"
@@ -39,20 +40,9 @@ class Spread:
     regret: tuple[float, float]
 
 
-def finals_by_seed(findings: Findings) -> dict[str, dict[int, float]]:
-    """Final returns with the main reward, by set of cameras and seed."""
-    return {
-        result.cameras: {
-            run.place.seed: found.value
-            for run, found in zip(result.runs, result.finals, strict=True)
-        }
-        for result in findings.ranked
-    }
-
-
-def repeat(findings: Findings) -> Repeat:
+def repeat(findings: Findings, measure: Measure) -> Repeat:
     """How well each seed of a study foretells the mean of its others."""
-    finals = finals_by_seed(findings)
+    finals = by_seed(findings, measure)
     lists = {}
     for members in map(frozenset, findings.lists.values()):
         own = [set(finals.get(name, ())) for name in members]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
@@ -16,6 +18,7 @@ from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.luck import apart, luck
+from needlehoop.study.measures import TRAINING, values
 from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -25,6 +28,7 @@ from needlehoop.study.statistics import (
     Estimate,
     estimate,
     improvement,
+    iqm,
     no_interval,
 )
 from needlehoop.study.table import Table
@@ -65,6 +69,7 @@ def results(findings: Findings) -> Table:
                 label(result.cameras),
                 f"{result.value.value:.2f}",
                 result.value.interval,
+                _over_training(result),
                 _percent(result.success),
                 _interval(result.success),
                 _percent(result.cheat),
@@ -73,11 +78,12 @@ def results(findings: Findings) -> Table:
                 str(result.unfinished),
             )
         )
-    head = ("place", "cameras", "return", "return, 95 %", "success, %", "success, 95 %")
-    head += ("cheat, %", "reward")
+    head = ("place", "cameras", "return", "return, 95 %", TRAINING.name, "success, %")
+    head += ("success, 95 %", "cheat, %", "reward")
     note = (
-        "Interquartile means over seeds. Intervals are bootstrapped over three seeds or more;"
-        " with fewer, Wilson's over all episodes, for rates alone."
+        f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, of runs whose"
+        " training is over. Interquartile means over seeds. Intervals are bootstrapped over three"
+        " seeds or more; with fewer, Wilson's over all episodes, for rates alone."
     )
     if any(result.reward != findings.main_reward for result in findings.results):
         note += " A return is in its own reward's points: across rewards, compare success."
@@ -198,6 +204,11 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
         "",
         "",
     )
+
+
+def _over_training(result: Result) -> str:
+    known = values(result, TRAINING)
+    return f"{iqm(np.array(known)):.2f}" if known else ""
 
 
 def _times(result: Result) -> str:

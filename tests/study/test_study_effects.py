@@ -12,9 +12,10 @@ from needlehoop.study.costs import Bargain, Market, cost_and_regret, costs, mark
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.effects import effects
 from needlehoop.study.findings import paper_findings, study_findings
+from needlehoop.study.measures import RETURN, by_seed
 from needlehoop.study.phases import phases, reached
 from needlehoop.study.predictions import FAST, IMITATION, PROBE
-from needlehoop.study.reliability import ONE_SEED, finals_by_seed
+from needlehoop.study.reliability import ONE_SEED
 
 
 def rewrite(run, **numbers):
@@ -146,7 +147,7 @@ def test_a_study_with_several_seeds_is_foretold_by_one_of_them(studies, tmp_path
     (own,) = [one for one in here.bargains if one.who == ONE_SEED]
     # One of two runs of 97 buffers of 16 s for each of 14 sets, on a core.
     assert own.core_minutes == pytest.approx(14 * 97 * 16 / 60)
-    finals = finals_by_seed(findings)
+    finals = by_seed(findings, RETURN)
     for members, regret in own.regrets.items():
         lost = []
         for seed in (0, 1):

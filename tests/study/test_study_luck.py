@@ -1,27 +1,48 @@
 """How much is the cameras', and how much the seeds', held against scipy's own tests."""
 
+import csv
 import json
+import re
 
 import numpy as np
 import pytest
 from scipy.stats import f_oneway, tukey_hsd
 from study_files import BUFFER, write_run
 
+from needlehoop.study.combinations import label
 from needlehoop.study.findings import paper_findings, study_findings
 from needlehoop.study.luck import BEST, LEVEL, WORSE, apart, luck, noise
+from needlehoop.study.measures import RETURN, TRAINING, by_seed
 
 NAMES = ("dep_front+seg_side", "dep_front+dep_side", "rgb_front+rgb_side", "dep_default")
 SHORT = {"updates": 3, "steps": 3 * BUFFER}
 
 
-def study_of(folder, groups, names=NAMES):
-    """A study of sets that end at these returns, and a tenth of it in success, seed by seed."""
+def study_of(folder, groups, names=NAMES, column="return"):
+    """A study of sets with these returns, in the end or in training; a tenth of it in success."""
     for name, values in zip(names, groups, strict=False):
         for seed, value in enumerate(values):
-            path = write_run(folder, name, seed=seed, **SHORT) / "evaluation.json"
+            run = write_run(folder, name, seed=seed, **SHORT)
+            if column == "training":
+                over_training(run / "metrics.csv", float(value))
+                continue
+            path = run / "evaluation.json"
             outcome = {"return": float(value), "success": float(value) / 10}
             path.write_text(json.dumps(json.loads(path.read_text()) | outcome))
     return study_findings(folder)
+
+
+def over_training(path, mean):
+    """Write returns with this mean into a run's metrics, whose first buffer ends no episode."""
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0]["return"] == ""
+    for row, away in zip(rows[1:], (-0.5, 0.5), strict=True):
+        row["return"] = str(mean + away)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def rows_of(table) -> list[dict[str, str]]:
@@ -65,18 +86,43 @@ def test_seeds_alone_are_no_cameras(tmp_path):
     assert by_return["seeds needed"] == "no number"
 
 
-def test_differences_from_the_best_are_tukeys(tmp_path):
+@pytest.mark.parametrize("column", ["return", "training"])
+def test_differences_from_the_best_are_tukeys(tmp_path, column):
     groups = [[8.0, 8.2, 8.4], [7.9, 8.3, 8.1], [5.0, 5.4, 5.3], [8.1, 7.9, 6.0]]
-    rows = rows_of(apart(study_of(tmp_path / "main", groups)))
+    found = study_of(tmp_path / "main", groups, column=column)
+    rows = rows_of(apart(found))
     expected = tukey_hsd(*groups)
     limits = expected.confidence_interval()
-    ordered = sorted(range(4), key=lambda i: -np.mean(groups[i]))
-    assert [row["which is"] for row in rows] == [BEST, LEVEL, LEVEL, WORSE]
-    for row, i in zip(rows[1:], ordered[1:], strict=True):
-        assert float(row["from the best"]) == pytest.approx(expected.statistic[i, 0], abs=0.006)
-        low, high = map(float, row["95 %"].split(" to "))
+    over = "" if column == "return" else "over training: "
+    by_cameras = {row["cameras"]: row for row in rows}
+    assert len(by_cameras) == 4
+    assert [by_cameras[label(name)][f"{over}which is"] for name in NAMES] == [
+        BEST,
+        LEVEL,
+        WORSE,
+        LEVEL,
+    ]
+    for i, name in enumerate(NAMES[1:], start=1):
+        cell = by_cameras[label(name)][f"{over}from the best, 95 %"]
+        difference, low, high = map(float, re.findall(r"[-+.\d]+", cell))
+        assert difference == pytest.approx(expected.statistic[i, 0], abs=0.006)
         assert low == pytest.approx(limits.low[i, 0], abs=0.006)
         assert high == pytest.approx(limits.high[i, 0], abs=0.006)
+
+
+def test_returns_over_training_are_those_of_all_buffers(tmp_path):
+    groups = [[4.0, 4.5], [2.0, 2.25]]
+    found = study_of(tmp_path / "main", groups, column="training")
+    values = by_seed(found, TRAINING)
+    assert [[*values[name].values()] for name in NAMES[:2]] == groups
+    (of_training,) = [row for row in rows_of(luck(found)) if row["of"] == TRAINING.name]
+    assert float(of_training["p"]) == pytest.approx(f_oneway(*groups).pvalue, abs=0.005)
+
+
+def test_training_that_is_not_over_has_no_return_over_it(tmp_path):
+    study = tmp_path / "main"
+    write_run(study, NAMES[0], updates=20)
+    assert by_seed(study_findings(study), TRAINING) == {}
 
 
 @pytest.mark.parametrize("groups", [[[8.0], [5.0]], [[8.0, 7.0], [5.0]], [[8.0, 8.0], [5.0, 5.0]]])
@@ -87,11 +133,11 @@ def test_nothing_is_said_without_repeats_that_differ(tmp_path, groups):
 
 
 def test_one_repeated_set_is_enough_for_its_noise(tmp_path):
-    found = noise(study_of(tmp_path / "main", [[8.0, 7.0, 6.0], [5.0]]))
+    found = noise(study_of(tmp_path / "main", [[8.0, 7.0, 6.0], [5.0]]), RETURN)
     assert found is not None
     assert (found.deviation, found.free) == (pytest.approx(1.0), 2)
 
 
 def test_the_papers_single_runs_say_nothing_of_luck(tmp_path):
-    assert noise(paper_findings(tmp_path)) is None
+    assert noise(paper_findings(tmp_path), RETURN) is None
     assert luck(paper_findings(tmp_path)).rows == ()

@@ -6,8 +6,9 @@ from study_files import PAIRS, write_run, write_study
 
 from needlehoop.study.agreement import pooled
 from needlehoop.study.findings import study_findings
+from needlehoop.study.measures import RETURN, TRAINING, by_seed
 from needlehoop.study.rankings import agreements
-from needlehoop.study.reliability import finals_by_seed, mean_known, repeat, spread
+from needlehoop.study.reliability import mean_known, repeat, spread
 from needlehoop.study.statistics import iqm, resample
 
 
@@ -100,9 +101,9 @@ def test_each_seed_is_held_against_the_others(tmp_path):
     # A third seed of some sets alone ranks no list.
     write_run(tmp_path / "main", names[0], seed=2, noise=9)
     findings = study_findings(tmp_path / "main")
-    finals = finals_by_seed(findings)
+    finals = by_seed(findings, RETURN)
     assert sorted(finals[names[0]]) == [0, 1, 2]
-    found = repeat(findings)
+    found = repeat(findings, RETURN)
     assert [len(seeds) for seeds in found.lists.values()] == [2, 2, 2]
     for members, (first, second) in found.lists.items():
         zero, one = ({name: finals[name][seed] for name in members} for seed in (0, 1))
@@ -111,17 +112,22 @@ def test_each_seed_is_held_against_the_others(tmp_path):
         assert first.regret == pytest.approx(
             max(one.values()) - one[max(zero, key=zero.__getitem__)]
         )
-    rows = [row for row in agreements(findings).rows if row[0].startswith("one seed")]
-    assert [row[1] for row in rows][-1] == "all lists"
-    means = [np.mean([one.tau for one in seeds]) for seeds in found.lists.values()]
-    assert [row[2] for row in rows] == [f"{tau:.2f}" for tau in (*means, np.mean(means))]
+    for measure, what in (
+        (RETURN, "one seed against the other seeds"),
+        (TRAINING, "one seed against the other seeds, return over training"),
+    ):
+        rows = [row for row in agreements(findings).rows if row[0] == what]
+        assert [row[1] for row in rows][-1] == "all lists"
+        seeds_of = repeat(findings, measure).lists.values()
+        means = [np.mean([one.tau for one in seeds]) for seeds in seeds_of]
+        assert [row[2] for row in rows] == [f"{tau:.2f}" for tau in (*means, np.mean(means))]
     assert found.core_minutes is None
 
 
 def test_one_seed_has_no_others(tmp_path):
     write_study(tmp_path / "main", PAIRS, seeds=1)
     findings = study_findings(tmp_path / "main")
-    assert not repeat(findings).lists
+    assert not repeat(findings, RETURN).lists
     assert not [row for row in agreements(findings).rows if row[0].startswith("one seed")]
 
 

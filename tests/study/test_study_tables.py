@@ -65,9 +65,10 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = dicts(agreements(findings))
-    # Of the paper's VLM and claude, here and in the paper, and of the paper's measured here;
-    # the study's own VLM has the paper's orders, and is the paper's. And of each seed here.
-    assert len(rows) == (2 + 2 + 1 + 1) * (3 + 1)
+    # Of the paper's VLM and claude, the paper's measured and each seed here, by final return and
+    # over training, and of both models in the paper; the study's own VLM has the paper's orders,
+    # and is the paper's.
+    assert len(rows) == ((2 + 1 + 1) * 2 + 2) * (3 + 1)
     papers = [r for r in rows if r["what"] == "the paper's VLM against the paper's measured"]
     *alone, together = papers
     assert [(r["tau-b"], r["best found"], r["worst found"]) for r in alone] == [
@@ -92,13 +93,14 @@ def test_rankings_stand_side_by_side(tmp_path):
     (tmp_path / "probe").mkdir()
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
     table = rankings(study_findings(study))
-    who = ("the paper's VLM", "claude", "probe", "measured", "the paper's measured")
+    who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
+    who += ("the paper's measured",)
     assert table.header == ("list", "cameras", *who)
     rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
     assert len(rows) == 16
     best = rows["RGB and depth", "DEP (F) + RGB (S)"]
     # Claude's first is the paper's second; the probe's tie shares its mean place.
-    assert [best[name] for name in who] == ["1", "2", "2.5", "", "1"]
+    assert [best[name] for name in who] == ["1", "2", "2.5", "", "", "1"]
     assert rows["RGB and depth", "RGB (D)"]["measured"] == "1 of 1"
     # The probe has not seen all of the other lists.
     assert rows["Depth and segmentation", "DEP (F) + SEG (S)"]["probe"] == ""

@@ -1,0 +1,56 @@
+"""What runs are judged by, and what the runs of a set of cameras gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from needlehoop.study.final import Final
+from needlehoop.study.findings import Findings, Result
+from needlehoop.study.statistics import iqm
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number that a run ends with: higher is better."""
+
+    name: str
+    of: Callable[[Final], float | None]
+    scale: float = 1.0
+    """From a run's number to the one that is shown."""
+    digits: int = 2
+
+
+RETURN = Measure("return", lambda found: found.value)
+"""Of the agent that training leaves."""
+
+TRAINING = Measure("return over training", lambda found: found.area)
+"""How soon it was learnt, and how well."""
+
+SUCCESS = Measure("success, %", lambda found: found.success, 100.0, 0)
+
+
+def values(result: Result, measure: Measure) -> list[float]:
+    """Of each run; empty where one has no such number."""
+    known = [one for found in result.finals if (one := measure.of(found)) is not None]
+    return [measure.scale * one for one in known] if len(known) == len(result.finals) else []
+
+
+def middles(findings: Findings, measure: Measure) -> dict[str, float]:
+    """Interquartile means over seeds with the main reward, by set of cameras.
+
+    Sets of which a run has no such number are not there.
+    """
+    every = {result.cameras: values(result, measure) for result in findings.ranked}
+    return {cameras: float(iqm(np.array(own))) for cameras, own in every.items() if own}
+
+
+def by_seed(findings: Findings, measure: Measure) -> dict[str, dict[int, float]]:
+    """The same run by run: by set of cameras, then by seed."""
+    return {
+        result.cameras: dict(zip((run.place.seed for run in result.runs), own, strict=True))
+        for result in findings.ranked
+        if (own := values(result, measure))
+    }
