@@ -12,9 +12,15 @@ from needlehoop.study import paper
 from needlehoop.study.agreement import agreement
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
-from needlehoop.study.measures import RETURN, by_seed
+from needlehoop.study.measures import RETURN, TRAINING, by_seed, middles
 from needlehoop.study.predictions import Prediction
-from needlehoop.study.rankings import MEASURED, PAPERS_MEASURED, list_name, measured
+from needlehoop.study.rankings import (
+    MEASURED,
+    MEASURED_SOON,
+    PAPERS_MEASURED,
+    list_name,
+    measured,
+)
 from needlehoop.study.reliability import (
     ONE_SEED,
     Repeat,
@@ -28,6 +34,12 @@ _MINUTE, _LONGEST = 1.0, 1e5
 """Ends of the costs' axis, core-minutes; those who are only asked stand below its beginning."""
 
 _ASKED = 0.25
+
+_TITLES = {
+    MEASURED: "of final returns here",
+    MEASURED_SOON: "of returns over training here",
+    PAPERS_MEASURED: "of the paper's returns",
+}
 
 _NAME = 10.0
 """Width of a name on the axis of costs, as a factor."""
@@ -61,23 +73,26 @@ class Market:
 
 
 def markets(findings: Findings) -> list[Market]:
-    """Against what was measured here, and against the paper's numbers.
+    """Against what was measured here, in the end and over training, and the paper's numbers.
 
     What was measured here is foretold by each of its own seeds, too, where there are several.
     Lists are left out of which a set was not measured, and measurements with none left.
     """
-    truths = {PAPERS_MEASURED: paper.measured()}
+    truths: dict[str, Mapping[str, float]] = {}
     if findings.study is not None:
-        truths = {MEASURED: measured(findings), **truths}
-    runs = {name: [*own.values()] for name, own in by_seed(findings, RETURN).items()}
+        truths |= {MEASURED: measured(findings), MEASURED_SOON: middles(findings, TRAINING)}
+    truths[PAPERS_MEASURED] = paper.measured()
+    ours = {MEASURED: RETURN, MEASURED_SOON: TRAINING}
     found = []
     for against, values in truths.items():
-        own = runs if against == MEASURED else {}
+        measure = ours.get(against)
+        seeds = by_seed(findings, measure) if measure else {}
+        own = {name: [*runs.values()] for name, runs in seeds.items()}
         lists = [m for m in map(frozenset, findings.lists.values()) if m <= set(values)]
         blind = {m: _best(values, m) - sum(values[name] for name in m) / len(m) for m in lists}
         bargains = [_bargain(one, values, lists, own) for one in findings.predictions]
-        if own:
-            bargains.append(_of_one_seed(repeat(findings, RETURN)))
+        if measure:
+            bargains.append(_of_one_seed(repeat(findings, measure)))
         if kept := tuple(one for one in bargains if one.regrets):
             found.append(Market(against, kept, blind))
     return found
@@ -114,7 +129,7 @@ def cost_and_regret(findings: Findings) -> Figure:
     if not shown:
         raise MissingDataError("no list has both been foretold and measured")
     whos = list(dict.fromkeys(one.who for market in shown for one in market.bargains))
-    figure, grid = new_figure(62 * len(shown), len(shown), 1, sharex=True)
+    figure, grid = new_figure(52 * len(shown), len(shown), 1, sharex=True)
     for axes, market in zip(grid[:, 0], shown, strict=True):
         _panel(axes, market, whos)
     grid[-1, 0].set_xlabel("core-minutes for a ranking of all sets")
@@ -126,7 +141,7 @@ def _panel(axes: Axes, market: Market, whos: list[str]) -> None:
     axes.set_xlim(_ASKED / 2, _LONGEST)
     axes.set_xticks([_ASKED, 1, 10, 100, 1000], ["only\nasked", "1", "10", "100", "1,000"])
     axes.minorticks_off()
-    axes.set_title(f"against {market.against}")
+    axes.set_title(_TITLES[market.against])
     axes.set_ylabel("regret, points of return")
     blind = sum(market.blind.values()) / len(market.blind)
     highest = max([blind, *(r for one in market.bargains for r in one.regrets.values())])

@@ -12,7 +12,7 @@ from needlehoop.study.costs import Bargain, Market, cost_and_regret, costs, mark
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.effects import effects
 from needlehoop.study.findings import paper_findings, study_findings
-from needlehoop.study.measures import RETURN, by_seed
+from needlehoop.study.measures import RETURN, TRAINING, by_seed
 from needlehoop.study.phases import phases, reached
 from needlehoop.study.predictions import FAST, IMITATION, PROBE
 from needlehoop.study.reliability import ONE_SEED
@@ -117,7 +117,7 @@ def studies(tmp_path_factory):
 
 def test_predictions_have_a_cost_and_a_regret(studies):
     findings = study_findings(studies / "main")
-    here, there = markets(findings)
+    here, soon, there = markets(findings)
     cost = {one.who: one.core_minutes for one in here.bargains}
     # Two runs of 97 buffers of 16 s for each of 14 sets, on a core; imitation's say no cores.
     assert cost[FAST] == pytest.approx(14 * 2 * 97 * 16 / 60)
@@ -126,7 +126,7 @@ def test_predictions_have_a_cost_and_a_regret(studies):
     assert cost["the paper's VLM"] == 0.0
     # Theirs was told by the paper's own numbers, from which the made-up returns come.
     values = {result.cameras: result.value.value for result in findings.ranked}
-    for one in (*here.bargains, *there.bargains):
+    for one in (*here.bargains, *soon.bargains, *there.bargains):
         assert set(one.regrets) <= set(here.blind)
         assert all(regret >= 0.0 for regret in one.regrets.values())
     first = next(one for one in here.bargains if one.who == PROBE)
@@ -139,23 +139,24 @@ def test_predictions_have_a_cost_and_a_regret(studies):
 
 
 def test_a_study_with_several_seeds_is_foretold_by_one_of_them(studies, tmp_path):
-    (alone, _) = markets(study_findings(studies / "main"))
+    alone, *_ = markets(study_findings(studies / "main"))
     assert ONE_SEED not in {one.who for one in alone.bargains}
     findings = study_findings(studies / "fast")
-    here, there = markets(findings)
+    here, soon, there = markets(findings)
     assert ONE_SEED not in {one.who for one in there.bargains}
-    (own,) = [one for one in here.bargains if one.who == ONE_SEED]
-    # One of two runs of 97 buffers of 16 s for each of 14 sets, on a core.
-    assert own.core_minutes == pytest.approx(14 * 97 * 16 / 60)
-    finals = by_seed(findings, RETURN)
-    for members, regret in own.regrets.items():
-        lost = []
-        for seed in (0, 1):
-            chosen = max(members, key=lambda name: finals[name][seed])
-            others = {name: finals[name][1 - seed] for name in members}
-            lost.append(max(others.values()) - others[chosen])
-        assert regret == pytest.approx(sum(lost) / 2)
-    assert len(own.regrets) == 3
+    for market, measure in ((here, RETURN), (soon, TRAINING)):
+        (own,) = [one for one in market.bargains if one.who == ONE_SEED]
+        # One of two runs of 97 buffers of 16 s for each of 14 sets, on a core.
+        assert own.core_minutes == pytest.approx(14 * 97 * 16 / 60)
+        ends = by_seed(findings, measure)
+        for members, regret in own.regrets.items():
+            lost = []
+            for seed in (0, 1):
+                chosen = max(members, key=lambda name, of=seed: ends[name][of])
+                others = {name: ends[name][1 - seed] for name in members}
+                lost.append(max(others.values()) - others[chosen])
+            assert regret == pytest.approx(sum(lost) / 2)
+        assert len(own.regrets) == 3
     # Two seeds are too few for an interval.
     assert [one.interval for one in here.bargains] == [None] * len(here.bargains)
 
@@ -163,7 +164,7 @@ def test_a_study_with_several_seeds_is_foretold_by_one_of_them(studies, tmp_path
 def test_three_seeds_give_regrets_an_interval(tmp_path):
     write_study(tmp_path / "main", PAIRS, seeds=3)
     findings = study_findings(tmp_path / "main")
-    here, there = markets(findings)
+    here, _, there = markets(findings)
     foretold = [one for one in here.bargains if one.who != ONE_SEED]
     assert foretold
     for one in foretold:
@@ -174,7 +175,7 @@ def test_three_seeds_give_regrets_an_interval(tmp_path):
     assert {one.interval for one in there.bargains} == {None}
     rows = [row for row in costs(findings).rows if row[1] == "measured"]
     assert [bool(row[3]) for row in rows] == [row[0] != ONE_SEED for row in rows]
-    (axes, _) = cost_and_regret(findings).axes
+    axes, _, _ = cost_and_regret(findings).axes
     # Each has its lists, its interval, its mean and its name's line; what one seed took is not on
     # record here, so that it has no place.
     assert len(axes.lines) == 1 + 4 * len(foretold)
@@ -189,8 +190,9 @@ def test_what_was_measured_there_foretells_nothing(studies):
 def test_cost_and_regret_are_drawn_for_each_measurement(studies, tmp_path):
     figure = cost_and_regret(study_findings(studies / "main"))
     assert [axes.get_title() for axes in figure.axes] == [
-        "against measured",
-        "against the paper's measured",
+        "of final returns here",
+        "of returns over training here",
+        "of the paper's returns",
     ]
     said = {text.get_text() for text in figure.axes[0].texts}
     assert {"probe", "fast protocol", "paper's VLM", "chosen blindly"} <= said
