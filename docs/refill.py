@@ -12,15 +12,21 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+from needlehoop.study import paper
+from needlehoop.study.agreement import pooled
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, study_findings
-from needlehoop.study.measures import TRAINING
-from needlehoop.study.rankings import MEASURED, MEASURED_SOON, repeats
+from needlehoop.study.measures import TRAINING, by_seed
+from needlehoop.study.predictions import scored
+from needlehoop.study.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
 from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "findings.md"
+
+_LAST = 2
+"""The seed that was trained after returns over training had been chosen to judge by."""
 
 
 def refilled(page: str) -> str:
@@ -88,10 +94,25 @@ def _agreement() -> list[Sequence[str]]:
             cells = [_with(tau, over_seeds), p, _with(regret, regrets)]
             fits[measure][who] = cells
     head = ("prediction", "tau-b", "p", "regret", "over training: tau-b", "p", "regret")
-    table: list[Sequence[str]] = [(*head, "core-minutes")]
+    table: list[Sequence[str]] = [(*head, f"seed {_LAST} alone: tau-b", "core-minutes")]
+    alone = _against_the_last()
     for who, cells in fits[MEASURED].items():
-        table.append((who, *cells, *fits[MEASURED_SOON][who], minutes.get(who, "")))
+        last = (alone.get(who, ""), minutes.get(who, ""))
+        table.append((who, *cells, *fits[MEASURED_SOON][who], *last))
     return table
+
+
+def _against_the_last() -> dict[str, str]:
+    """Tau-b of each prediction with returns over training of the last seed, over all lists."""
+    found = _findings("fast")
+    ends = {cams: own[_LAST] for cams, own in by_seed(found, TRAINING).items() if _LAST in own}
+    theirs = scored(PAPERS_MEASURED, paper.measured(), paper.lists().values())
+    said = {}
+    for one in (*found.predictions, theirs):
+        lists = [own for own in one.lists.values() if set(own) <= set(ends)]
+        both = [(own, {name: ends[name] for name in own}) for own in lists]
+        said[one.who] = f"{pooled(both).tau:.2f}" if both else ""
+    return said
 
 
 def _with(value: str, interval: str) -> str:

@@ -8,6 +8,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+from scipy.stats import kendalltau
 
 from needlehoop.study.claims import CLAIMS
 from needlehoop.study.combinations import label
@@ -18,6 +19,7 @@ from needlehoop.study.tables import all_tables
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "findings.md").read_text()
+AGREEMENT = "results/fast agreement"
 
 
 def cells_of(marker: str) -> list[list[str]]:
@@ -127,6 +129,28 @@ def test_how_far_rankings_predict_is_what_the_tables_say():
                 cells = [f"{tau} ({tau_range})".replace(" ()", ""), p]
                 cells.append(f"{regret} ({regret_range})".replace(" ()", ""))
                 expected.setdefault(who, []).extend(cells)
-    head, *shown = cells_of("results/fast agreement")
+    head, *shown = cells_of(AGREEMENT)
     assert head[1:7] == ["tau-b", "p", "regret", "over training: tau-b", "p", "regret"]
-    assert shown == [[who, *cells, minutes.get(who, "")] for who, cells in expected.items()]
+    assert [row[:7] + row[8:] for row in shown] == [
+        [who, *cells, minutes.get(who, "")] for who, cells in expected.items()
+    ]
+
+
+def test_the_last_seed_alone_is_foretold_as_the_page_says():
+    over_training = {}
+    for path in (ROOT / "results" / "fast").glob("*/vlm_text/seed2/metrics.csv"):
+        with path.open(newline="") as file:
+            returns = [float(row["return"]) for row in csv.DictReader(file) if row["return"]]
+        over_training[path.parts[-4]] = sum(returns) / len(returns)
+    predictions = study_findings(ROOT / "results" / "fast").predictions
+    column = {row["prediction"]: row["seed 2 alone: tau-b"] for row in rows_of(AGREEMENT)}
+    assert len(predictions) == 4
+    for one in predictions:
+        taus = [
+            kendalltau(*zip(*[(own[name], over_training[name]) for name in own], strict=True))
+            for own in one.lists.values()
+            if set(own) <= set(over_training)
+        ]
+        mean = sum(tau.statistic for tau in taus) / len(taus)
+        assert float(column[one.who]) == pytest.approx(mean, abs=0.0051)
+    assert column["one seed"] == ""
