@@ -149,7 +149,6 @@ def test_the_last_seed_alone_is_foretold_as_the_page_says():
         taus = [
             kendalltau(*zip(*[(own[name], over_training[name]) for name in own], strict=True))
             for own in one.lists.values()
-            if set(own) <= set(over_training)
         ]
         mean = sum(tau.statistic for tau in taus) / len(taus)
         assert float(column[one.who]) == pytest.approx(mean, abs=0.0051)
