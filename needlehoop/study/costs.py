@@ -12,11 +12,12 @@ from needlehoop.study import paper
 from needlehoop.study.agreement import agreement
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
-from needlehoop.study.measures import RETURN, TRAINING, by_seed, middles
+from needlehoop.study.measures import TRAINING, by_set, middles
 from needlehoop.study.predictions import Prediction
 from needlehoop.study.rankings import (
     MEASURED,
     MEASURED_SOON,
+    OURS,
     PAPERS_MEASURED,
     list_name,
     measured,
@@ -82,12 +83,10 @@ def markets(findings: Findings) -> list[Market]:
     if findings.study is not None:
         truths |= {MEASURED: measured(findings), MEASURED_SOON: middles(findings, TRAINING)}
     truths[PAPERS_MEASURED] = paper.measured()
-    ours = {MEASURED: RETURN, MEASURED_SOON: TRAINING}
     found = []
     for against, values in truths.items():
-        measure = ours.get(against)
-        seeds = by_seed(findings, measure) if measure else {}
-        own = {name: [*runs.values()] for name, runs in seeds.items()}
+        measure = OURS.get(against)
+        own = by_set(findings, measure) if measure else {}
         lists = [m for m in map(frozenset, findings.lists.values()) if m <= set(values)]
         blind = {m: _best(values, m) - sum(values[name] for name in m) / len(m) for m in lists}
         bargains = [_bargain(one, values, lists, own) for one in findings.predictions]

@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings
-from needlehoop.study.measures import RETURN, SUCCESS, TRAINING, Measure, values
+from needlehoop.study.measures import RETURN, SUCCESS, TRAINING, Measure, by_set
 from needlehoop.study.table import Table
 
 _LEVEL = 0.95
@@ -134,7 +134,7 @@ def _from_the_best(findings: Findings, measure: Measure) -> dict[str, tuple[str,
 
 def _repeated(findings: Findings, measure: Measure) -> dict[str, list[float]]:
     """The runs' numbers of sets with several, the best final return first."""
-    every = {result.cameras: values(result, measure) for result in findings.ranked}
+    every = by_set(findings, measure)
     return {cameras: own for cameras, own in every.items() if len(own) >= LEAST}
 
 

@@ -38,13 +38,24 @@ def values(result: Result, measure: Measure) -> list[float]:
     return [measure.scale * one for one in known] if len(known) == len(result.finals) else []
 
 
-def middles(findings: Findings, measure: Measure) -> dict[str, float]:
-    """Interquartile means over seeds with the main reward, by set of cameras.
+def middle(result: Result, measure: Measure) -> float | None:
+    """The interquartile mean over seeds; ``None`` where a run has no such number."""
+    own = values(result, measure)
+    return float(iqm(np.array(own))) if own else None
+
+
+def by_set(findings: Findings, measure: Measure) -> dict[str, list[float]]:
+    """The runs' numbers with the main reward, by set of cameras, the best final return first.
 
     Sets of which a run has no such number are not there.
     """
     every = {result.cameras: values(result, measure) for result in findings.ranked}
-    return {cameras: float(iqm(np.array(own))) for cameras, own in every.items() if own}
+    return {cameras: own for cameras, own in every.items() if own}
+
+
+def middles(findings: Findings, measure: Measure) -> dict[str, float]:
+    """The same sets' interquartile means over seeds."""
+    return {name: float(iqm(np.array(own))) for name, own in by_set(findings, measure).items()}
 
 
 def by_seed(findings: Findings, measure: Measure) -> dict[str, dict[int, float]]:

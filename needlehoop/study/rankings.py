@@ -13,7 +13,7 @@ from needlehoop.study.agreement import Agreement, Pooled, agreement, pooled
 from needlehoop.study.combinations import LISTS, label
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.findings import Findings
-from needlehoop.study.measures import RETURN, TRAINING, Measure, by_seed, middles
+from needlehoop.study.measures import RETURN, TRAINING, by_set, middles
 from needlehoop.study.predictions import IMITATION, Prediction, scored
 from needlehoop.study.reliability import (
     ONE_SEED,
@@ -30,7 +30,7 @@ from needlehoop.study.table import Table
 MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
 MEASURED_SOON = TRAINING.name
 
-_OURS = {MEASURED: RETURN, MEASURED_SOON: TRAINING}
+OURS = {MEASURED: RETURN, MEASURED_SOON: TRAINING}
 """What predictions are held against, of a study's own runs."""
 
 _CELL = 4.2
@@ -97,7 +97,7 @@ def agreements(findings: Findings) -> Table:
     part. Imitation predicts, and is predicted: what flies ranks cameras as well. Each seed of what
     was measured here predicts the others, too, which says what a prediction can be compared with.
     """
-    runs = {against: _runs(findings, measure) for against, measure in _OURS.items()}
+    runs = {against: by_set(findings, measure) for against, measure in OURS.items()}
     rows = []
     for one, against, values in _sides(findings):
         own = runs.get(against, {})
@@ -115,7 +115,7 @@ def agreements(findings: Findings) -> Table:
         if len(both) > 1:
             said = _together(pooled(both), spread([side for side, _ in both], own))
             rows.append((f"{one.who} against {against}", "all lists", *said))
-    repeated = [row for against in _OURS for row in _repeated(findings, against)]
+    repeated = [row for against in OURS for row in _repeated(findings, against)]
     head = ("what", "list", "tau-b", "tau-b, 95 %", "p", "rho", "p", "best found", "worst found")
     note = (
         f"{MEASURED_SOON.capitalize()}: the mean of all training episodes, by steps, which says how"
@@ -214,13 +214,9 @@ def _column(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[s
         axes.text(x, y, said, ha="center", va="center", fontsize=6, color=ink)
 
 
-def _runs(findings: Findings, measure: Measure) -> dict[str, list[float]]:
-    return {name: [*own.values()] for name, own in by_seed(findings, measure).items()}
-
-
 def _repeated(findings: Findings, against: str) -> list[tuple[str, ...]]:
     """A row for each list that several seeds have ranked, and one for all."""
-    found = repeat(findings, _OURS[against])
+    found = repeat(findings, OURS[against])
     what = f"{ONE_SEED} against {repeats(against)}"
     rows = []
     for members, seeds in found.lists.items():

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
@@ -18,7 +16,7 @@ from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.luck import apart, luck
-from needlehoop.study.measures import TRAINING, values
+from needlehoop.study.measures import TRAINING, middle
 from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -28,7 +26,6 @@ from needlehoop.study.statistics import (
     Estimate,
     estimate,
     improvement,
-    iqm,
     no_interval,
 )
 from needlehoop.study.table import Table
@@ -207,8 +204,8 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
 
 
 def _over_training(result: Result) -> str:
-    known = values(result, TRAINING)
-    return f"{iqm(np.array(known)):.2f}" if known else ""
+    found = middle(result, TRAINING)
+    return "" if found is None else f"{found:.2f}"
 
 
 def _times(result: Result) -> str:
