@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,7 @@ CAMERAS = "cameras"
 HOW = f"needlehoop snapshot tiles=true out=results/{CAMERAS}"
 
 _FILM = 4_000_000
-_FILMS = 5_000_000
-"""Bytes of one film, and of all of them, that are part of a page; further ones are linked to."""
+"""Bytes of the longest film that is part of a page; a longer one is linked to."""
 
 _TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".mp4": "video/mp4"}
 
@@ -34,22 +34,48 @@ def inline(path: Path) -> str:
     return f"data:{_TYPES[path.suffix]};base64,{data}"
 
 
-@dataclass
+@dataclass(frozen=True)
 class Films:
-    """Films of a page: part of it while there is room."""
+    """Films of a page."""
 
     folder: Path
     """Of the page, which links start from."""
-    _used: int = field(default=0, init=False)
+    embedded: frozenset[Path] = frozenset()
+    """Those that are part of it; the others are linked to."""
 
-    def take(self, film: Path) -> dict[str, Any]:
-        """How a page shows a film."""
-        size = film.stat().st_size
-        embedded = size <= _FILM and self._used + size <= _FILMS
-        if embedded:
-            self._used += size
+    def shown(self, film: Path) -> dict[str, Any]:
+        """How the page shows a film."""
+        embedded = film in self.embedded
         link = Path(os.path.relpath(film, self.folder)).as_posix()
         return {"embedded": embedded, "source": inline(film) if embedded else link}
+
+
+def fitting(rankings: Sequence[Sequence[Path]], room: int) -> frozenset[Path]:
+    """The films for which a page has room.
+
+    Args:
+        rankings: the films of each, those first that are looked at first. They take turns.
+        room: bytes of the page, of which three of a film take four.
+    """
+    chosen = set()
+    for turn in zip_longest(*rankings):
+        for film in turn:
+            size = film.stat().st_size if film else 0
+            taken = 4 * -(-size // 3)
+            if film and size <= _FILM and taken <= room:
+                chosen.add(film)
+                room -= taken
+    return frozenset(chosen)
+
+
+def films_of(findings: Findings) -> list[list[Path]]:
+    """The films of each ranking, from its ends, which are looked at first, to its middle."""
+    found = []
+    for _, results in _rankings(findings):
+        order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
+        films = [_film(results[number]) for number in order]
+        found.append([film for film in films if film])
+    return found
 
 
 @dataclass(frozen=True)
@@ -82,32 +108,33 @@ def galleries(findings: Findings, films: Films, tiles: Tiles) -> list[dict[str, 
 
     Args:
         findings: of a study, or of the paper.
-        films: takes them; the best and the worst of each ranking first.
+        films: how the page shows them.
         tiles: what the cameras see.
     """
+    return [
+        {"reward": reward_label(reward), "rows": _rows(findings, results, films, tiles.images)}
+        for reward, results in _rankings(findings)
+    ]
+
+
+def _rankings(findings: Findings) -> list[tuple[str, list[Result]]]:
     rewards = list(dict.fromkeys(result.reward for result in findings.results))
     rewards.sort(key=lambda reward: reward != findings.main_reward)
-    found = []
-    for reward in rewards:
-        results = [result for result in findings.results if result.reward == reward]
-        rows = _rows(findings, results, films, tiles.images)
-        found.append({"reward": reward_label(reward), "rows": rows})
-    return found
+    return [(one, [r for r in findings.results if r.reward == one]) for one in rewards]
+
+
+def _film(result: Result) -> Path | None:
+    """Of the first seed that has one."""
+    return next((run.video for run in result.runs if run.video is not None), None)
 
 
 def _rows(
     findings: Findings, results: Sequence[Result], films: Films, images: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    filmed = {}
-    # The ends of a ranking are looked at first.
-    order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
-    for number in order:
-        videos = [run.video for run in results[number].runs if run.video is not None]
-        if videos:
-            filmed[number] = films.take(videos[0])
     phases = reached(findings)
     rows = []
     for number, result in enumerate(results):
+        film = _film(result)
         phase = phases.get((result.cameras, result.reward))
         rows.append(
             {
@@ -122,7 +149,7 @@ def _rows(
                 "interval": result.value.interval,
                 "success": _success(result),
                 "fails_in": phase.fails_in if phase else None,
-                "film": filmed.get(number),
+                "film": films.shown(film) if film else None,
                 "film_of": next((f"seed {r.place.seed}" for r in result.runs if r.video), ""),
                 "unfinished": result.unfinished,
             }

@@ -17,7 +17,15 @@ from needlehoop.study.combinations import LISTS, label, reward_label
 from needlehoop.study.figures import Drawn
 from needlehoop.study.final import final
 from needlehoop.study.findings import Findings, Result
-from needlehoop.study.gallery import Films, Tiles, galleries, inline, read_tiles
+from needlehoop.study.gallery import (
+    Films,
+    Tiles,
+    films_of,
+    fitting,
+    galleries,
+    inline,
+    read_tiles,
+)
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.records import Record
 from needlehoop.study.settings import typed_settings
@@ -26,6 +34,9 @@ from needlehoop.study.tables import all_tables
 
 _FIRST = ("cost_and_regret", "rankings")
 """Figures before all others."""
+
+_LONGEST = 10_000_000
+"""Bytes of a page, as long as films can be left out of it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,8 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
 
     Args:
         parts: one study, or several, between which the page has a switch; all beside each other.
-        out: an HTML file. Films for which it has no room are linked to from its folder.
+        out: an HTML file. Films for which it has no room are linked to from its folder; the best
+            and the worst of each ranking come first.
         command: that makes this page, for the record.
     """
     environment = Environment(
@@ -52,23 +64,30 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    films = Films(out.parent)
-    page = environment.get_template("report.html").render(
-        title=_title(parts),
-        css=_own(environment, "report.css"),
-        script=_own(environment, "report.js"),
-        parts=[_part(part, films, alone=len(parts) == 1) for part in parts],
-        made=command,
-    )
+    template = environment.get_template("report.html")
+    told = [_part(part, alone=len(parts) == 1) for part in parts]
+
+    def page(films: Films) -> str:
+        ranked = [_galleries(part.findings, films) for part in parts]
+        return template.render(
+            title=_title(parts),
+            css=_own(environment, "report.css"),
+            script=_own(environment, "report.js"),
+            parts=[one | own for one, own in zip(told, ranked, strict=True)],
+            made=command,
+        )
+
+    # The page with links says how much room films have; a link is as long as a film's tags.
+    room = _LONGEST - len(page(Films(out.parent)).encode())
+    wanted = [films for part in parts for films in films_of(part.findings)]
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page, encoding="utf-8")
+    out.write_text(page(Films(out.parent, fitting(wanted, room))), encoding="utf-8")
 
 
-def _part(part: Part, films: Films, alone: bool) -> dict[str, Any]:
-    """What the page shows of a study."""
+def _part(part: Part, alone: bool) -> dict[str, Any]:
+    """What the page shows of a study, beside its rankings."""
     findings = part.findings
     study = findings.study
-    tiles = Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
     figures = [_figure(drawn) for drawn in part.figures]
     return {
         "name": findings.title,
@@ -76,8 +95,6 @@ def _part(part: Part, films: Films, alone: bool) -> dict[str, Any]:
         "mark": "" if alone else f"{findings.title}-",
         "is_study": study is not None,
         "lead": _lead(findings),
-        "galleries": galleries(findings, films, tiles),
-        "problems": tiles.problems,
         "first": [figure for figure in figures if figure["name"] in _FIRST],
         "figures": [figure for figure in figures if figure["name"] not in _FIRST],
         "tables": all_tables(findings),
@@ -86,6 +103,12 @@ def _part(part: Part, films: Films, alone: bool) -> dict[str, Any]:
         "left_out": findings.left_out,
         **_settings(findings),
     }
+
+
+def _galleries(findings: Findings, films: Films) -> dict[str, Any]:
+    study = findings.study
+    tiles = Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
+    return {"galleries": galleries(findings, films, tiles), "problems": tiles.problems}
 
 
 def _own(environment: Environment, name: str) -> str:

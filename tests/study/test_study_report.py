@@ -269,7 +269,7 @@ def test_a_large_film_is_linked_to(tmp_path):
 
 def test_films_are_in_the_page_while_there_is_room(tmp_path):
     study = tmp_path / "main"
-    boxes = ((8, b"ftyp"), (8, b"moov"), (2_000_000, b"mdat"))
+    boxes = ((8, b"ftyp"), (8, b"moov"), (3_000_000, b"mdat"))
     film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
     names = ["dep_default", "rgb_default", "seg_default", "segdep_default"]
     for goal, name in enumerate(names):
@@ -281,6 +281,26 @@ def test_films_are_in_the_page_while_there_is_room(tmp_path):
     ranked = re.findall(r'class="cameras"><b>\d+\. ([A-Z]+) \(D\)', page)
     # The best and the worst are there.
     assert {name.partition("_")[0].upper() for name in linked} == {*ranked[1:-1]}
+
+
+def test_films_of_several_studies_take_turns(tmp_path):
+    boxes = ((8, b"ftyp"), (8, b"moov"), (1_700_000, b"mdat"))
+    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    for study in ("first", "second"):
+        for goal, name in enumerate(("dep_default", "rgb_default", "seg_default")):
+            run = write_run(tmp_path / study, name, goal=2.0 * goal, updates=20)
+            (run / "video.mp4").write_bytes(film)
+    out = tmp_path / "page"
+    studies = [str(tmp_path / study) for study in ("first", "second")]
+    assert main(["report", *studies, "--out", str(out)]) == 0
+    page = (out / "report.html").read_text()
+    assert 9_000_000 < len(page) < 10_000_000
+    linked = re.findall(r'href="\.\./(\w+)/([a-z]+)_default/human/seed0/video.mp4"', page)
+    # Four find room: both ends of both rankings.
+    ranked = re.findall(r'class="cameras"><b>\d+\. ([A-Z]+) \(D\)', page)
+    middle = ranked[1].lower()
+    assert sorted(linked) == [("first", middle), ("second", middle)]
+    assert page.count("data:video/mp4;base64,") == 4
 
 
 def test_the_page_is_the_same_every_time(study):
