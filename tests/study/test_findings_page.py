@@ -145,6 +145,18 @@ def test_how_far_rankings_predict_is_what_the_tables_say():
     ]
 
 
+def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
+    over_training = [
+        {row["cameras"]: float(row["return over training"]) for row in table(study, "results")}
+        for study in ("fast", "table2")
+    ]
+    fast, longer = over_training
+    tau = kendalltau([fast[cameras] for cameras in longer], [*longer.values()]).statistic
+    section = PAGE.partition("## The paper's protocol")[2].partition("\n## ")[0]
+    assert f"(τ-b {tau:.2f})" in section
+    assert f"the {len(longer)} sets" in section
+
+
 def test_the_last_seed_alone_is_foretold_as_the_page_says():
     over_training = {}
     for path in (ROOT / "results" / "fast").glob("*/vlm_text/seed2/metrics.csv"):
