@@ -65,15 +65,16 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
         keep_trailing_newline=True,
     )
     template = environment.get_template("report.html")
-    told = [_part(part, alone=len(parts) == 1) for part in parts]
+    tiles = [_tiles(part.findings) for part in parts]
+    told = [_part(part, own, alone=len(parts) == 1) for part, own in zip(parts, tiles, strict=True)]
 
     def page(films: Films) -> str:
-        ranked = [_galleries(part.findings, films) for part in parts]
+        ranked = [galleries(p.findings, films, own) for p, own in zip(parts, tiles, strict=True)]
         return template.render(
             title=_title(parts),
             css=_own(environment, "report.css"),
             script=_own(environment, "report.js"),
-            parts=[one | own for one, own in zip(told, ranked, strict=True)],
+            parts=[{**one, "galleries": own} for one, own in zip(told, ranked, strict=True)],
             made=command,
         )
 
@@ -84,7 +85,7 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
     out.write_text(page(Films(out.parent, fitting(wanted, room))), encoding="utf-8")
 
 
-def _part(part: Part, alone: bool) -> dict[str, Any]:
+def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
     """What the page shows of a study, beside its rankings."""
     findings = part.findings
     study = findings.study
@@ -95,6 +96,7 @@ def _part(part: Part, alone: bool) -> dict[str, Any]:
         "mark": "" if alone else f"{findings.title}-",
         "is_study": study is not None,
         "lead": _lead(findings),
+        "problems": tiles.problems,
         "first": [figure for figure in figures if figure["name"] in _FIRST],
         "figures": [figure for figure in figures if figure["name"] not in _FIRST],
         "tables": all_tables(findings),
@@ -105,10 +107,9 @@ def _part(part: Part, alone: bool) -> dict[str, Any]:
     }
 
 
-def _galleries(findings: Findings, films: Films) -> dict[str, Any]:
+def _tiles(findings: Findings) -> Tiles:
     study = findings.study
-    tiles = Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
-    return {"galleries": galleries(findings, films, tiles), "problems": tiles.problems}
+    return Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
 
 
 def _own(environment: Environment, name: str) -> str:

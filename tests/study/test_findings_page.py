@@ -47,11 +47,9 @@ def table(study: str, name: str) -> list[dict[str, str]]:
 
 
 def test_claims_on_the_page_are_judged_by_the_runs():
-    expected = [
-        {name: cell for name, cell in row.items() if "difference" in name or "its" in name}
-        | {"the paper says": row["the paper says"]}
-        for row in table("fast", "claims")
-    ]
+    difference = "difference, 95 %"
+    kept = ("the paper says", "its returns", difference, f"return over training: {difference}")
+    expected = [{name: row[name] for name in kept} for row in table("fast", "claims")]
     assert len(expected) == len(CLAIMS)
     assert rows_of("results/fast claims") == expected
 
@@ -74,6 +72,8 @@ def test_a_refilled_page_is_the_page():
 def test_tables_in_results_are_those_of_its_runs(study, name):
     path = ROOT / "results" / study / "tables" / f"{name}.csv"
     assert path.exists() == (name in tables(study))
+    # Of one seed each, some tables have no rows.
+    assert path.exists() or study == "table2"
     if path.exists():
         with path.open(newline="") as file:
             assert list(csv.DictReader(file)) == table(study, name)

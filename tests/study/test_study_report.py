@@ -256,10 +256,15 @@ def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):
     assert page.count("film, seed 0") == 2
 
 
+def film_of(size: int) -> bytes:
+    """A film's boxes with so many bytes of nothing in them."""
+    boxes = ((8, b"ftyp"), (8, b"moov"), (size, b"mdat"))
+    return b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+
+
 def test_a_large_film_is_linked_to(tmp_path):
     run = write_run(tmp_path / "main", "rgb_default", updates=20)
-    boxes = ((8, b"ftyp"), (8, b"moov"), (4_000_001, b"mdat"))
-    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    film = film_of(4_000_001)
     (run / "video.mp4").write_bytes(film)
     assert main(["report", str(tmp_path / "main"), "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "report.html").read_text()
@@ -269,8 +274,7 @@ def test_a_large_film_is_linked_to(tmp_path):
 
 def test_films_are_in_the_page_while_there_is_room(tmp_path):
     study = tmp_path / "main"
-    boxes = ((8, b"ftyp"), (8, b"moov"), (3_000_000, b"mdat"))
-    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    film = film_of(3_000_000)
     names = ["dep_default", "rgb_default", "seg_default", "segdep_default"]
     for goal, name in enumerate(names):
         (write_run(study, name, goal=2.0 * goal, updates=20) / "video.mp4").write_bytes(film)
@@ -284,8 +288,7 @@ def test_films_are_in_the_page_while_there_is_room(tmp_path):
 
 
 def test_films_of_several_studies_take_turns(tmp_path):
-    boxes = ((8, b"ftyp"), (8, b"moov"), (1_700_000, b"mdat"))
-    film = b"".join((n.to_bytes(4, "big") + name).ljust(n, b"\0") for n, name in boxes)
+    film = film_of(1_700_000)
     for study in ("first", "second"):
         for goal, name in enumerate(("dep_default", "rgb_default", "seg_default")):
             run = write_run(tmp_path / study, name, goal=2.0 * goal, updates=20)
