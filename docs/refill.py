@@ -31,7 +31,6 @@ _CLAIMS = (
     "difference, 95 %",
     "return over training: difference, 95 %",
 )
-_LUCK = ("of", "the cameras' share, %", "95 %", "seeds needed")
 """Columns of which the page has room."""
 
 _LAST = 2
@@ -42,7 +41,6 @@ def refilled(page: str) -> str:
     """The page with the tables of today's runs."""
     for marker, table in (
         ("results", _ranking()),
-        ("results luck", _luck()),
         ("results/fast effects", _columns("fast", "effects")),
         ("results/fast claims", _columns("fast", "claims", _CLAIMS)),
         ("results/fast agreement", _agreement()),
@@ -79,16 +77,6 @@ def _ranking() -> list[Sequence[str]]:
         end = longer.get(cameras, {})
         numbers += (end.get("success, %", ""), end.get("return", ""), theirs.get(cameras, ""))
         table.append((cameras, *numbers))
-    return table
-
-
-def _luck() -> list[Sequence[str]]:
-    """What is the cameras' and what the seeds', of agents that find the way and that are taught."""
-    table: list[Sequence[str]] = []
-    for study, how in (("fast", "reinforcement"), ("imitation", "imitation")):
-        head, *rows = _columns(study, "luck", _LUCK)
-        table = table or [("learnt by", *head)]
-        table += [(how, *row) for row in rows]
     return table
 
 
