@@ -77,7 +77,7 @@ def add_commands(commands: Any) -> None:
 
 def _plot(options: argparse.Namespace) -> None:
     from needlehoop.study.figures import draw
-    from needlehoop.study.tables import all_tables
+    from needlehoop.study.tables import write_tables
 
     _no_more(options)
     findings, out = _open(options.study, options.out)
@@ -86,9 +86,8 @@ def _plot(options: argparse.Namespace) -> None:
             print(path)
         if drawn.missing:
             print(f"{drawn.name}: not drawn, {drawn.missing}")
-    for table in all_tables(findings):
-        for path in table.write(out / "tables"):
-            print(path)
+    for path in write_tables(findings, out / "tables"):
+        print(path)
     _say_left_out(findings)
 
 

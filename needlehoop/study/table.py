@@ -91,11 +91,17 @@ class Table:
         )
 
     def write(self, folder: Path) -> list[Path]:
-        """CSV, Markdown and LaTeX into a folder, which is made where missing."""
+        """CSV, Markdown and LaTeX into a folder, which is made where missing.
+
+        Without rows nothing is written, and what an earlier call wrote is removed.
+        """
         folder.mkdir(parents=True, exist_ok=True)
         written = []
         for suffix, text in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.latex())):
             path = folder / f"{self.name}.{suffix}"
+            if not self.rows:
+                path.unlink(missing_ok=True)
+                continue
             path.write_text(text, encoding="utf-8")
             written.append(path)
         return written

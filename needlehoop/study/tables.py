@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
@@ -38,7 +39,22 @@ _SOON = 0.9
 
 def all_tables(findings: Findings) -> list[Table]:
     """Every table that has rows."""
-    tables = [
+    return [table for table in _every(findings) if table.rows]
+
+
+def write_tables(findings: Findings, folder: Path) -> list[Path]:
+    """Write every table that has rows, as CSV, Markdown and LaTeX.
+
+    Args:
+        findings: of a study, or of the paper.
+        folder: for the files; made where missing. Older tables there are replaced, or removed
+            where they have no rows any more.
+    """
+    return [path for table in _every(findings) for path in table.write(folder)]
+
+
+def _every(findings: Findings) -> list[Table]:
+    return [
         results(findings),
         phases(findings),
         apart(findings),
@@ -53,7 +69,6 @@ def all_tables(findings: Findings) -> list[Table]:
         rewards(findings),
         improvements(findings),
     ]
-    return [table for table in tables if table.rows]
 
 
 def results(findings: Findings) -> Table:

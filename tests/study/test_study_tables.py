@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from needlehoop.study.tables import (
     rewards,
     table_1,
     table_2,
+    write_tables,
 )
 
 NOWHERE = Path("nowhere")
@@ -259,7 +261,7 @@ def test_markdown_and_latex_escape_what_they_must():
 
 
 def test_tables_are_written_three_ways(findings, tmp_path):
-    written = [path for table in all_tables(findings) for path in table.write(tmp_path)]
+    written = write_tables(findings, tmp_path)
     names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
     names |= {"effects", "claims", "cost", "apart", "luck"}
     assert {path.name for path in written} == {
@@ -267,6 +269,19 @@ def test_tables_are_written_three_ways(findings, tmp_path):
     }
     with (tmp_path / "table_2.csv").open(newline="") as file:
         assert len(list(csv.reader(file))) == 17
+
+
+def test_tables_without_rows_any_more_are_removed(tmp_path):
+    folder = tmp_path / "tables"
+    study = write_study(tmp_path / "main", [("rgb_default", "human"), ("rgb_default", "vlm_text")])
+    before = write_tables(study_findings(study), folder)
+    (folder / "own.csv").write_text("mine\n")
+    shutil.rmtree(study / "rgb_default" / "vlm_text")
+    after = write_tables(study_findings(study), folder)
+    assert {path.name for path in before} - {path.name for path in after} == {
+        f"rewards.{kind}" for kind in ("csv", "md", "tex")
+    }
+    assert {*folder.iterdir()} == {*after, folder / "own.csv"}
 
 
 def test_the_papers_lists_hold_its_14_combinations():
