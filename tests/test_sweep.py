@@ -142,9 +142,9 @@ def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capf
     started: list[str] = []
     monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
     with pytest.raises(SystemExit):
-        run_train(monkeypatch, "+experiment=rewards", "seed=3,4", *TINY)
-    assert len(started) == 24
-    assert "24 runs, 24 failed" in capfd.readouterr().out
+        run_train(monkeypatch, "+experiment=rewards", "seed=3", *TINY)
+    assert len(started) == 12
+    assert "12 runs, 12 failed" in capfd.readouterr().out
 
 
 @pytest.mark.parametrize(
