@@ -42,8 +42,11 @@ _TITLES = {
     PAPERS_MEASURED: "of the paper's returns",
 }
 
-_NAME = 10.0
-"""Width of a name on the axis of costs, as a factor."""
+_NAME = 1.8
+"""How far from the last point names stand, on the axis of costs, as a factor."""
+
+_FREE = 6.0
+"""Where the axis of costs has room between the names of those who are asked and all others."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,7 @@ def _panel(axes: Axes, market: Market, whos: list[str]) -> None:
     highest = max([blind, *(r for one in market.bargains for r in one.regrets.values())])
     axes.set_ylim(-0.06 * highest, 1.1 * highest or 1.0)
     axes.axhline(blind, color=FAINT, linewidth=0.8, linestyle="--")
-    axes.text(_LONGEST, blind, "chosen blindly", ha="right", va="bottom", fontsize=6, color=FAINT)
+    axes.text(_FREE, blind, "chosen blindly", va="bottom", fontsize=6, color=FAINT)
     placed = [one for one in market.bargains if one.core_minutes is not None]
     for one in placed:
         colour, x = COLOURS[whos.index(one.who) % len(COLOURS)], _x(one)
@@ -155,27 +158,22 @@ def _panel(axes: Axes, market: Market, whos: list[str]) -> None:
         if one.interval is not None:
             axes.plot([x, x], one.interval, color=colour, linewidth=0.9, zorder=3)
         axes.plot([x], [one.regret], "o", markersize=5.5, color=colour, zorder=4)
-    _names(axes, placed)
+    asked = [one for one in placed if not one.core_minutes]
+    for named in (asked, [one for one in placed if one not in asked]):
+        _names(axes, named, whos)
 
 
-def _names(axes: Axes, placed: list[Bargain]) -> None:
-    """Names beside the points, those of one column apart from each other.
-
-    They stand to the right, or to the left where another point is in the way.
-    """
+def _names(axes: Axes, named: list[Bargain], whos: list[str]) -> None:
+    """Names to the right of all their points, above each other, with a line to each."""
     low, high = axes.get_ylim()
-    for x in sorted({_x(one) for one in placed}):
-        column = sorted((one for one in placed if _x(one) == x), key=lambda one: one.regret)
-        heights = apart([one.regret for one in column], 0.075 * (high - low), low, high)
-        for one, y in zip(column, heights, strict=True):
-            said = one.who.replace("the paper's", "paper's")
-            in_the_way = x > _ASKED and any(
-                x < _x(other) < _NAME * x and abs(other.regret - y) < 0.06 * (high - low)
-                for other in placed
-            )
-            away, side = (1 / 1.4, "right") if in_the_way else (1.4, "left")
-            axes.plot([x, away * x], [one.regret, y], color=FAINT, linewidth=0.4)
-            axes.text(away * x, y, said, va="center", ha=side, fontsize=6.5, color=INK)
+    stacked = sorted(named, key=lambda one: one.regret)
+    gap = 0.08 * (high - low)
+    heights = apart([one.regret for one in stacked], gap, low + gap / 2, high)
+    for one, y in zip(stacked, heights, strict=True):
+        colour, x = COLOURS[whos.index(one.who) % len(COLOURS)], max(map(_x, named))
+        said = one.who.replace("the paper's", "paper's")
+        axes.plot([_x(one), _NAME * x], [one.regret, y], color=colour, linewidth=0.5, alpha=0.6)
+        axes.text(1.1 * _NAME * x, y, said, va="center", fontsize=6.5, color=INK)
 
 
 def _x(one: Bargain) -> float:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from study_files import PAIRS, write_run, write_study
 
-from needlehoop.study import costs as costs_of
 from needlehoop.study import paper
-from needlehoop.study.costs import Bargain, Market, cost_and_regret, costs, markets
+from needlehoop.study.costs import cost_and_regret, costs, markets
 from needlehoop.study.curves import MissingDataError
 from needlehoop.study.effects import effects
 from needlehoop.study.findings import paper_findings, study_findings
@@ -181,6 +180,19 @@ def test_three_seeds_give_regrets_an_interval(tmp_path):
     assert len(axes.lines) == 1 + 4 * len(foretold)
 
 
+def test_names_in_the_figure_hide_neither_each_other_nor_points(studies):
+    figure = cost_and_regret(study_findings(studies / "main"))
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) > 3
+        for i, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:i])
+        points = [line.get_xydata() for line in axes.lines if line.get_marker() == "o"]
+        for x, y in axes.transData.transform(np.concatenate(points)):
+            assert not any(box.contains(x, y) for box in boxes)
+
+
 def test_what_was_measured_there_foretells_nothing(studies):
     findings = study_findings(studies / "fast")
     assert FAST not in {one.who for one in findings.predictions}
@@ -200,18 +212,6 @@ def test_cost_and_regret_are_drawn_for_each_measurement(studies, tmp_path):
     write_run(tmp_path / "main", "rgb_default")
     assert len(cost_and_regret(study_findings(tmp_path / "main")).axes) == 1
     assert len(cost_and_regret(paper_findings(tmp_path)).axes) == 1
-
-
-@pytest.mark.parametrize(("regret", "side"), [(0.0, "right"), (1.0, "left")])
-def test_a_name_leaves_the_point_beside_it_to_be_seen(studies, monkeypatch, regret, side):
-    lists = {frozenset({"a", "b"}): 0.0}
-    near = Bargain("probe", 20.0, lists)
-    far = Bargain("imitation", 100.0, dict.fromkeys(lists, regret))
-    shown = Market("measured", (near, far), dict.fromkeys(lists, 2.0))
-    monkeypatch.setattr(costs_of, "markets", lambda findings: [shown])
-    (axes,) = cost_and_regret(study_findings(studies / "main")).axes
-    said = {text.get_text(): text.get_ha() for text in axes.texts}
-    assert (said["probe"], said["imitation"]) == (side, "left")
 
 
 def test_without_a_prediction_there_is_no_figure(studies, monkeypatch):
