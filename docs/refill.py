@@ -11,13 +11,12 @@ import io
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from needlehoop.study import paper
-from needlehoop.study.agreement import pooled
 from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, study_findings
-from needlehoop.study.measures import TRAINING, by_seed
-from needlehoop.study.predictions import scored
+from needlehoop.study.measures import TRAINING
 from needlehoop.study.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
 from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
@@ -25,25 +24,44 @@ from needlehoop.study.tables import all_tables
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "findings.md"
 
-_CLAIMS = (
-    "the paper says",
-    "its returns",
-    "difference, 95 %",
-    "return over training: difference, 95 %",
-)
-"""Columns of which the page has room."""
+_PROTOCOLS = {"fast": "0.5 M", "table2": "1.5 M"}
+"""Studies that stand beside each other on the page, by how many steps their agents train."""
 
-_LAST = 2
-"""The seed that was trained after returns over training had been chosen to judge by."""
+_MEASURED = {
+    f"{steps}{said}": (study, against)
+    for study, steps in _PROTOCOLS.items()
+    for against, said in ((MEASURED, ""), (MEASURED_SOON, ", over training"))
+} | {"the paper's": ("table2", PAPERS_MEASURED)}
+"""What predictions are held against: a column's name, and whose table has it under which name."""
+
+_EFFECTS = ("return (95 %)", "return over training (95 %)")
+_CLAIMS = ("difference, 95 %", "return over training: difference, 95 %")
+"""Columns of which the page has room, of each protocol, and ..."""
+
+_NAMES = ("return (95 %)", "over training (95 %)")
+"""... what the page calls them."""
+
+_BLIND = "drawn blindly"
+
+
+class _Fit(NamedTuple):
+    """A prediction held against a measurement, over all lists, as the tables write it."""
+
+    tau: str
+    tau_range: str
+    p: str
+    regret: str
+    regret_range: str
 
 
 def refilled(page: str) -> str:
     """The page with the tables of today's runs."""
     for marker, table in (
         ("results", _ranking()),
-        ("results/fast effects", _columns("fast", "effects")),
-        ("results/fast claims", _columns("fast", "claims", _CLAIMS)),
-        ("results/fast agreement", _agreement()),
+        ("effects", _beside("effects", ("trait",), _EFFECTS)),
+        ("claims", _beside("claims", ("the paper says", "its returns"), _CLAIMS)),
+        ("agreement", _agreement()),
+        ("regret", _regret()),
     ):
         head = f"<!-- {marker} -->\n"
         before, found, after = page.partition(head)
@@ -68,64 +86,77 @@ def _ranking() -> list[Sequence[str]]:
     longer = {row["cameras"]: row for row in _rows("table2", "results")}
     theirs = {label(cameras): f"{value:.2f}" for cameras, value in paper.measured().items()}
     head = ("cameras", "threaded, %", "by seed", "return", "over training", "cheat, %")
-    head += ("imitated, %", "1.5 M: threaded, %", "1.5 M: return", "the paper's return")
+    head += ("imitated, %", "1.5 M: threaded, %", "1.5 M: return", "1.5 M: over training")
+    head += ("the paper's return",)
     table: list[Sequence[str]] = [head]
     for row in _rows("fast", "results"):
         cameras = row["cameras"]
         numbers = (row["success, %"], seeds[cameras], row["return"], row[TRAINING.name])
         numbers += (row["cheat, %"], imitated[cameras])
         end = longer.get(cameras, {})
-        numbers += (end.get("success, %", ""), end.get("return", ""), theirs.get(cameras, ""))
-        table.append((cameras, *numbers))
+        numbers += tuple(end.get(name, "") for name in ("success, %", "return", TRAINING.name))
+        table.append((cameras, *numbers, theirs.get(cameras, "")))
+    return table
+
+
+def _beside(name: str, common: Sequence[str], own: Sequence[str]) -> list[Sequence[str]]:
+    """A table of each protocol beside the other: what they have in common, then their columns.
+
+    Rows are the first protocol's; the other's are found by the first column.
+    """
+    studies = [{row[common[0]]: row for row in _rows(study, name)} for study in _PROTOCOLS]
+    heads = [f"{steps}: {column}" for steps in _PROTOCOLS.values() for column in _NAMES]
+    table: list[Sequence[str]] = [(*common, *heads)]
+    for key, row in studies[0].items():
+        told = [found.get(key, {}).get(column, "") for found in studies for column in own]
+        table.append((*(row[column] for column in common), *told))
     return table
 
 
 def _agreement() -> list[Sequence[str]]:
-    """How far each prediction fits the fast protocol, over all lists, and what it took."""
-    minutes = {
-        row["prediction"]: row["core-minutes"]
-        for row in _rows("fast", "cost")
-        if row["against"] == MEASURED
-    }
-    fits: dict[str, dict[str, list[str]]] = {MEASURED: {}, MEASURED_SOON: {}}
-    for what, members, *numbers in _tables("fast")["agreement"].rows:
-        who, _, against = what.partition(" against ")
-        measure = {repeats(one): one for one in fits}.get(against, against)
-        if measure in fits and members == "all lists":
-            tau, over_seeds, p, *_, regret, regrets = numbers
-            cells = [_with(tau, over_seeds), p, _with(regret, regrets)]
-            fits[measure][who] = cells
-    head = ("prediction", "tau-b", "p", "regret", "over training: tau-b", "p", "regret")
-    table: list[Sequence[str]] = [(*head, f"seed {_LAST} alone: tau-b", "core-minutes")]
-    alone = _against_the_last()
-    for who, cells in fits[MEASURED].items():
-        last = (alone.get(who, ""), minutes.get(who, ""))
-        table.append((who, *cells, *fits[MEASURED_SOON][who], *last))
+    """Tau-b of each prediction with each measurement."""
+    table: list[Sequence[str]] = [("prediction", *_MEASURED)]
+    for who, fits in _fits().items():
+        cells = [
+            _with(one.tau, one.tau_range) + (f", p {one.p}" if one.p else "") if one else ""
+            for one in (fits.get(column) for column in _MEASURED)
+        ]
+        table.append((who, *cells))
     return table
 
 
-def _against_the_last() -> dict[str, str]:
-    """Tau-b of each prediction with returns over training of the last seed, over all lists."""
-    found = _findings("fast")
-    ends = {cams: own[_LAST] for cams, own in by_seed(found, TRAINING).items() if _LAST in own}
-    theirs = scored(PAPERS_MEASURED, paper.measured(), paper.lists().values())
-    said = {}
-    for one in (*found.predictions, theirs):
-        lists = [own for own in one.lists.values() if set(own) <= set(ends)]
-        both = [(own, {name: ends[name] for name in own}) for own in lists]
-        said[one.who] = f"{pooled(both).tau:.2f}" if both else ""
-    return said
+def _regret() -> list[Sequence[str]]:
+    """What choosing by each prediction loses, mean over the lists, and what the choice took."""
+    costs = {study: _rows(study, "cost") for study in _PROTOCOLS}
+    minutes = {row["prediction"]: row["core-minutes"] for own in costs.values() for row in own}
+    blind = {
+        (study, row["against"]): row["chosen blindly"]
+        for study, own in costs.items()
+        for row in own
+    }
+    table: list[Sequence[str]] = [("chosen by", "core-minutes", *_MEASURED)]
+    for who, fits in _fits().items():
+        found = [fits.get(column) for column in _MEASURED]
+        cells = [_with(one.regret, one.regret_range) if one else "" for one in found]
+        table.append((who, minutes.get(who, ""), *cells))
+    return [*table, (_BLIND, "0", *(blind.get(side, "") for side in _MEASURED.values()))]
+
+
+@cache
+def _fits() -> dict[str, dict[str, _Fit]]:
+    """By who predicts, then by the page's column."""
+    found: dict[str, dict[str, _Fit]] = {}
+    for column, (study, against) in _MEASURED.items():
+        for what, members, *numbers in _tables(study)["agreement"].rows:
+            who, _, other = what.partition(" against ")
+            if members == "all lists" and other in (against, repeats(against)):
+                tau, tau_range, p, *_, regret, regret_range = numbers
+                found.setdefault(who, {})[column] = _Fit(tau, tau_range, p, regret, regret_range)
+    return found
 
 
 def _with(value: str, interval: str) -> str:
     return f"{value} ({interval})" if interval else value
-
-
-def _columns(study: str, name: str, keep: Sequence[str] = ()) -> list[Sequence[str]]:
-    """A table, or some of its columns."""
-    table = _tables(study)[name]
-    kept = [i for i, column in enumerate(table.header) if not keep or column in keep]
-    return [[row[i] for i in kept] for row in (table.header, *table.rows)]
 
 
 @cache
