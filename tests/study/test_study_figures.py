@@ -212,6 +212,15 @@ def test_the_papers_numbers_draw_before_a_single_run(tmp_path, capsys, monkeypat
     assert len(axes.patches) == 14
 
 
+def test_values_without_an_interval_say_of_how_many_seeds_they_are(tmp_path):
+    write_study(tmp_path / "main", [("dep_front", "human"), ("seg_side", "human")], seeds=2)
+    both = final_values(study_findings(tmp_path / "main")).axes[0]
+    assert both.get_xlabel() == "final return\n(2 seeds, no interval)"
+    write_run(tmp_path / "main", "rgb_default")
+    mixed = final_values(study_findings(tmp_path / "main")).axes[0]
+    assert mixed.get_xlabel() == "final return\n(at most 2 seeds, no interval)"
+
+
 def test_a_study_without_values_is_an_error_that_names_why(tmp_path, capsys):
     run = write_run(tmp_path / "main", "rgb_default", updates=20)
     (run / "config.yaml").write_text("")
