@@ -97,11 +97,11 @@ class Table:
         """
         folder.mkdir(parents=True, exist_ok=True)
         written = []
-        for suffix, text in (("csv", self.csv()), ("md", self.markdown()), ("tex", self.latex())):
+        for suffix, text in (("csv", self.csv), ("md", self.markdown), ("tex", self.latex)):
             path = folder / f"{self.name}.{suffix}"
             if not self.rows:
                 path.unlink(missing_ok=True)
                 continue
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text(), encoding="utf-8")
             written.append(path)
         return written
