@@ -52,7 +52,7 @@ docs: $(TESTED)
 # What results/ says, in its tables, in docs/findings.md and in the README's figure.
 findings: $(STAMP)
 	for study in fast imitation table2; do $(BIN)/needlehoop plot results/$$study || exit; done
-	cp results/fast/figures/cost_and_regret.png docs/
+	cp results/table2/figures/cost_and_regret.png docs/
 	$(BIN)/python docs/refill.py
 
 format: $(TESTED)

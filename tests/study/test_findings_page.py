@@ -200,6 +200,20 @@ def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
     assert f"τ-b {tau:.2f} over the {len(longer)} sets, p = {p:.2f}" in " ".join(PAGE.split())
 
 
+def test_sentences_on_the_papers_protocol_have_the_tables_numbers():
+    effects = {row["trait"]: row["1.5 M: over training (95 %)"] for row in rows_of("effects")}
+    second_view = effects["front and side views, not the default"].replace("+", "")
+    words = " ".join(PAGE.split())
+    assert second_view.replace(" (", " points over training (") in words
+    taus = {row["prediction"]: row["1.5 M"].partition(",")[0] for row in rows_of("agreement")}
+    assert (
+        "the probe by {probe}, `claude` by {claude}, the paper's model by {the paper's VLM}; our 51"
+        " runs of 0.5 M steps by {fast protocol}, the paper's own returns by {the paper's measured}"
+    ).format(**taus) in words
+    *choices, blind = [float(row["1.5 M"]) for row in rows_of("regret") if row["1.5 M"]]
+    assert f"{max(choices):.2f} points at most, a blind one {blind:.2f}" in words
+
+
 def test_how_soon_half_thread_is_as_the_page_says():
     steps: dict[bool, list[float]] = {True: [], False: []}
     for result in study_findings(ROOT / "results" / "table2").ranked:
