@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from needlehoop.study import paper
 from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
@@ -56,7 +57,9 @@ def learning_curves(findings: Findings) -> Figure:
         for title, own in panels
     ]
     explain_views(figure)
-    _panels(figure, grid[:, 0], shown)
+    ends = _panels(grid[:, 0], shown, "return", "return in training")
+    grid[-1, 0].set_xlabel("environment steps, millions")
+    name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
     return figure
 
 
@@ -82,7 +85,7 @@ def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
 
 
 def reward_comparison(findings: Findings) -> Figure:
-    """Return over training by reward, for each combination trained with several.
+    """Return and success over training by reward, for each combination trained with several.
 
     Raises:
         MissingDataError: no combination was trained with two rewards.
@@ -95,7 +98,7 @@ def reward_comparison(findings: Findings) -> Figure:
             panels.append((label(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no combination with learning curves for two rewards")
-    figure, grid = new_figure(6 + 40 * len(panels), len(panels), sharex=True)
+    figure, grid = new_figure(17 + 36 * len(panels), len(panels), 2, sharex=True)
     # A reward keeps its colour from panel to panel.
     every = {r.reward for _, rivals in panels for r in rivals}
     colours = sorted(every, key=lambda reward: (_order(reward), reward))
@@ -103,7 +106,22 @@ def reward_comparison(findings: Findings) -> Figure:
         (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
         for title, rivals in panels
     ]
-    _panels(figure, grid[:, 0], shown)
+    _panels(grid[:, 0], shown, "return", "return in its own points")
+    _panels(grid[:, 1], [("", lines) for _, lines in shown], "success", "threaded")
+    for axes in grid[:, 1]:
+        axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
+    for axes in grid[-1]:
+        axes.set_xlabel("training steps, millions")
+    # Rewards have their colours in common, so that they are named once.
+    drawn = [
+        Line2D([], [], color=colour, linestyle=dash, linewidth=1.2)
+        for colour, dash in map(_stroke, range(len(colours)))
+    ]
+    names = [reward_label(reward) for reward in colours]
+    figure.legend(
+        drawn, names, loc="outside upper center", ncols=2, frameon=False, fontsize=6.5,
+        handlelength=2.6, columnspacing=1.2,
+    )  # fmt: skip
     return figure
 
 
@@ -111,29 +129,30 @@ def _order(reward: str) -> int:
     return list(REWARDS).index(reward) if reward in REWARDS else len(REWARDS)
 
 
-def _panels(figure: Figure, column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]]) -> None:
+def _panels(
+    column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]], shown: str, words: str
+) -> list[list[LineEnd]]:
+    """Draw a column of ``metrics.csv`` below each other; returns where each one's lines end."""
     runs = [run for _, lines in panels for _, some, _ in lines for run in some]
     steps = grid_of(runs)
-    longest = steps[-1]
-    # One scale for all panels, so that they can be compared.
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
-        axes.set_ylabel("return in training")
+        axes.set_ylabel(words)
         ends.append(
             [
-                draw_line(axes, steps, number, name, _returns(runs, steps))
+                draw_line(axes, steps, number, name, _smoothed(runs, shown, steps))
                 for name, runs, number in lines
             ]
         )
+    # One scale for all panels, so that they can be compared.
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
         axes.set_ylim(low, high)
-        axes.set_xlim(0, longest / 1e6)
+        axes.set_xlim(0, steps[-1] / 1e6)
         axes.grid(axis="y", linewidth=0.3)
-    column[-1].set_xlabel("environment steps, millions")
-    name_ends(figure, column, ends, longest)
+    return ends
 
 
 def name_ends(
@@ -171,18 +190,23 @@ def draw_line(axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.
         name: of the line.
         curves: ``(seeds, points)``; NaN where a run has not come so far.
     """
-    colour = COLOURS[number % len(COLOURS)]
+    colour, dash = _stroke(number)
     middle, low, high = band(curves)
     million = steps / 1e6
     present = (~np.isnan(curves)).sum(axis=0)
     for some in sorted({*present.tolist()} - {0}):
         axes.plot(
-            million, np.where(present == some, middle, np.nan), color=colour,
-            linestyle=DASHES[number % len(DASHES)], linewidth=1.2 if some == len(curves) else 0.6,
+            million, np.where(present == some, middle, np.nan), color=colour, linestyle=dash,
+            linewidth=1.2 if some == len(curves) else 0.6,
         )  # fmt: skip
     axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
     last = np.flatnonzero(~np.isnan(middle))[-1]
     return name, float(million[last]), float(middle[last]), colour
+
+
+def _stroke(number: int) -> tuple[str, Any]:
+    """Colour and dashes of a line."""
+    return COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
 
 
 def has_curve(run: Record) -> bool:
@@ -194,8 +218,8 @@ def _curves(runs: Iterable[Record]) -> list[Record]:
     return [run for run in runs if has_curve(run)]
 
 
-def _returns(runs: Iterable[Record], steps: np.ndarray) -> np.ndarray:
-    return np.array([smooth(run, "return", steps) for run in _curves(runs)])
+def _smoothed(runs: Iterable[Record], column: str, steps: np.ndarray) -> np.ndarray:
+    return np.array([smooth(run, column, steps) for run in _curves(runs)])
 
 
 def grid_of(runs: Iterable[Record]) -> np.ndarray:

@@ -38,8 +38,8 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     ),
     "rewards": (
         reward_comparison,
-        "Rewards compared, as the paper's Figure 7. Each curve is in its own reward's"
-        " points; success rates compare across rewards, returns do not.",
+        "Rewards compared, as the paper's Figure 7. Left: each curve is in its own reward's points."
+        " Right: the share of training episodes that thread, which compares across rewards.",
     ),
     "final_values": (
         final_values,

@@ -34,6 +34,8 @@ class Final:
     area: float | None
     """Mean return over all of training: the area under its curve, by steps. ``None`` where
     training is not over, or has left no curve."""
+    threading: float | None
+    """The same of success, which compares across rewards whose points do not."""
     episodes: int
     steps: int
     """Of training, when it was measured."""
@@ -59,7 +61,8 @@ def final(run: Record) -> Final | None:
             cheat=float(last["cheat"]),
             grasped=_told(last.get("grasped")),
             lifted=_told(last.get("lifted")),
-            area=_area(run) if run.finished else None,
+            area=_area(run, "return"),
+            threading=_area(run, "success"),
             episodes=int(last["episodes"]),
             steps=int(last.get("steps_trained") or run.steps),
             finished=run.finished,
@@ -84,18 +87,19 @@ def final(run: Record) -> Final | None:
         grasped=known("grasped"),
         lifted=known("lifted"),
         area=None,
+        threading=None,
         episodes=int(episodes.sum()),
         steps=newest,
         finished=False,
     )
 
 
-def _area(run: Record) -> float | None:
+def _area(run: Record, column: str) -> float | None:
     """Over buffers, which have as many steps each; in the first ones no episode may end."""
-    if run.metrics is None or run.steps < run.planned_steps:
+    if not run.finished or run.metrics is None or run.steps < run.planned_steps:
         return None
-    returns = run.metrics["return"]
-    return float(np.nanmean(returns)) if not np.isnan(returns).all() else None
+    values = run.metrics[column]
+    return float(np.nanmean(values)) if not np.isnan(values).all() else None
 
 
 def _told(value: Any) -> float | None:

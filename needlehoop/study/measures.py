@@ -14,7 +14,7 @@ from needlehoop.study.statistics import iqm
 
 @dataclass(frozen=True)
 class Measure:
-    """A number that a run ends with: higher is better."""
+    """A number that a run ends with: higher is better, where nothing else is said."""
 
     name: str
     of: Callable[[Final], float | None]
@@ -30,6 +30,15 @@ TRAINING = Measure("return over training", lambda found: found.area)
 """How soon it was learnt, and how well."""
 
 SUCCESS = Measure("success, %", lambda found: found.success, 100.0, 0)
+
+HUMAN_POINTS = Measure("human's points", lambda found: found.human)
+"""What the human reward says of episodes, whichever reward they were learnt from."""
+
+THREADING = Measure("threaded over training, %", lambda found: found.threading, 100.0, 0)
+"""How soon it was learnt, whatever a reward's points."""
+
+CHEAT = Measure("cheat, %", lambda found: found.cheat, 100.0, 0)
+"""Lower is better."""
 
 
 def values(result: Result, measure: Measure) -> list[float]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
@@ -17,7 +19,7 @@ from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.luck import apart, luck
-from needlehoop.study.measures import TRAINING, middle
+from needlehoop.study.measures import THREADING, TRAINING, Measure, middle, values
 from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -27,9 +29,11 @@ from needlehoop.study.statistics import (
     Estimate,
     estimate,
     improvement,
+    iqm,
     no_interval,
 )
 from needlehoop.study.table import Table
+from needlehoop.study.writers import writers
 
 _PAPERS = "the paper's"
 
@@ -67,6 +71,7 @@ def _every(findings: Findings) -> list[Table]:
         agreements(findings),
         costs(findings),
         rewards(findings),
+        writers(findings),
         improvements(findings),
     ]
 
@@ -81,7 +86,7 @@ def results(findings: Findings) -> Table:
                 label(result.cameras),
                 f"{result.value.value:.2f}",
                 result.value.interval,
-                _over_training(result),
+                _told(result, TRAINING),
                 _percent(result.success),
                 _interval(result.success),
                 _percent(result.cheat),
@@ -178,6 +183,7 @@ def rewards(findings: Findings) -> Table:
                     _percent(result.success),
                     _interval(result.success),
                     _percent(result.cheat),
+                    _told(result, THREADING),
                     _times(result),
                     f"{theirs.value:.2f}" if theirs and theirs.value else "not published",
                     theirs.remark if theirs else "",
@@ -188,11 +194,12 @@ def rewards(findings: Findings) -> Table:
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
     head = ("cameras", "reward", "return", "return, 95 %", "human's points", "success, %")
-    head += ("success, 95 %", "cheat, %", f"M steps to {100 * _SOON:.0f} %")
+    head += ("success, 95 %", "cheat, %", THREADING.name, f"M steps to {100 * _SOON:.0f} %")
     head += (f"{_PAPERS} return", "remark on the paper's")
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
-        f" reward gives the same episodes. M steps: millions, until {100 * _SOON:.0f} % of the"
+        f" reward gives the same episodes. {THREADING.name.capitalize()}: of all training episodes."
+        f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
@@ -203,6 +210,7 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
     value = estimate([[final.value for final in r.finals] for r in found])
     success = estimate([[final.success for final in r.finals] for r in found])
     cheat = estimate([[final.cheat for final in r.finals] for r in found])
+    soon = [own for r in found if (own := values(r, THREADING))]
     return (
         f"all {len(found)}",
         reward_label(reward),
@@ -212,15 +220,16 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
         _percent(success),
         _interval(success),
         _percent(cheat),
+        "" if len(soon) < len(found) else f"{iqm(np.concatenate(soon)):.{THREADING.digits}f}",
         "",
         "",
         "",
     )
 
 
-def _over_training(result: Result) -> str:
-    found = middle(result, TRAINING)
-    return "" if found is None else f"{found:.2f}"
+def _told(result: Result, measure: Measure) -> str:
+    found = middle(result, measure)
+    return "" if found is None else f"{found:.{measure.digits}f}"
 
 
 def _times(result: Result) -> str:

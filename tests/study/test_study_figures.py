@@ -155,9 +155,18 @@ def test_a_curve_breaks_where_a_run_ends_before_the_others(tmp_path):
 
 def test_rewards_are_compared_where_there_are_several(study, tmp_path):
     with styled():
-        (axes,) = reward_comparison(study_findings(study)).axes
-    assert axes.get_title("left") == "DEP (F) + SEG (S)"
-    assert set(names(axes)) == {"human", "VLM, text", "VLM, text + image"}
+        figure = reward_comparison(study_findings(study))
+    returns, threaded = figure.axes
+    assert returns.get_title("left") == "DEP (F) + SEG (S)"
+    (legend,) = figure.legends
+    named = [text.get_text() for text in legend.get_texts()]
+    assert named == ["human", "VLM, text", "VLM, text + image"]
+    # A line and its name have one colour, and those who only touch thread least.
+    drawn = [line.get_color() for line in legend.get_lines()]
+    ends = {line.get_color(): line.get_ydata()[-1] for line in threaded.lines}
+    assert [line.get_color() for line in returns.lines] == drawn == [*ends]
+    assert min(ends, key=lambda colour: ends[colour]) == drawn[1]
+    assert ends[drawn[1]] == pytest.approx(0.2)
     write_run(tmp_path, "rgb_default")
     with pytest.raises(MissingDataError, match="two rewards"):
         reward_comparison(study_findings(tmp_path))

@@ -179,8 +179,13 @@ def test_rewards_stand_together_with_the_papers(findings):
         ("all 3", "VLM, text", "60"),
         ("all 3", "VLM, text + image", "2"),
     ]
-    values = [final.value for r in findings.results if r.reward == "vlm_img" for final in r.finals]
-    assert float(rows[11]["return"]) == pytest.approx(trim_mean(values, 0.25), abs=0.006)
+    images = [final for r in findings.results if r.reward == "vlm_img" for final in r.finals]
+    for column, values, error in (
+        ("return", [final.value for final in images], 0.006),
+        ("threaded over training, %", [100 * (final.threading or 0) for final in images], 0.6),
+    ):
+        assert float(rows[11][column]) == pytest.approx(trim_mean(values, 0.25), abs=error)
+        assert float(rows[11][column]) > float(rows[10][column])
     assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
@@ -263,7 +268,7 @@ def test_markdown_and_latex_escape_what_they_must():
 def test_tables_are_written_three_ways(findings, tmp_path):
     written = write_tables(findings, tmp_path)
     names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
-    names |= {"effects", "claims", "cost", "apart", "luck"}
+    names |= {"effects", "claims", "cost", "apart", "luck", "writers"}
     assert {path.name for path in written} == {
         f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
     }
@@ -279,7 +284,7 @@ def test_tables_without_rows_any_more_are_removed(tmp_path):
     shutil.rmtree(study / "rgb_default" / "vlm_text")
     after = write_tables(study_findings(study), folder)
     assert {path.name for path in before} - {path.name for path in after} == {
-        f"rewards.{kind}" for kind in ("csv", "md", "tex")
+        f"{name}.{kind}" for name in ("rewards", "writers") for kind in ("csv", "md", "tex")
     }
     assert {*folder.iterdir()} == {*after, folder / "own.csv"}
 
