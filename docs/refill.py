@@ -1,4 +1,6 @@
-"""Puts what the runs in results/ say into the tables of docs/findings.md: ``make findings``.
+"""Puts what the runs in results/ say into tables of the documentation: ``make findings``.
+
+docs/findings.md has what matters most, docs/evidence.md the whole.
 
 A table stands below a comment that names it; what is between them and around them is written by
 hand, and read again after each refill.
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -22,7 +24,6 @@ from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "findings.md"
 
 _PROTOCOLS = {"fast": "0.5 M", "table2": "1.5 M"}
 """Studies that stand beside each other on the page, by how many steps their agents train."""
@@ -43,6 +44,9 @@ _NAMES = ("return (95 %)", "over training (95 %)")
 
 _BLIND = "drawn blindly"
 
+_Table = list[Sequence[str]]
+"""Rows of cells, the head first."""
+
 
 class _Fit(NamedTuple):
     """A prediction held against a measurement, over all lists, as the tables write it."""
@@ -54,25 +58,51 @@ class _Fit(NamedTuple):
     regret_range: str
 
 
-def refilled(page: str) -> str:
-    """The page with the tables of today's runs."""
-    for marker, table in (
-        ("results", _ranking()),
-        ("effects", _beside("effects", ("trait",), _EFFECTS)),
-        ("claims", _beside("claims", ("the paper says", "its returns"), _CLAIMS)),
-        ("agreement", _agreement()),
-        ("regret", _regret()),
-    ):
+def refilled(name: str, page: str) -> str:
+    """The page of that name with the tables of today's runs.
+
+    Raises:
+        ValueError: a table of the page has no place in it.
+    """
+    for marker, table in TABLES[name].items():
         head = f"<!-- {marker} -->\n"
         before, found, after = page.partition(head)
         if not found:
-            raise ValueError(f"{PAGE}: no table {marker}")
+            raise ValueError(f"{name}: no table {marker}")
         _, end, after = after.partition("\n\n")
-        page = before + head + "\n".join(_lines(table)) + end + after
+        page = before + head + "\n".join(_lines(table())) + end + after
     return page
 
 
-def _ranking() -> list[Sequence[str]]:
+def _sets() -> _Table:
+    """Of ``_ranking`` what the page of findings has room for, the soonest learnt first."""
+    names = ["cameras", "threaded, %", "by seed", "over training", "imitated, %"]
+    names += ["1.5 M: threaded, %", "1.5 M: over training", "the paper's return"]
+    head, *rows = _picked(_ranking(), names)
+    return [head, *sorted(rows, key=lambda row: -float(row[names.index("over training")]))]
+
+
+def _foretold() -> _Table:
+    """How each prediction agrees with how soon and how far ours come, and what it loses."""
+    agreement = _picked(
+        _agreement(), ("prediction", "0.5 M, over training", "1.5 M", "the paper's")
+    )
+    regret = _picked(
+        _regret(), ("chosen by", "core-minutes", "1.5 M", "1.5 M, over training", "the paper's")
+    )
+    found = {row[0]: row[1:] for row in agreement[1:]}
+    head = (*agreement[0], *(f"regret: {name}" for name in regret[0][2:]), regret[0][1])
+    rows = [(who, *found.get(who, ("",) * 3), *lost, minutes) for who, minutes, *lost in regret[1:]]
+    return [head, *rows]
+
+
+def _picked(table: _Table, names: Sequence[str]) -> _Table:
+    """Some of a table's columns, in their order."""
+    at = [table[0].index(name) for name in names]
+    return [[row[i] for i in at] for row in table]
+
+
+def _ranking() -> _Table:
     """The fast protocol's sets, the best first, with what else was measured of them beside.
 
     That is imitation's successes, the paper's protocol as far as it has been run, and the paper's
@@ -88,7 +118,7 @@ def _ranking() -> list[Sequence[str]]:
     head = ("cameras", "threaded, %", "by seed", "return", "over training", "cheat, %")
     head += ("imitated, %", "1.5 M: threaded, %", "1.5 M: return", "1.5 M: over training")
     head += ("the paper's return",)
-    table: list[Sequence[str]] = [head]
+    table: _Table = [head]
     for row in _rows("fast", "results"):
         cameras = row["cameras"]
         numbers = (row["success, %"], seeds[cameras], row["return"], row[TRAINING.name])
@@ -99,23 +129,31 @@ def _ranking() -> list[Sequence[str]]:
     return table
 
 
-def _beside(name: str, common: Sequence[str], own: Sequence[str]) -> list[Sequence[str]]:
+def _effects() -> _Table:
+    return _beside("effects", ("trait",), _EFFECTS)
+
+
+def _claims() -> _Table:
+    return _beside("claims", ("the paper says", "its returns"), _CLAIMS)
+
+
+def _beside(name: str, common: Sequence[str], own: Sequence[str]) -> _Table:
     """A table of each protocol beside the other: what they have in common, then their columns.
 
     Rows are the first protocol's; the other's are found by the first column.
     """
     studies = [{row[common[0]]: row for row in _rows(study, name)} for study in _PROTOCOLS]
     heads = [f"{steps}: {column}" for steps in _PROTOCOLS.values() for column in _NAMES]
-    table: list[Sequence[str]] = [(*common, *heads)]
+    table: _Table = [(*common, *heads)]
     for key, row in studies[0].items():
         told = [found.get(key, {}).get(column, "") for found in studies for column in own]
         table.append((*(row[column] for column in common), *told))
     return table
 
 
-def _agreement() -> list[Sequence[str]]:
+def _agreement() -> _Table:
     """Tau-b of each prediction with each measurement."""
-    table: list[Sequence[str]] = [("prediction", *_MEASURED)]
+    table: _Table = [("prediction", *_MEASURED)]
     for who, fits in _fits().items():
         cells = [
             _with(one.tau, one.tau_range) + (f", p {one.p}" if one.p else "") if one else ""
@@ -125,7 +163,7 @@ def _agreement() -> list[Sequence[str]]:
     return table
 
 
-def _regret() -> list[Sequence[str]]:
+def _regret() -> _Table:
     """What choosing by each prediction loses, mean over the lists, and what the choice took."""
     costs = {study: _rows(study, "cost") for study in _PROTOCOLS}
     minutes = {row["prediction"]: row["core-minutes"] for own in costs.values() for row in own}
@@ -134,7 +172,7 @@ def _regret() -> list[Sequence[str]]:
         for study, own in costs.items()
         for row in own
     }
-    table: list[Sequence[str]] = [("chosen by", "core-minutes", *_MEASURED)]
+    table: _Table = [("chosen by", "core-minutes", *_MEASURED)]
     for who, fits in _fits().items():
         found = [fits.get(column) for column in _MEASURED]
         cells = [_with(one.regret, one.regret_range) if one else "" for one in found]
@@ -173,10 +211,23 @@ def _rows(study: str, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(_tables(study)[name].csv())))
 
 
-def _lines(table: Sequence[Sequence[str]]) -> list[str]:
+def _lines(table: _Table) -> list[str]:
     head, *rows = (f"| {' | '.join(row)} |" for row in table)
     return [head, "|" + "---|" * len(table[0]), *rows]
 
 
+TABLES: Mapping[str, Mapping[str, Callable[[], _Table]]] = {
+    "findings.md": {"sets": _sets, "effects": _effects, "foretold": _foretold},
+    "evidence.md": {
+        "results": _ranking,
+        "claims": _claims,
+        "agreement": _agreement,
+        "regret": _regret,
+    },
+}
+"""The documentation's pages, by the names of their files, and the tables of each."""
+
 if __name__ == "__main__":
-    PAGE.write_text(refilled(PAGE.read_text()))
+    for name in TABLES:
+        path = ROOT / "docs" / name
+        path.write_text(refilled(name, path.read_text()))

@@ -1,4 +1,4 @@
-"""What docs/findings.md says is what the runs in results/ gave."""
+"""What docs/findings.md and docs/evidence.md say is what the runs in results/ gave."""
 
 import csv
 import io
@@ -20,12 +20,14 @@ from needlehoop.study.table import Table
 from needlehoop.study.tables import all_tables
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "findings.md").read_text()
+PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("findings.md", "evidence.md")}
+PAGE = "\n".join(PAGES.values())
 SOON = "return over training"
 
 
 def cells_of(marker: str) -> list[list[str]]:
-    """The page's table under a comment that names its source, its head first."""
+    """The pages' table under a comment that names its source, its head first."""
+    assert PAGE.count(f"<!-- {marker} -->\n") == 1
     lines = PAGE.partition(f"<!-- {marker} -->\n")[2].splitlines()
     rows = lines[: lines.index("")]
     head, _, *rest = [[cell.strip() for cell in line.strip("|").split("|")] for line in rows]
@@ -81,9 +83,37 @@ def test_a_refilled_page_is_the_page():
     assert spec.loader is not None
     refill = module_from_spec(spec)
     spec.loader.exec_module(refill)
-    assert refill.refilled(PAGE) == PAGE
-    with pytest.raises(ValueError, match="no table effects"):
-        refill.refilled(PAGE.replace("<!-- effects", "<!-- nothing"))
+    assert set(refill.TABLES) == set(PAGES)
+    for name, page in PAGES.items():
+        assert refill.refilled(name, page) == page
+    with pytest.raises(ValueError, match=r"findings\.md: no table effects"):
+        refill.refilled("findings.md", PAGE.replace("<!-- effects", "<!-- nothing"))
+
+
+def test_the_findings_tables_are_drawn_from_the_evidences():
+    evidence = {row["cameras"]: row for row in rows_of("results")}
+    sets = rows_of("sets")
+    assert {row["cameras"] for row in sets} == set(evidence)
+    assert all(row.items() <= evidence[row["cameras"]].items() for row in sets)
+    soon = [float(row["over training"]) for row in sets]
+    assert soon == sorted(soon, reverse=True)
+    agreement = {row["prediction"]: row for row in rows_of("agreement")}
+    regret = {row["chosen by"]: row for row in rows_of("regret")}
+    foretold = rows_of("foretold")
+    assert [row["prediction"] for row in foretold] == [*regret]
+    for row in foretold:
+        who = row.pop("prediction")
+        lost = {name.removeprefix("regret: "): row.pop(name) for name in [*row] if "reg" in name}
+        lost["core-minutes"] = row.pop("core-minutes")
+        assert len(lost) == 4
+        assert lost.items() <= regret[who].items()
+        assert list(row) == ["0.5 M, over training", "1.5 M", "the paper's"]
+        assert row.items() <= agreement.get(who, dict.fromkeys(row, "")).items()
+
+
+def test_the_findings_fit_two_screens():
+    # Of some fifty lines each, at 120 characters; a row of a table is one.
+    assert PAGES["findings.md"].count("\n") <= 100
 
 
 @pytest.mark.parametrize("study", ["fast", "imitation", "table2"])
