@@ -94,7 +94,8 @@ def success_and_cheats(findings: Findings) -> Figure:
                 axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
     axes.axvline(0, color=INK, linewidth=0.6)
     axes.spines["left"].set_visible(False)
-    axes.set_xlim(-1.35, 1.35)
+    # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
+    axes.set_xlim(-1.7, 1.7)
     axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
     axes.set_xlabel("share of episodes")
     axes.set_title("◂ cheated", color=CHEAT, loc="left")
@@ -162,7 +163,7 @@ def _bars(
 def _name(result: Result, findings: Findings) -> str:
     name = label(result.cameras)
     own = result.reward == findings.main_reward
-    return name if own else f"{name}, {reward_label(result.reward).removeprefix('VLM, ')}"
+    return name if own else f"{name}: {reward_label(result.reward)}"
 
 
 def _value(found: Estimate | None) -> float:

@@ -36,6 +36,10 @@ class Final:
     training is not over, or has left no curve."""
     threading: float | None
     """The same of success, which compares across rewards whose points do not."""
+    best: float | None
+    """The highest success of an evaluation on the way or of the last: more than ``success`` is
+    what training took away again. ``None`` where it is not over, or was not evaluated on the
+    way."""
     episodes: int
     steps: int
     """Of training, when it was measured."""
@@ -63,6 +67,7 @@ def final(run: Record) -> Final | None:
             lifted=_told(last.get("lifted")),
             area=_area(run, "return"),
             threading=_area(run, "success"),
+            best=_best(run),
             episodes=int(last["episodes"]),
             steps=int(last.get("steps_trained") or run.steps),
             finished=run.finished,
@@ -88,6 +93,7 @@ def final(run: Record) -> Final | None:
         lifted=known("lifted"),
         area=None,
         threading=None,
+        best=None,
         episodes=int(episodes.sum()),
         steps=newest,
         finished=False,
@@ -100,6 +106,12 @@ def _area(run: Record, column: str) -> float | None:
         return None
     values = run.metrics[column]
     return float(np.nanmean(values)) if not np.isnan(values).all() else None
+
+
+def _best(run: Record) -> float | None:
+    if not run.finished or run.evaluations is None or run.evaluation is None:
+        return None
+    return max(float(run.evaluations["success"].max()), float(run.evaluation["success"]))
 
 
 def _told(value: Any) -> float | None:

@@ -37,6 +37,9 @@ HUMAN_POINTS = Measure("human's points", lambda found: found.human)
 THREADING = Measure("threaded over training, %", lambda found: found.threading, 100.0, 0)
 """How soon it was learnt, whatever a reward's points."""
 
+BEST = Measure("success at best, %", lambda found: found.best, 100.0, 0)
+"""What an agent could do once, whether or not it still can."""
+
 CHEAT = Measure("cheat, %", lambda found: found.cheat, 100.0, 0)
 """Lower is better."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from needlehoop.study.effects import effects
 from needlehoop.study.final import Final
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.luck import apart, luck
-from needlehoop.study.measures import THREADING, TRAINING, Measure, middle, values
+from needlehoop.study.measures import BEST, THREADING, TRAINING, Measure, middle, values
 from needlehoop.study.phases import phases
 from needlehoop.study.predictions import recorded_answers
 from needlehoop.study.rankings import agreements, measured, rankings
@@ -77,12 +78,14 @@ def _every(findings: Findings) -> list[Table]:
 
 
 def results(findings: Findings) -> Table:
-    """Every combination with every reward, the best return first."""
+    """Every combination with every reward: reward by reward, the best return first."""
     rows = []
-    for place, result in enumerate(findings.results, start=1):
+    places: Counter[str] = Counter()
+    for result in sorted(findings.results, key=lambda one: _order(one.reward)):
+        places[result.reward] += 1
         rows.append(
             (
-                str(place),
+                str(places[result.reward]),
                 label(result.cameras),
                 f"{result.value.value:.2f}",
                 result.value.interval,
@@ -103,7 +106,10 @@ def results(findings: Findings) -> Table:
         " seeds or more; with fewer, Wilson's over all episodes, for rates alone."
     )
     if any(result.reward != findings.main_reward for result in findings.results):
-        note += " A return is in its own reward's points: across rewards, compare success."
+        note += (
+            " A return is in its own reward's points, and its place is among those of the same"
+            " reward: across rewards, compare success."
+        )
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."
     return Table("results", "Results", (*head, "seeds", "unfinished"), tuple(rows), note)
@@ -167,11 +173,10 @@ def rewards(findings: Findings) -> Table:
     published = {(r.cameras, r.reward): r for r in paper.rewards()}
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     rows = []
-    order = {name: i for i, name in enumerate(REWARDS)}
     chosen = [r for r in findings.ranked if r.cameras in written]
     for best in chosen:
         rivals = [r for r in findings.results if r.cameras == best.cameras]
-        for result in sorted(rivals, key=lambda r: (order.get(r.reward, 99), r.reward)):
+        for result in sorted(rivals, key=lambda r: _order(r.reward)):
             theirs = published.get((result.cameras, result.reward))
             rows.append(
                 (
@@ -182,6 +187,7 @@ def rewards(findings: Findings) -> Table:
                     _human(result.finals),
                     _percent(result.success),
                     _interval(result.success),
+                    _told(result, BEST),
                     _percent(result.cheat),
                     _told(result, THREADING),
                     _times(result),
@@ -189,20 +195,29 @@ def rewards(findings: Findings) -> Table:
                     theirs.remark if theirs else "",
                 )
             )
-    for reward in sorted({r.reward for r in findings.results}, key=lambda r: (order.get(r, 99), r)):
+    for reward in sorted({r.reward for r in findings.results}, key=_order):
         own = [r for r in findings.results if r.reward == reward and r.cameras in written]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
     head = ("cameras", "reward", "return", "return, 95 %", "human's points", "success, %")
-    head += ("success, 95 %", "cheat, %", THREADING.name, f"M steps to {100 * _SOON:.0f} %")
+    head += ("success, 95 %", BEST.name, "cheat, %", THREADING.name)
+    head += (f"M steps to {100 * _SOON:.0f} %",)
     head += (f"{_PAPERS} return", "remark on the paper's")
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
-        f" reward gives the same episodes. {THREADING.name.capitalize()}: of all training episodes."
+        f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
+        " of fewer episodes each; what the last has less was learnt and lost again."
+        f" {THREADING.name.capitalize()}: of all training episodes."
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
+
+
+def _order(reward: str) -> tuple[int, str]:
+    """The human one, the paper's, others."""
+    known = [*REWARDS]
+    return (known.index(reward) if reward in known else len(known), reward)
 
 
 def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
@@ -210,7 +225,6 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
     value = estimate([[final.value for final in r.finals] for r in found])
     success = estimate([[final.success for final in r.finals] for r in found])
     cheat = estimate([[final.cheat for final in r.finals] for r in found])
-    soon = [own for r in found if (own := values(r, THREADING))]
     return (
         f"all {len(found)}",
         reward_label(reward),
@@ -219,12 +233,19 @@ def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
         _human([final for r in found for final in r.finals]),
         _percent(success),
         _interval(success),
+        _over(found, BEST),
         _percent(cheat),
-        "" if len(soon) < len(found) else f"{iqm(np.concatenate(soon)):.{THREADING.digits}f}",
+        _over(found, THREADING),
         "",
         "",
         "",
     )
+
+
+def _over(found: Sequence[Result], measure: Measure) -> str:
+    """The interquartile mean of all runs; empty where one of them has no such number."""
+    own = [values(result, measure) for result in found]
+    return f"{iqm(np.concatenate(own)):.{measure.digits}f}" if all(own) else ""
 
 
 def _told(result: Result, measure: Measure) -> str:

@@ -1,6 +1,7 @@
 """Figures: that they are drawn, from what is there, the same every time."""
 
 import hashlib
+import json
 import shutil
 from pathlib import Path
 
@@ -177,9 +178,26 @@ def test_cheats_stand_against_successes(study):
         axes = success_and_cheats(study_findings(study)).axes[0]
     lengths = [patch.get_width() for patch in axes.patches]
     rows = [label.get_text() for label in axes.get_yticklabels()]
-    text_only = rows.index("DEP (F) + SEG (S), text")
+    text_only = rows.index("DEP (F) + SEG (S): VLM, text")
     assert lengths[text_only] == pytest.approx(0.2, abs=0.01)
     assert lengths[len(rows) + text_only] == pytest.approx(-0.6, abs=0.01)
+
+
+def test_whoever_always_cheats_is_still_named(tmp_path):
+    cameras = "dep_front+seg_side"
+    write_run(tmp_path, cameras)
+    path = write_run(tmp_path, cameras, "vlm_img_claude") / "evaluation.json"
+    last = json.loads(path.read_text())
+    path.write_text(json.dumps(last | {"success": 0.0, "cheat": 1.0}))
+    with styled():
+        figure = success_and_cheats(study_findings(tmp_path))
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        # Beside each other they would be read as one.
+        numbers = [text.get_window_extent().padded(figure.dpi / 30) for text in axes.texts]
+        names = [text.get_window_extent() for text in axes.get_yticklabels()]
+    assert len(numbers) >= len(names) == 2
+    assert not any(number.overlaps(name) for number in numbers for name in names)
 
 
 def test_time_to_threshold_is_the_first_buffer_that_holds_it(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import trim_mean
-from study_files import PAIRS, REWARDED, write_answers, write_study
+from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
 from needlehoop.rewards import yardstick
 from needlehoop.study import paper
@@ -171,6 +171,18 @@ def test_the_papers_own_tables(findings):
     assert len(results(paper_findings(NOWHERE)).rows) == 15
 
 
+def test_results_have_places_among_those_of_their_reward(findings):
+    rows = dicts(results(findings))
+    assert len(rows) == len(findings.results)
+    rewarded = [(row["reward"], int(row["place"])) for row in rows]
+    images = ["VLM, text"] * 3 + ["VLM, text + image"] * 3
+    assert [reward for reward, _ in rewarded] == ["human"] * 14 + images
+    assert [place for _, place in rewarded] == [*range(1, 15), 1, 2, 3, 1, 2, 3]
+    for reward in {reward for reward, _ in rewarded}:
+        returns = [float(row["return"]) for row in rows if row["reward"] == reward]
+        assert returns == sorted(returns, reverse=True)
+
+
 def test_rewards_stand_together_with_the_papers(findings):
     rows = dicts(rewards(findings))
     assert len(rows) == 9 + 3
@@ -182,6 +194,7 @@ def test_rewards_stand_together_with_the_papers(findings):
     images = [final for r in findings.results if r.reward == "vlm_img" for final in r.finals]
     for column, values, error in (
         ("return", [final.value for final in images], 0.006),
+        ("success at best, %", [100 * (final.best or 0) for final in images], 0.6),
         ("threaded over training, %", [100 * (final.threading or 0) for final in images], 0.6),
     ):
         assert float(rows[11][column]) == pytest.approx(trim_mean(values, 0.25), abs=error)
@@ -190,6 +203,25 @@ def test_rewards_stand_together_with_the_papers(findings):
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
     assert cheat["cheat, %"] == "60"
+
+
+def test_rewards_say_what_was_learnt_and_lost_again(tmp_path):
+    cameras = "dep_front+seg_side"
+    write_run(tmp_path, cameras)
+    # Not called vlm_text while it is made: runs of that name never thread there.
+    hacked = tmp_path / cameras / "vlm_text"
+    (write_run(tmp_path / "other", cameras, noise=1).parent).rename(hacked)
+    path = hacked / "seed0" / "evaluation.json"
+    last = json.loads(path.read_text())
+    path.write_text(json.dumps(last | {"success": 0.1, "cheat": 0.9}))
+    write_run(tmp_path, cameras, "vlm_img", updates=50)
+    with (hacked / "seed0" / "evaluations.csv").open(newline="") as file:
+        ways = [float(row["success"]) for row in csv.DictReader(file)]
+    said = {row["reward"]: row for row in dicts(rewards(study_findings(tmp_path)))}
+    row = said["VLM, text"]
+    assert row["success, %"] == "10"
+    assert row["success at best, %"] == f"{100 * max(ways):.0f}" != "10"
+    assert said["VLM, text + image"]["success at best, %"] == ""
 
 
 def test_rewards_say_how_soon_each_seed_threads(findings):
