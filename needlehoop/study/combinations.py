@@ -39,6 +39,12 @@ def reward_label(reward: str) -> str:
     return REWARDS.get(reward, reward)
 
 
+def reward_order(reward: str) -> tuple[int, str]:
+    """Sorts the human one first, then those of ``REWARDS``, then others by name."""
+    known = [*REWARDS]
+    return (known.index(reward) if reward in known else len(known), reward)
+
+
 def _camera(name: str) -> str:
     found = _CAMERA.fullmatch(name)
     return f"{found[1].upper()} ({found[2].upper()})" if found else name

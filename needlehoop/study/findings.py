@@ -70,6 +70,13 @@ class Findings:
         return lists_of(self.answers)
 
     @property
+    def compares_rewards(self) -> bool:
+        """Whether rewards are its question, and not cameras: no list has two sets to compare."""
+        sets = {result.cameras for result in self.ranked}
+        to_rank = any(len(sets.intersection(members)) > 1 for members in self.lists.values())
+        return not to_rank and len(sets) < len(self.results)
+
+    @property
     def seeds(self) -> int:
         """The fewest seeds that a result has."""
         return min((result.value.seeds for result in self.results), default=0)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.runs.reading import UnreadableError
-from needlehoop.study.combinations import label, reward_label
+from needlehoop.study.combinations import label, reward_label, reward_order
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.media import check_picture
 from needlehoop.study.phases import reached
@@ -118,7 +118,7 @@ def galleries(findings: Findings, films: Films, tiles: Tiles) -> list[dict[str, 
 
 
 def _rankings(findings: Findings) -> list[tuple[str, list[Result]]]:
-    rewards = list(dict.fromkeys(result.reward for result in findings.results))
+    rewards = sorted({result.reward for result in findings.results}, key=reward_order)
     rewards.sort(key=lambda reward: reward != findings.main_reward)
     return [(one, [r for r in findings.results if r.reward == one]) for one in rewards]
 

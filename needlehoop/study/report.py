@@ -35,6 +35,9 @@ from needlehoop.study.tables import all_tables
 _FIRST = ("cost_and_regret", "rankings")
 """Figures before all others."""
 
+_FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
+"""The same of a study whose question rewards are."""
+
 _LONGEST = 10_000_000
 """Bytes of a page, as long as films can be left out of it."""
 
@@ -90,6 +93,7 @@ def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
     findings = part.findings
     study = findings.study
     figures = [_figure(drawn) for drawn in part.figures]
+    ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
     return {
         "name": findings.title,
         # Names of a page's parts are unique in it.
@@ -97,8 +101,8 @@ def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
         "is_study": study is not None,
         "lead": _lead(findings),
         "problems": tiles.problems,
-        "first": [figure for figure in figures if figure["name"] in _FIRST],
-        "figures": [figure for figure in figures if figure["name"] not in _FIRST],
+        "first": [figure for figure in figures if figure["name"] in ahead],
+        "figures": [figure for figure in figures if figure["name"] not in ahead],
         "tables": all_tables(findings),
         "reasons": _reasons(findings),
         "answers": findings.answers.questions if study and findings.answers else (),

@@ -13,7 +13,7 @@ from needlehoop.runs.shipped import CONF
 from needlehoop.study import paper
 from needlehoop.study.answers import Answers, Ranking
 from needlehoop.study.claims import claims
-from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
+from needlehoop.study.combinations import LISTS, label, reward_label, reward_order
 from needlehoop.study.costs import costs
 from needlehoop.study.curves import BUFFERS, steps_to_share
 from needlehoop.study.effects import effects
@@ -62,6 +62,8 @@ def _every(findings: Findings) -> list[Table]:
     return [
         results(findings),
         phases(findings),
+        rewards(findings),
+        writers(findings),
         apart(findings),
         luck(findings),
         effects(findings),
@@ -71,8 +73,6 @@ def _every(findings: Findings) -> list[Table]:
         rankings(findings),
         agreements(findings),
         costs(findings),
-        rewards(findings),
-        writers(findings),
         improvements(findings),
     ]
 
@@ -81,7 +81,7 @@ def results(findings: Findings) -> Table:
     """Every combination with every reward: reward by reward, the best return first."""
     rows = []
     places: Counter[str] = Counter()
-    for result in sorted(findings.results, key=lambda one: _order(one.reward)):
+    for result in sorted(findings.results, key=lambda one: reward_order(one.reward)):
         places[result.reward] += 1
         rows.append(
             (
@@ -176,7 +176,7 @@ def rewards(findings: Findings) -> Table:
     chosen = [r for r in findings.ranked if r.cameras in written]
     for best in chosen:
         rivals = [r for r in findings.results if r.cameras == best.cameras]
-        for result in sorted(rivals, key=lambda r: _order(r.reward)):
+        for result in sorted(rivals, key=lambda r: reward_order(r.reward)):
             theirs = published.get((result.cameras, result.reward))
             rows.append(
                 (
@@ -195,7 +195,7 @@ def rewards(findings: Findings) -> Table:
                     theirs.remark if theirs else "",
                 )
             )
-    for reward in sorted({r.reward for r in findings.results}, key=_order):
+    for reward in sorted({r.reward for r in findings.results}, key=reward_order):
         own = [r for r in findings.results if r.reward == reward and r.cameras in written]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
             rows.append(_over_all(reward, own))
@@ -212,12 +212,6 @@ def rewards(findings: Findings) -> Table:
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
     return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
-
-
-def _order(reward: str) -> tuple[int, str]:
-    """The human one, the paper's, others."""
-    known = [*REWARDS]
-    return (known.index(reward) if reward in known else len(known), reward)
 
 
 def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:

@@ -124,14 +124,15 @@ def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
     page = study / "report.html"
     open_page(browser, page, 1200)
     places = column(browser, "results", 1)
-    assert places == [str(i) for i in range(1, 8)]
+    # Five sets with the human reward, then two other rewards with one each.
+    assert places == ["1", "2", "3", "4", "5", "1", "1"]
     returns = [float(cell) for cell in column(browser, "results", 3)]
-    assert returns == sorted(returns, reverse=True)
+    assert returns[:5] == sorted(returns[:5], reverse=True)
     heads = browser.find_elements(By.CSS_SELECTOR, "#results th button")
     heads[2].click()
     assert [float(cell) for cell in column(browser, "results", 3)] == sorted(returns)
     heads[2].click()
-    assert [float(cell) for cell in column(browser, "results", 3)] == returns
+    assert [float(cell) for cell in column(browser, "results", 3)] == sorted(returns)[::-1]
     assert column(browser, "results", 2)[0] != "DEP (D)"
     heads[1].click()
     names = column(browser, "results", 2)
@@ -247,6 +248,27 @@ def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(tmp_p
     assert "One colour picture from 45 degrees" in page
     assert "Measured: place 1 of 1, return" in page
     assert "Not run yet." in page
+
+
+@pytest.mark.parametrize(
+    ("more", "first", "later"),
+    [
+        ([], ("rewards", "success_and_cheats"), ("cost_and_regret", "rankings")),
+        # With it a list has two sets to rank.
+        (["rgb_front+rgb_side"], ("cost_and_regret", "rankings"), ("rewards", "final_values")),
+    ],
+)
+def test_a_study_of_rewards_begins_with_them(more, first, later, tmp_path):
+    study = tmp_path / "main"
+    write_study(study, [(cameras, "human") for cameras, _ in REWARDED[::2]], seeds=1)
+    write_study(study, [REWARDED[0], *((cameras, "human") for cameras in more)], seeds=1)
+    assert main(["report", str(study)]) == 0
+    page = (study / "report.html").read_text()
+    ranking = page.index("<h2>Ranking</h2>")
+    assert all(page.index(f'id="figure_{name}"') < ranking for name in first)
+    assert all(page.index(f'id="figure_{name}"') > ranking for name in later)
+    # What rewards make of the same cameras stands before what models said of cameras.
+    assert page.index('id="rewards"') < page.index('id="table_2"')
 
 
 def test_films_of_the_best_and_the_worst_are_in_the_page(study, film):
