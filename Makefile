@@ -51,7 +51,7 @@ docs: $(TESTED)
 
 # What results/ says, in its tables, in docs/findings.md and evidence.md, and in the README's figure.
 findings: $(STAMP)
-	for study in fast imitation table2; do $(BIN)/needlehoop plot results/$$study || exit; done
+	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
 	cp results/table2/figures/cost_and_regret.png docs/
 	$(BIN)/python docs/refill.py
 

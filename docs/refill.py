@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from needlehoop.study import paper
-from needlehoop.study.combinations import label
+from needlehoop.study.combinations import REWARDS, label, reward_label
 from needlehoop.study.findings import Findings, study_findings
 from needlehoop.study.measures import TRAINING
 from needlehoop.study.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
@@ -41,6 +41,15 @@ _CLAIMS = ("difference, 95 %", "return over training: difference, 95 %")
 
 _NAMES = ("return (95 %)", "over training (95 %)")
 """... what the page calls them."""
+
+_REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
+"""Sets of cameras that were trained with every reward."""
+
+_BY_SET = ("success, %", "success at best, %", "human's points", "cheat, %")
+_BY_SET += ("threaded over training, %", "M steps to 90 %")
+"""What the page says of each of them, one after the other."""
+
+_NOT_RUN = "–"
 
 _BLIND = "drawn blindly"
 
@@ -94,6 +103,25 @@ def _foretold() -> _Table:
     head = (*agreement[0], *(f"regret: {name}" for name in regret[0][2:]), regret[0][1])
     rows = [(who, *found.get(who, ("",) * 3), *lost, minutes) for who, minutes, *lost in regret[1:]]
     return [head, *rows]
+
+
+def _rewards() -> _Table:
+    """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
+    found = {(row["cameras"], row["reward"]): row for row in _rows("rewards", "rewards")}
+    table: _Table = [("reward", *_BY_SET)]
+    for name in map(reward_label, REWARDS):
+        runs = [found.get((label(cameras), name), {}) for cameras in _REWARDED]
+        if any(runs):
+            cells = [", ".join(row.get(column, _NOT_RUN) for row in runs) for column in _BY_SET]
+            table.append((name, *cells))
+    return table
+
+
+def _writers() -> _Table:
+    names = [name for name in _tables("rewards")["writers"].header if name != "cameras"]
+    rows = _rows("rewards", "writers")
+    head = [name.replace(": difference", "") for name in names]
+    return [head, *([row[name] for name in names] for row in rows)]
 
 
 def _picked(table: _Table, names: Sequence[str]) -> _Table:
@@ -217,12 +245,14 @@ def _lines(table: _Table) -> list[str]:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], _Table]]] = {
-    "findings.md": {"sets": _sets, "effects": _effects, "foretold": _foretold},
+    "findings.md": {"sets": _sets, "foretold": _foretold, "rewards": _rewards},
     "evidence.md": {
         "results": _ranking,
+        "effects": _effects,
         "claims": _claims,
         "agreement": _agreement,
         "regret": _regret,
+        "writers": _writers,
     },
 }
 """The documentation's pages, by the names of their files, and the tables of each."""

@@ -12,7 +12,7 @@ from scipy.stats import kendalltau
 
 from needlehoop.study import paper
 from needlehoop.study.claims import CLAIMS
-from needlehoop.study.combinations import label
+from needlehoop.study.combinations import REWARDS, label
 from needlehoop.study.curves import steps_to_share
 from needlehoop.study.findings import study_findings
 from needlehoop.study.reliability import OTHER_SEEDS
@@ -86,8 +86,8 @@ def test_a_refilled_page_is_the_page():
     assert set(refill.TABLES) == set(PAGES)
     for name, page in PAGES.items():
         assert refill.refilled(name, page) == page
-    with pytest.raises(ValueError, match=r"findings\.md: no table effects"):
-        refill.refilled("findings.md", PAGE.replace("<!-- effects", "<!-- nothing"))
+    with pytest.raises(ValueError, match=r"findings\.md: no table sets"):
+        refill.refilled("findings.md", PAGE.replace("<!-- sets", "<!-- nothing"))
 
 
 def test_the_findings_tables_are_drawn_from_the_evidences():
@@ -116,15 +116,16 @@ def test_the_findings_fit_two_screens():
     assert PAGES["findings.md"].count("\n") <= 100
 
 
-@pytest.mark.parametrize("study", ["fast", "imitation", "table2"])
+@pytest.mark.parametrize("study", ["fast", "imitation", "table2", "rewards"])
 @pytest.mark.parametrize(
-    "name", ["results", "phases", "effects", "claims", "cost", "luck", "apart"]
+    "name",
+    ["results", "phases", "effects", "claims", "cost", "luck", "apart", "rewards", "writers"],
 )
 def test_tables_in_results_are_those_of_its_runs(study, name):
     path = ROOT / "results" / study / "tables" / f"{name}.csv"
     assert path.exists() == (name in tables(study))
-    # Of one seed each, some tables have no rows.
-    assert path.exists() or study == "table2"
+    # Of one seed each, or one reward, some tables have no rows.
+    assert path.exists() or study in {"table2", "rewards"} or name in {"rewards", "writers"}
     if path.exists():
         with path.open(newline="") as file:
             assert list(csv.DictReader(file)) == table(study, name)
@@ -235,6 +236,18 @@ def test_sentences_on_the_papers_protocol_have_the_tables_numbers():
     second_view = effects["front and side views, not the default"].replace("+", "")
     words = " ".join(PAGE.split())
     assert second_view.replace(" (", " points over training (") in words
+    sooner = {row["trait"]: row["0.5 M: over training (95 %)"] for row in rows_of("effects")}
+    view, depth, segmentation, two = (
+        sooner[trait].replace("+", "")
+        for trait in (
+            "front and side views, not the default",
+            "depth in a camera",
+            "segmentation in a camera",
+            "two cameras, not one",
+        )
+    )
+    assert f"instead of the default {view}, segmentation in a camera {segmentation}" in words
+    assert f"depth {depth}, two cameras instead of one nothing that shows, {two}." in words
     taus = {row["prediction"]: row["1.5 M"].partition(",")[0] for row in rows_of("agreement")}
     assert (
         "the probe by {probe}, `claude` by {claude}, the paper's model by {the paper's VLM}; our 51"
@@ -242,6 +255,80 @@ def test_sentences_on_the_papers_protocol_have_the_tables_numbers():
     ).format(**taus) in words
     *choices, blind = [float(row["1.5 M"]) for row in rows_of("regret") if row["1.5 M"]]
     assert f"{max(choices):.2f} points at most, a blind one {blind:.2f}" in words
+
+
+REWARDED = ("DEP (F) + SEG (S)", "DEP (F) + RGB (S)", "RGB (F) + SEG (S)")
+
+
+def test_rewards_on_the_page_are_those_of_the_runs():
+    found = {(row["cameras"], row["reward"]): row for row in table("rewards", "rewards")}
+    shown = rows_of("rewards")
+    there = {reward for _, reward in found}
+    assert [row["reward"] for row in shown] == [r for r in REWARDS.values() if r in there]
+    assert len(shown) == 5
+    for row in shown:
+        reward = row.pop("reward")
+        for column, cell in row.items():
+            own = [found.get((cameras, reward), {}).get(column, "–") for cameras in REWARDED]
+            assert cell == ", ".join(own)
+
+
+def test_differences_between_rewards_are_those_of_the_runs():
+    whole = tables("rewards")["writers"]
+    keep = [i for i, name in enumerate(whole.header) if name != "cameras"]
+    head, *shown = cells_of("writers")
+    assert head == [whole.header[i].replace(": difference", "") for i in keep]
+    assert shown == [[row[i] for i in keep] for row in whole.rows]
+
+
+def test_sentences_on_rewards_have_the_runs_numbers():
+    of = {
+        (row["cameras"], row["reward"]): row
+        for row in table("rewards", "rewards")
+        if row["cameras"] in REWARDED
+    }
+    words = " ".join(PAGE.split())
+
+    def said(reward: str, column: str) -> list[str]:
+        return [of[cameras, reward][column] for cameras in REWARDED if (cameras, reward) in of]
+
+    claudes = [row for (_, reward), row in of.items() if reward.startswith("claude")]
+    assert {(row["success, %"], row["cheat, %"]) for row in claudes} == {("100", "0")}
+    points = sorted(row["human's points"] for row in claudes)
+    assert f"for {points[0]} to {points[-1]} of the human reward's points" in words
+    own = sorted(said("human", "human's points"))
+    assert f"(its own agents: {' and '.join(own)})" in words
+    soon = [
+        " and ".join(said(reward, "M steps to 90 %"))
+        for reward in ("claude, text + image", "claude, text", "human")
+    ]
+    assert "after {} M steps with it, {} M without, {} M with the human".format(*soon) in words
+    ends = said("VLM, text", "success, %")
+    assert f"in {' and '.join(ends)} of 100 at the end" in words
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    assert f"and then unlearnt, to {' and '.join(ends)} of 100" in readme
+    for success, cheat in zip(ends, said("VLM, text", "cheat, %"), strict=True):
+        assert int(success) + int(cheat) == 100
+    hovers, drags = said("VLM, text + image", "success, %")
+    assert f"hovers before the hoop ({hovers}) and one threads" in words
+    assert f"or cheats ({drags})" in words
+
+
+def test_the_papers_text_reward_is_unlearnt_as_the_page_says():
+    at_best, last = [], []
+    for path in (ROOT / "results" / "rewards").glob("*/vlm_text/seed0/evaluations.csv"):
+        with path.open(newline="") as file:
+            rows = {int(row["step"]): row for row in csv.DictReader(file)}
+        at_best.append(rows[1_024_000])
+        last.append(rows[max(rows)])
+    assert {(row["episodes"], float(row["success"])) for row in at_best} == {("20", 1.0)}
+    hovering = max(last, key=lambda row: float(row["cheat"]))
+    threading = at_best[last.index(hovering)]
+    said = "at the hoop's very centre pays {:.1f}, to go on through it {:.1f}"
+    returns = [float(row["return"]) for row in (hovering, threading)]
+    words = " ".join(PAGE.split())
+    assert said.format(*returns) in words
+    assert "in 20 of 20 at 1.0 M steps" in words
 
 
 def test_how_soon_half_thread_is_as_the_page_says():
