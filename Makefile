@@ -53,6 +53,7 @@ docs: $(TESTED)
 findings: $(STAMP)
 	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
 	cp results/table2/figures/cost_and_regret.png docs/
+	cp results/rewards/figures/rewards.png docs/
 	$(BIN)/python docs/refill.py
 
 format: $(TESTED)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -57,7 +58,7 @@ def learning_curves(findings: Findings) -> Figure:
         for title, own in panels
     ]
     explain_views(figure)
-    ends = _panels(grid[:, 0], shown, "return", "return in training")
+    ends = _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in training")
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
     return figure
@@ -85,7 +86,10 @@ def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
 
 
 def reward_comparison(findings: Findings) -> Figure:
-    """Return and success over training by reward, for each combination trained with several.
+    """What training brings by reward, for each combination that was trained with several.
+
+    Beside the returns, how often training's sampled actions thread, and how often the mean action
+    does in evaluations: it can stop short where noise still carries the needle through.
 
     Raises:
         MissingDataError: no combination was trained with two rewards.
@@ -98,7 +102,7 @@ def reward_comparison(findings: Findings) -> Figure:
             panels.append((label(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no combination with learning curves for two rewards")
-    figure, grid = new_figure(17 + 36 * len(panels), len(panels), 2, sharex=True)
+    figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
     # A reward keeps its colour from panel to panel.
     every = {r.reward for _, rivals in panels for r in rivals}
     colours = sorted(every, key=lambda reward: (_order(reward), reward))
@@ -106,12 +110,23 @@ def reward_comparison(findings: Findings) -> Figure:
         (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
         for title, rivals in panels
     ]
-    _panels(grid[:, 0], shown, "return", "return in its own points")
-    _panels(grid[:, 1], [("", lines) for _, lines in shown], "success", "threaded")
-    for axes in grid[:, 1]:
+    evaluated = [[line for line in own if all(map(_evaluations, line[1]))] for _, own in shown]
+    _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in its own points")
+    _panels(
+        grid[:, 1],
+        [("", own) for _, own in shown],
+        partial(_smoothed, column="success"),
+        "threaded",
+    )
+    _panels(grid[:, 2], [("", own) for own in evaluated], _evaluated, "")
+    for axes in grid[:, 1:].flat:
+        axes.set_ylim(-0.05, 1.05)
         axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-    for axes in grid[-1]:
-        axes.set_xlabel("training steps, millions")
+    for axes in grid[:, 2]:
+        axes.tick_params(labelleft=False)
+    for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
+        axes.set_title(said, fontweight="normal", fontsize=6.5)
+    grid[-1, 1].set_xlabel("training steps, millions")
     # Rewards have their colours in common, so that they are named once.
     drawn = [
         Line2D([], [], color=colour, linestyle=dash, linewidth=1.2)
@@ -130,9 +145,19 @@ def _order(reward: str) -> int:
 
 
 def _panels(
-    column: Sequence[Axes], panels: Sequence[tuple[str, _Lines]], shown: str, words: str
+    column: Sequence[Axes],
+    panels: Sequence[tuple[str, _Lines]],
+    curves: Callable[[Sequence[Record], np.ndarray], np.ndarray],
+    words: str,
 ) -> list[list[LineEnd]]:
-    """Draw a column of ``metrics.csv`` below each other; returns where each one's lines end."""
+    """Draw panels below each other; returns where each one's lines end.
+
+    Args:
+        column: axes.
+        panels: title and lines of each.
+        curves: of runs on a grid of steps, ``(seeds, points)``.
+        words: what they show.
+    """
     runs = [run for _, lines in panels for _, some, _ in lines for run in some]
     steps = grid_of(runs)
     ends = []
@@ -141,7 +166,7 @@ def _panels(
         axes.set_ylabel(words)
         ends.append(
             [
-                draw_line(axes, steps, number, name, _smoothed(runs, shown, steps))
+                draw_line(axes, steps, number, name, curves(runs, steps))
                 for name, runs, number in lines
             ]
         )
@@ -218,7 +243,22 @@ def _curves(runs: Iterable[Record]) -> list[Record]:
     return [run for run in runs if has_curve(run)]
 
 
-def _smoothed(runs: Iterable[Record], column: str, steps: np.ndarray) -> np.ndarray:
+def _evaluations(run: Record) -> list[tuple[float, float]]:
+    """Steps and success of the evaluations on the way and the last."""
+    rows, last = run.evaluations, run.evaluation
+    found = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
+    if last is not None:
+        found.append((float(last.get("steps_trained") or run.steps), float(last["success"])))
+    return found
+
+
+def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
+    """Success of the mean action, straight from evaluation to evaluation."""
+    found = [np.array(_evaluations(run)).T for run in runs]
+    return np.array([np.interp(steps, *own, left=np.nan, right=np.nan) for own in found])
+
+
+def _smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
     return np.array([smooth(run, column, steps) for run in _curves(runs)])
 
 

@@ -39,7 +39,9 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     "rewards": (
         reward_comparison,
         "Rewards compared, as the paper's Figure 7. Left: each curve is in its own reward's points."
-        " Right: the share of training episodes that thread, which compares across rewards.",
+        " Right, what compares across rewards: the share of training episodes that thread, of"
+        " sampled actions, and of evaluations, of the mean action, which may stop short where"
+        " noise still carries the needle through.",
     ),
     "final_values": (
         final_values,

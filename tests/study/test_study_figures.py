@@ -1,5 +1,6 @@
 """Figures: that they are drawn, from what is there, the same every time."""
 
+import csv
 import hashlib
 import json
 import shutil
@@ -157,7 +158,7 @@ def test_a_curve_breaks_where_a_run_ends_before_the_others(tmp_path):
 def test_rewards_are_compared_where_there_are_several(study, tmp_path):
     with styled():
         figure = reward_comparison(study_findings(study))
-    returns, threaded = figure.axes
+    returns, threaded, evaluated = figure.axes
     assert returns.get_title("left") == "DEP (F) + SEG (S)"
     (legend,) = figure.legends
     named = [text.get_text() for text in legend.get_texts()]
@@ -168,9 +169,35 @@ def test_rewards_are_compared_where_there_are_several(study, tmp_path):
     assert [line.get_color() for line in returns.lines] == drawn == [*ends]
     assert min(ends, key=lambda colour: ends[colour]) == drawn[1]
     assert ends[drawn[1]] == pytest.approx(0.2)
+    assert [line.get_color() for line in evaluated.lines] == drawn
     write_run(tmp_path, "rgb_default")
     with pytest.raises(MissingDataError, match="two rewards"):
         reward_comparison(study_findings(tmp_path))
+
+
+def test_evaluations_show_what_training_does_not(tmp_path):
+    cameras = "dep_front+seg_side"
+    write_run(tmp_path, cameras)
+    hacked = write_run(tmp_path, cameras, "vlm_img", noise=1)
+    untried = write_run(tmp_path, cameras, "vlm_img_claude", noise=2)
+    last = json.loads((hacked / "evaluation.json").read_text())
+    (hacked / "evaluation.json").write_text(json.dumps(last | {"success": 0.1}))
+    for name in ("evaluation.json", "evaluations.csv"):
+        (untried / name).unlink()
+    with styled():
+        figure = reward_comparison(study_findings(tmp_path))
+    _, threaded, evaluated = figure.axes
+    sampled, mean = (axes.lines[1].get_ydata() for axes in (threaded, evaluated))
+    assert sampled[-1] > 0.5
+    assert mean[-1] == pytest.approx(0.1)
+    assert np.isnan(mean[0])
+    # Straight from evaluation to evaluation, whose steps are not the figure's.
+    with (hacked / "evaluations.csv").open(newline="") as file:
+        told = [(float(row["step"]) / 1e6, float(row["success"])) for row in csv.DictReader(file)]
+    at = evaluated.lines[1].get_xdata()
+    assert np.interp([x for x, _ in told[2:6]], at, mean) == pytest.approx(
+        [y for _, y in told[2:6]], abs=0.05
+    )
 
 
 def test_cheats_stand_against_successes(study):
