@@ -257,6 +257,11 @@ def test_sentences_on_the_papers_protocol_have_the_tables_numbers():
     assert f"{max(choices):.2f} points at most, a blind one {blind:.2f}" in words
 
 
+def listed(cells: list[str]) -> str:
+    """As a sentence has them."""
+    return " and ".join([", ".join(cells[:-1]), cells[-1]])
+
+
 REWARDED = ("DEP (F) + SEG (S)", "DEP (F) + RGB (S)", "RGB (F) + SEG (S)")
 
 
@@ -297,21 +302,21 @@ def test_sentences_on_rewards_have_the_runs_numbers():
     points = sorted(row["human's points"] for row in claudes)
     assert f"for {points[0]} to {points[-1]} of the human reward's points" in words
     own = sorted(said("human", "human's points"))
-    assert f"(its own agents: {' and '.join(own)})" in words
+    assert f"(its own agents: {own[0]} to {own[-1]})" in words
     soon = [
-        " and ".join(said(reward, "M steps to 90 %"))
+        listed(said(reward, "M steps to 90 %"))
         for reward in ("claude, text + image", "claude, text", "human")
     ]
     assert "after {} M steps with it, {} M without, {} M with the human".format(*soon) in words
     ends = said("VLM, text", "success, %")
-    assert f"in {' and '.join(ends)} of 100 at the end" in words
+    assert f"in {listed(ends)} of 100 at the end" in words
     readme = " ".join((ROOT / "README.md").read_text().split())
-    assert f"and then unlearnt, to {' and '.join(ends)} of 100" in readme
+    assert f"and then unlearnt, to {listed(ends)} of 100" in readme
     for success, cheat in zip(ends, said("VLM, text", "cheat, %"), strict=True):
         assert int(success) + int(cheat) == 100
-    hovers, drags = said("VLM, text + image", "success, %")
-    assert f"hovers before the hoop ({hovers}) and one threads" in words
-    assert f"or cheats ({drags})" in words
+    images = said("VLM, text + image", "success, %")
+    assert f"hovers before the hoop ({images[0]})" in words
+    assert f"or cheats ({images[1]})" in words
 
 
 def test_the_papers_text_reward_is_unlearnt_as_the_page_says():
