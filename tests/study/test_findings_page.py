@@ -316,7 +316,7 @@ def test_sentences_on_rewards_have_the_runs_numbers():
         assert int(success) + int(cheat) == 100
     images = said("VLM, text + image", "success, %")
     assert f"hovers before the hoop ({images[0]})" in words
-    assert f"or cheats ({images[1]})" in words
+    assert f"or cheat ({listed(images[1:])})" in words
 
 
 def test_the_papers_text_reward_is_unlearnt_as_the_page_says():
