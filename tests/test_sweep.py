@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hydra.core.utils import setup_globals
+from omegaconf import OmegaConf
 
 from needlehoop import config, sweep
 from needlehoop.cli.main import main
@@ -175,6 +177,14 @@ def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
         f"  {tmp_path / '2'}: ended without a word",
         f"  {tmp_path / '10'}: ended without a word",
     ]
+
+
+def test_sweeps_that_begin_in_the_same_second_keep_their_notes_apart():
+    setup_globals()
+    settings = {**yaml.safe_load((config.CONF / "config.yaml").read_text()), "results": "results"}
+    folders = [OmegaConf.create(settings).hydra.sweep.dir for _ in range(20)]
+    assert len(set(folders)) == len(folders)
+    assert all(Path(folder).parent == Path("results/.sweeps") for folder in folders)
 
 
 def test_a_job_says_which_run_it_is_as_the_study_reads_it():
