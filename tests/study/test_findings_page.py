@@ -298,7 +298,10 @@ def test_sentences_on_rewards_have_the_runs_numbers():
         return [of[cameras, reward][column] for cameras in REWARDED if (cameras, reward) in of]
 
     claudes = [row for (_, reward), row in of.items() if reward.startswith("claude")]
-    assert {(row["success, %"], row["cheat, %"]) for row in claudes} == {("100", "0")}
+    assert {row["cheat, %"] for row in claudes} == {"0"}
+    least, *others = sorted(int(row["success, %"]) for row in claudes)
+    assert others == [100] * 5
+    assert f"five of six agents thread in 100 of 100, one in {least}" in words
     points = sorted(row["human's points"] for row in claudes)
     assert f"for {points[0]} to {points[-1]} of the human reward's points" in words
     own = sorted(said("human", "human's points"))
@@ -307,10 +310,18 @@ def test_sentences_on_rewards_have_the_runs_numbers():
         listed(said(reward, "M steps to 90 %"))
         for reward in ("claude, text + image", "claude, text", "human")
     ]
-    assert "after {} M steps with it, {} M without, {} M with the human".format(*soon) in words
+    (more,) = (
+        row["threaded over training, % (95 %)"]
+        for row in rows_of("writers")
+        if row["reward"] == "claude, text + image, against text alone"
+    )
+    more = more.removeprefix("+").replace(" (", " % more over training, ")
+    said_of_image = "after {} M steps with it, {} M without ({more}, {} M with the human"
+    assert said_of_image.format(*soon, more=more) in words
     ends = said("VLM, text", "success, %")
     assert f"in {listed(ends)} of 100 at the end" in words
     readme = " ".join((ROOT / "README.md").read_text().split())
+    assert f"as good as the human one, in {least} to 100 of 100" in readme
     assert f"and then unlearnt, to {listed(ends)} of 100" in readme
     for success, cheat in zip(ends, said("VLM, text", "cheat, %"), strict=True):
         assert int(success) + int(cheat) == 100
