@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from needlehoop.study import paper
-from needlehoop.study.combinations import LISTS, REWARDS, label, reward_label
+from needlehoop.study.combinations import LISTS, label, reward_label, reward_order
+from needlehoop.study.final import evaluations
 from needlehoop.study.findings import Findings, Result
 from needlehoop.study.records import Record
 from needlehoop.study.statistics import band
@@ -98,27 +99,21 @@ def reward_comparison(findings: Findings) -> Figure:
     for result in findings.ranked:
         rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
         if len(rivals) > 1:
-            rivals.sort(key=lambda r: (_order(r.reward), r.reward))
+            rivals.sort(key=lambda r: reward_order(r.reward))
             panels.append((label(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no combination with learning curves for two rewards")
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
     # A reward keeps its colour from panel to panel.
-    every = {r.reward for _, rivals in panels for r in rivals}
-    colours = sorted(every, key=lambda reward: (_order(reward), reward))
+    colours = sorted({r.reward for _, rivals in panels for r in rivals}, key=reward_order)
     shown = [
         (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
         for title, rivals in panels
     ]
-    evaluated = [[line for line in own if all(map(_evaluations, line[1]))] for _, own in shown]
+    untitled = [("", own) for _, own in shown]
     _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in its own points")
-    _panels(
-        grid[:, 1],
-        [("", own) for _, own in shown],
-        partial(_smoothed, column="success"),
-        "threaded",
-    )
-    _panels(grid[:, 2], [("", own) for own in evaluated], _evaluated, "")
+    _panels(grid[:, 1], untitled, partial(_smoothed, column="success"), "threaded")
+    _panels(grid[:, 2], untitled, _evaluated, "")
     for axes in grid[:, 1:].flat:
         axes.set_ylim(-0.05, 1.05)
         axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
@@ -140,10 +135,6 @@ def reward_comparison(findings: Findings) -> Figure:
     return figure
 
 
-def _order(reward: str) -> int:
-    return list(REWARDS).index(reward) if reward in REWARDS else len(REWARDS)
-
-
 def _panels(
     column: Sequence[Axes],
     panels: Sequence[tuple[str, _Lines]],
@@ -151,6 +142,8 @@ def _panels(
     words: str,
 ) -> list[list[LineEnd]]:
     """Draw panels below each other; returns where each one's lines end.
+
+    Runs without a value on the grid of steps have no line.
 
     Args:
         column: axes.
@@ -166,8 +159,9 @@ def _panels(
         axes.set_ylabel(words)
         ends.append(
             [
-                draw_line(axes, steps, number, name, curves(runs, steps))
+                draw_line(axes, steps, number, name, values)
                 for name, runs, number in lines
+                if not np.isnan(values := curves(runs, steps)).all()
             ]
         )
     # One scale for all panels, so that they can be compared.
@@ -243,18 +237,9 @@ def _curves(runs: Iterable[Record]) -> list[Record]:
     return [run for run in runs if has_curve(run)]
 
 
-def _evaluations(run: Record) -> list[tuple[float, float]]:
-    """Steps and success of the evaluations on the way and the last."""
-    rows, last = run.evaluations, run.evaluation
-    found = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
-    if last is not None:
-        found.append((float(last.get("steps_trained") or run.steps), float(last["success"])))
-    return found
-
-
 def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
     """Success of the mean action, straight from evaluation to evaluation."""
-    found = [np.array(_evaluations(run)).T for run in runs]
+    found = [np.array(evaluations(run)).T for run in runs]
     return np.array([np.interp(steps, *own, left=np.nan, right=np.nan) for own in found])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,7 +70,7 @@ def final(run: Record) -> Final | None:
             threading=_area(run, "success"),
             best=_best(run),
             episodes=int(last["episodes"]),
-            steps=int(last.get("steps_trained") or run.steps),
+            steps=_trained(run, last),
             finished=run.finished,
         )
     if rows is None:
@@ -111,7 +112,24 @@ def _area(run: Record, column: str) -> float | None:
 def _best(run: Record) -> float | None:
     if not run.finished or run.evaluations is None or run.evaluation is None:
         return None
-    return max(float(run.evaluations["success"].max()), float(run.evaluation["success"]))
+    return max(success for _, success in evaluations(run))
+
+
+def evaluations(run: Record) -> list[tuple[int, float]]:
+    """Environment steps and success of all that a run has been evaluated by, in their order.
+
+    Those on the way, and ``evaluation.json``: where a run has gone on after it, it is not the last.
+    """
+    rows, last = run.evaluations, run.evaluation
+    found = [] if rows is None else [*zip(rows["step"], rows["success"], strict=True)]
+    if last is not None:
+        found.append((_trained(run, last), last["success"]))
+    return sorted((int(step), float(success)) for step, success in found)
+
+
+def _trained(run: Record, last: Mapping[str, Any]) -> int:
+    """Environment steps before ``evaluation.json``; older ones do not say, and close a run."""
+    return int(last.get("steps_trained") or run.steps)
 
 
 def _told(value: Any) -> float | None:

@@ -200,6 +200,33 @@ def test_evaluations_show_what_training_does_not(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("before", "on_the_way", "lines"),
+    [
+        # Gone on with after its last evaluation, which then stands among those on the way.
+        (256_000, True, 2),
+        # Evaluated once, between two points of the figure: no line, and no error.
+        (300_000, False, 1),
+    ],
+)
+def test_evaluations_are_shown_by_their_steps(before, on_the_way, lines, tmp_path):
+    write_run(tmp_path, "dep_front+seg_side")
+    other = write_run(tmp_path, "dep_front+seg_side", "vlm_img", noise=1)
+    manifest = json.loads((other / "manifest.json").read_text())
+    (other / "manifest.json").write_text(json.dumps(manifest | {"finished": False}))
+    early = json.loads((other / "evaluation.json").read_text()) | {"steps_trained": before}
+    (other / "evaluation.json").write_text(json.dumps(early | {"success": 0.5}))
+    if not on_the_way:
+        (other / "evaluations.csv").unlink()
+    with styled():
+        evaluated = reward_comparison(study_findings(tmp_path)).axes[2]
+    assert len(evaluated.lines) == lines
+    for line in evaluated.lines[1:]:
+        at, share = line.get_data()
+        assert np.interp(before / 1e6, at, share) == pytest.approx(0.5, abs=0.05)
+        assert share[~np.isnan(share)][-1] > 0.5
+
+
 def test_cheats_stand_against_successes(study):
     with styled():
         axes = success_and_cheats(study_findings(study)).axes[0]
