@@ -49,7 +49,8 @@ check: $(TESTED)
 docs: $(TESTED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# What results/ says, in its tables, in docs/findings.md and evidence.md, and in the README's figure.
+# What results/ says, in its tables, in docs/findings.md and evidence.md, and in the figures of
+# README.md and evidence.md.
 findings: $(STAMP)
 	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
 	cp results/table2/figures/cost_and_regret.png docs/

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from needlehoop.study import paper
-from needlehoop.study.combinations import REWARDS, label, reward_label
+from needlehoop.study.combinations import label
 from needlehoop.study.findings import Findings, study_findings
 from needlehoop.study.measures import TRAINING
 from needlehoop.study.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
@@ -45,11 +45,11 @@ _NAMES = ("return (95 %)", "over training (95 %)")
 _REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 """Sets of cameras that were trained with every reward."""
 
-_BY_SET = ("success, %", "success at best, %", "human's points", "cheat, %")
-_BY_SET += ("threaded over training, %", "M steps to 90 %")
+_BY_SET = (
+    "success, %", "success at best, %", "human's points", "cheat, %", "threaded over training, %",
+    "M steps to 90 %",
+)  # fmt: skip
 """What the page says of each of them, one after the other."""
-
-_NOT_RUN = "–"
 
 _BLIND = "drawn blindly"
 
@@ -109,11 +109,9 @@ def _rewards() -> _Table:
     """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
     found = {(row["cameras"], row["reward"]): row for row in _rows("rewards", "rewards")}
     table: _Table = [("reward", *_BY_SET)]
-    for name in map(reward_label, REWARDS):
-        runs = [found.get((label(cameras), name), {}) for cameras in _REWARDED]
-        if any(runs):
-            cells = [", ".join(row.get(column, _NOT_RUN) for row in runs) for column in _BY_SET]
-            table.append((name, *cells))
+    for name in dict.fromkeys(reward for _, reward in found):
+        runs = [found[label(cameras), name] for cameras in _REWARDED]
+        table.append((name, *(", ".join(row[column] for row in runs) for column in _BY_SET)))
     return table
 
 

@@ -118,8 +118,10 @@ def galleries(findings: Findings, films: Films, tiles: Tiles) -> list[dict[str, 
 
 
 def _rankings(findings: Findings) -> list[tuple[str, list[Result]]]:
-    rewards = sorted({result.reward for result in findings.results}, key=reward_order)
-    rewards.sort(key=lambda reward: reward != findings.main_reward)
+    rewards = sorted(
+        {result.reward for result in findings.results},
+        key=lambda reward: (reward != findings.main_reward, reward_order(reward)),
+    )
     return [(one, [r for r in findings.results if r.reward == one]) for one in rewards]
 
 
