@@ -87,7 +87,10 @@ def make_sb3(
 
 
 def make_env_of(
-    run: str | Path | None = None, num_envs: int = 8, seed: int | None = None
+    run: str | Path | None = None,
+    num_envs: int = 8,
+    seed: int | None = None,
+    trust: bool = False,
 ) -> NeedleHoopEnv:
     """The environment that a run was trained on, as ``make_env`` gives it.
 
@@ -95,15 +98,16 @@ def make_env_of(
         run: the run's folder; by default the shipped agent's.
         num_envs: environments in lockstep.
         seed: decides every episode; by default those of the run's final evaluation.
+        trust: whether Python code that the run's files name as its reward may run.
 
     Raises:
-        ValueError: no run there.
+        ValueError: no run there, or code without ``trust``.
     """
     from needlehoop.api.making import settings_of
     from needlehoop.envs.torchrl_env import NeedleHoopEnv
     from needlehoop.runs.shipped import AGENT
 
-    return NeedleHoopEnv(settings_of(AGENT if run is None else run, num_envs, seed))
+    return NeedleHoopEnv(settings_of(AGENT if run is None else run, num_envs, seed, trust))
 
 
 def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -56,17 +57,40 @@ def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
 
 
 def structure(values: dict[str, Any]) -> Settings:
-    """Plain values as checked dataclasses; keys of other tools are left aside."""
+    """What somebody typed as checked dataclasses; keys of other tools are left aside."""
+    from needlehoop import rewards
     from needlehoop.envs.settings import Settings
 
     missing = [name for name in Settings.__dataclass_fields__ if name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: missing; every environment needs it")
-    return _structure({name: values[name] for name in Settings.__dataclass_fields__}, Settings)
+    own = {name: values[name] for name in Settings.__dataclass_fields__}
+    found = _structure(own, Settings)
+    return replace(found, reward=rewards.allow(found.reward))
 
 
 def job(values: dict[str, Any]) -> Job:
-    """A composed training config as a checked ``Job``; errors as in ``settings``."""
+    """What somebody typed as a checked ``Job``; errors as in ``settings``."""
+    from needlehoop import rewards
+
+    found = checked_job(values)
+    return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
+
+
+def recorded_job(values: dict[str, Any], trust: bool) -> Job:
+    """The job of a run's own config. Python code that it names runs only with ``trust``.
+
+    Raises:
+        ValueError: there is such code and no trust, or as in ``settings``.
+    """
+    from needlehoop import rewards
+
+    found = checked_job(values)
+    return replace(found, env=replace(found.env, reward=rewards.recall(found.env.reward, trust)))
+
+
+def checked_job(values: dict[str, Any]) -> Job:
+    """A training config as a ``Job`` whose reward can run no code; errors as in ``settings``."""
     from needlehoop.learning.job import Job, split
 
     return _structure(split(values), Job)

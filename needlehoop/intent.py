@@ -29,6 +29,8 @@ class Intent:
     existing: str
     until: Annotated[int, Range(1, 10**15)] | None
     """Environment steps after which a run pauses."""
+    trust: bool
+    """Whether Python code that the files of ``resume`` name as its reward may run."""
 
     def __post_init__(self) -> None:
         if self.existing not in EXISTING:

@@ -24,7 +24,7 @@ from needlehoop.runs.run import Run
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust"),
 )
 """Settings that a run may be gone on with others of: its results are the same."""
 
@@ -85,9 +85,9 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """
     asked = intent.check(values)
     if asked.resume is not None:
-        if len(overrides) > 1:
+        if [word for word in overrides if not word.startswith(("resume=", "trust="))]:
             raise ValueError("resume: a run goes on with its own settings; give no others with it")
-        session = _continue(Run.open(Path(asked.resume)))
+        session = _continue(Run.open(Path(asked.resume)), asked.trust)
         if session.is_finished:
             raise ValueError(f"resume: {session.run.folder} is finished")
         return session
@@ -101,7 +101,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
         run = Run.open(folder)
         _check_same(run, values)
-        return _continue(run, again=True)
+        # Its reward is the one that was typed, to the source.
+        return _continue(run, trust=True, again=True)
     weights = None if job.init is None else initial_weights(job)
     against = objections(values, job.env)
     if against:
@@ -119,18 +120,19 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     return Session(job, run, values, None, lock, weights)
 
 
-def _continue(run: Run, again: bool = False) -> Session:
+def _continue(run: Run, trust: bool, again: bool = False) -> Session:
     """The rest of a run.
 
     Args:
         run: that exists.
+        trust: whether Python code that its files name as its reward may run.
         again: whether one that ended before its first checkpoint begins again.
 
     Raises:
         ValueError: something in its folder is damaged, or another process is at work there.
     """
     values = run.config()
-    job = config.job(values)
+    job = config.recorded_job(values, trust)
     if run.manifest().get("finished"):
         return Session(job, run, values, None, None)
     lock = Lock(run.folder)

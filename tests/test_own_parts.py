@@ -113,10 +113,10 @@ def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, mon
     kept = rewards.pin(values["reward"])
     assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
     monkeypatch.chdir("/")
-    rewards.load(yaml.safe_load(yaml.safe_dump(kept)))
+    rewards.load(rewards.recall(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
     file.write_text("def pay(signals):\n    return -signals.jaw\n")
     with pytest.raises(ValueError, match="no longer what the run began with"):
-        rewards.load(kept)
+        rewards.recall(kept, trust=True)
 
 
 def test_an_installed_package_tells_of_its_rewards(monkeypatch, tmp_path):

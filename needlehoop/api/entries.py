@@ -23,6 +23,7 @@ def single(
     overrides: Iterable[str] = (),
     conf_dir: str | Path | None = None,
     run: str | Path | None = None,
+    trust: bool = False,
     **kwargs: Any,
 ) -> GymnasiumEnv:
     """One environment.
@@ -35,12 +36,14 @@ def single(
         overrides: any other setting, as on the command line: ``["obs.frame_stack=3"]``.
         conf_dir: a folder of YAML of one's own, laid out as ``conf/``.
         run: a run's folder: the environment that it was trained on, with no other settings.
+        trust: whether Python code that the run's files name as its reward may run.
         kwargs: as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    return GymnasiumEnv(_settings(1, cams, reward, task, obs, overrides, conf_dir, run), **kwargs)
+    words = (cams, reward, task, obs, overrides, conf_dir, run, trust)
+    return GymnasiumEnv(_settings(1, *words), **kwargs)
 
 
 # Gymnasium reads it before the call, to wrap environments for modes that they do not have.
@@ -56,12 +59,12 @@ def batch(
     overrides: Iterable[str] = (),
     conf_dir: str | Path | None = None,
     run: str | Path | None = None,
+    trust: bool = False,
     **kwargs: Any,
 ) -> GymnasiumVectorEnv:
     """``num_envs`` environments; arguments as in ``single``, and ``autoreset_mode``."""
-    return GymnasiumVectorEnv(
-        _settings(num_envs, cams, reward, task, obs, overrides, conf_dir, run), **kwargs
-    )
+    words = (cams, reward, task, obs, overrides, conf_dir, run, trust)
+    return GymnasiumVectorEnv(_settings(num_envs, *words), **kwargs)
 
 
 def _settings(
@@ -73,6 +76,7 @@ def _settings(
     overrides: Iterable[str],
     conf_dir: str | Path | None,
     run: str | Path | None,
+    trust: bool,
 ) -> Settings:
     words = list(overrides)
     if run is None:
@@ -81,4 +85,4 @@ def _settings(
         return settings(chosen, paid, words, num_envs=num_envs, **more)
     if words or any(value is not None for value in (cams, reward, task, obs, conf_dir)):
         raise ValueError("run: its environment has settings of its own; give no others with it")
-    return settings_of(run, num_envs, None)
+    return settings_of(run, num_envs, None, trust)

@@ -40,18 +40,19 @@ def settings(
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
-def settings_of(run: str | Path, num_envs: int, seed: int | None) -> Settings:
+def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = False) -> Settings:
     """The settings of a run's environment.
 
     Args:
         run: its folder.
         num_envs: environments in lockstep.
         seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
+        trust: whether Python code that its files name as its reward may run.
 
     Raises:
-        ValueError: no run there, or no such number or seed.
+        ValueError: no run there, no such number or seed, or code without ``trust``.
     """
-    job = config.job(Run.open(Path(run)).config())
+    job = config.recorded_job(Run.open(Path(run)).config(), trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
         job.env,

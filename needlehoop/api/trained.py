@@ -13,7 +13,7 @@ from needlehoop import config
 from needlehoop.learning.evaluate import load_agent
 from needlehoop.learning.job import Job, pick_device
 from needlehoop.learning.policy import Policy
-from needlehoop.learning.weights import Actor, actor_of, build_actor, read_config, read_weights
+from needlehoop.learning.weights import Actor, Senses, actor_of, read_actor, read_senses
 from needlehoop.runs.files import POLICY
 from needlehoop.runs.run import Run
 
@@ -32,7 +32,7 @@ def initial_weights(job: Job) -> dict[str, Tensor]:
         run = Run.open(Path(job.init))
     except ValueError as error:
         raise ValueError(f"init: {error}") from error
-    theirs = config.job(run.config())
+    theirs = config.checked_job(run.config())
     for key in _NETWORKS:
         have, want = _setting(theirs, key), _setting(job, key)
         if have != want:
@@ -55,8 +55,8 @@ def policy_of(run: str | Path, device: str) -> Policy:
     return Policy(*actor_in(run, device))
 
 
-def actor_in(run: str | Path, device: str, precision: str | None = None) -> tuple[Job, Actor]:
-    """A run's job and its policy, from ``policy.safetensors`` or else from its checkpoint.
+def actor_in(run: str | Path, device: str, precision: str | None = None) -> tuple[Senses, Actor]:
+    """A run's policy and what it sees, from ``policy.safetensors`` or else from its checkpoint.
 
     Args:
         run: its folder; or a ``policy.safetensors``, which needs nothing beside it.
@@ -70,13 +70,9 @@ def actor_in(run: str | Path, device: str, precision: str | None = None) -> tupl
     weights = where / POLICY if where.is_dir() else where
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)
-        job = _computing(config.job(opened.config()), precision)
-        return job, actor_of(load_agent(opened, job, chosen))
-    job = _computing(config.job(read_config(weights)), precision)
-    actor = build_actor(job, chosen)
-    read_weights(weights, actor)
-    return job, actor
-
-
-def _computing(job: Job, precision: str | None) -> Job:
-    return job if precision is None else replace(job, precision=precision)
+        job = config.checked_job(opened.config())
+        job = job if precision is None else replace(job, precision=precision)
+        return Senses.of(job), actor_of(load_agent(opened, job, chosen))
+    senses = read_senses(weights)
+    senses = senses if precision is None else replace(senses, precision=precision)
+    return senses, read_actor(weights, senses, chosen)

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from needlehoop.demonstrations.flights import Flight, Pilot
     from needlehoop.envs.settings import Settings
 
-_OWN = ("demonstrator", "episodes", "out", "format", "overwrite", "device", "seed", "engine")
+_OWN = (
+    *("demonstrator", "episodes", "out", "format", "overwrite", "device", "seed", "engine"),
+    "trust",
+)
 """Keys that go together with a run as the demonstrator, whose environment is its own."""
 
 
@@ -27,7 +30,7 @@ def add_commands(commands: Any) -> None:
         _demonstrations,
         "Write episodes of an expert or a trained run as a dataset: Minari or LeRobot.",
         "demonstrator=smooth|expert|perturbed|<run folder> episodes=200 out=demos/smooth-v0"
-        " format=minari|lerobot overwrite=false device=auto",
+        " format=minari|lerobot overwrite=false device=auto trust=false",
     )
 
 
@@ -72,7 +75,8 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
             f" {', '.join(_OWN)}"
         )
     run = Run.open(Path(who))
-    job, device = config.job(run.config()), pick_device(where)
+    job = config.recorded_job(run.config(), config.value(values, "trust", bool))
+    device = pick_device(where)
     seed = config.value(values, "seed", Seed)
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")

@@ -18,7 +18,7 @@ def add_commands(commands: Any) -> None:
         help="Evaluate a trained run: success, return, cheat rate, a video.",
         description="Evaluate a trained run and write evaluation.json into its folder. What an"
         " earlier evaluation wrote is kept under a number.",
-        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto;"
+        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto trust=false;"
         " reward=human (or any other) scores by it, and writes nothing but the video.",
     )
     evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
@@ -29,7 +29,8 @@ def add_commands(commands: Any) -> None:
         description="Fly a few episodes that the agent has never met, say what came of them, and"
         " show some in a window, or write a film where there is no display. Nothing is written"
         " into the run's folder; a film that is there is kept under a number.",
-        epilog="Keys: episodes=10 seed=… video_episodes=3 window=… out=watch.mp4 device=auto.",
+        epilog="Keys: episodes=10 seed=… video_episodes=3 window=… out=watch.mp4 device=auto"
+        " trust=false.",
     )
     watched.add_argument(
         "run_folder", nargs="?", metavar="RUN", help="the run's folder; the shipped agent's if none"
@@ -41,18 +42,18 @@ def add_commands(commands: Any) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop import config, rewards
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.files import VIDEO
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    job = config.job(run.config())
+    job = config.checked_job(run.config())
     # Programs are found by the cameras.
     values = config.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
-    reward = values.get("reward")
-    if reward is not None:
-        job = replace(job, env=replace(job.env, reward=reward))
+    trust, reward = config.value(values, "trust", bool), values.get("reward")
+    paid = rewards.recall(job.env.reward, trust) if reward is None else rewards.allow(reward)
+    job = replace(job, env=replace(job.env, reward=paid))
     episodes, filmed = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
     given = config.value(values, "seed", Seed | None)
     seed = job.evaluation.final_seed if given is None else given
@@ -82,7 +83,8 @@ def _watch(options: argparse.Namespace) -> None:
     if named is not None and "=" in named and not Path(named).exists():
         named, words = None, [named, *words]
     run = Run.open(AGENT if named is None else Path(named))
-    values, job = config.compose(words, "watch"), config.job(run.config())
+    values = config.compose(words, "watch")
+    job = config.recorded_job(run.config(), config.value(values, "trust", bool))
     episodes, shown = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
     given = config.value(values, "seed", Seed | None)
     seed = job.evaluation.final_seed + 1 if given is None else given

@@ -19,6 +19,10 @@ KNOWABLE = tuple(name for name, signal in TABLE.items() if signal.source == "fac
 """Facts that a robot can keep track of by itself; a verdict would be the task's answer."""
 
 
+ImageSize = Annotated[int, Range(1, 2048)]
+"""Side of a square image, px."""
+
+
 @dataclass(frozen=True)
 class Observations:
     """What is reported beside the images.
@@ -50,7 +54,7 @@ class Settings:
     engine: EngineConfig
     psm: str
     cams: tuple[str, ...]
-    image_size: Annotated[int, Range(1, 2048)]
+    image_size: ImageSize
     quality: Annotated[int, Range(1, 16)]
     """1: what agents see. k > 1: k x k rays a pixel, shadows and highlights."""
     obs: Observations
@@ -66,7 +70,7 @@ class Settings:
             raise ValueError(f"psm: {self.psm!r} is unknown; choose from {', '.join(VARIANTS)}")
         # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)
-        rewards.load(self.reward)
+        rewards.check(self.reward)
 
     @property
     def period(self) -> float:

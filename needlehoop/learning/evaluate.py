@@ -31,7 +31,7 @@ from needlehoop.learning.weights import actor_of, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.viewer import play
 from needlehoop.pictures.window import Window
-from needlehoop.rewards import yardstick
+from needlehoop.rewards import NONE, yardstick
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
@@ -153,7 +153,9 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     if (run.folder / CHECKPOINT).exists() or not weights.exists():
         state = run.load()
         check_state(run.folder / CHECKPOINT, state, job)
-    agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), device)
+    # Networks do not depend on the reward, and a stranger's may be code.
+    alone = replace(job.env, num_envs=1, reward=NONE)
+    agent = build_agent(job, NeedleHoopEnv(alone), device)
     if state is None:
         read_weights(weights, actor_of(agent))
     else:

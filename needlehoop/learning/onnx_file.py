@@ -13,8 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.envs.observer import vectors
-from needlehoop.learning.job import Job
-from needlehoop.learning.weights import Actor
+from needlehoop.learning.weights import Actor, Senses
 
 PRECISION = "fp32"
 """What the policy computes in: bfloat16 is what few runtimes have on a CPU."""
@@ -31,7 +30,7 @@ class _Clamped(nn.Module):
         return self.actor(*observed).clamp(-1.0, 1.0)
 
 
-def onnx_bytes(job: Job, actor: Actor) -> bytes:
+def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy. Extra ``onnx``.
 
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
@@ -39,7 +38,7 @@ def onnx_bytes(job: Job, actor: Actor) -> bytes:
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
 
     Args:
-        job: of the run.
+        senses: what it sees.
         actor: its policy, on the CPU, in ``PRECISION``.
 
     Raises:
@@ -52,12 +51,12 @@ def onnx_bytes(job: Job, actor: Actor) -> bytes:
         raise RuntimeError(
             f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
         ) from error
-    size = job.env.image_size
+    size = senses.image_size
     images = {
         name: torch.zeros(2, c, size, size, dtype=torch.uint8)
-        for name, c in job.env.image_channels.items()
+        for name, c in senses.channels.items()
     }
-    example = {**images, **{name: torch.zeros(2, n) for name, n in vectors(job.env.obs).items()}}
+    example = {**images, **{name: torch.zeros(2, n) for name, n in vectors(senses.obs).items()}}
     batch = torch.export.Dim("n")
     with _quiet():
         program = torch.onnx.export(
@@ -70,7 +69,7 @@ def onnx_bytes(job: Job, actor: Actor) -> bytes:
             verbose=False,
         )
     assert program is not None
-    facts = {"cams": job.env.cams, "image_size": size, "episode": job.env.episode.control}
+    facts = {"cams": senses.cams, "image_size": size, "episode": senses.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()
 

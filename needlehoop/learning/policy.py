@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.observer import vectors
-from needlehoop.learning.job import Job
-from needlehoop.learning.weights import Actor
+from needlehoop.learning.weights import Actor, Senses
 
 
 class Policy:
@@ -24,17 +23,15 @@ class Policy:
     float32 and of the same kind: numpy for numpy, torch for torch.
 
     Args:
-        job: of the run.
-        actor: its trained policy.
+        senses: what it sees.
+        actor: trained.
     """
 
-    def __init__(self, job: Job, actor: Actor):
-        self.settings = job.env
-        """The environment that it was trained on."""
+    def __init__(self, senses: Senses, actor: Actor):
         self._actor, self._device = actor.eval(), next(actor.parameters()).device
-        size = job.env.image_size
-        self._images = {name: (c, size, size) for name, c in job.env.image_channels.items()}
-        self._vectors = vectors(job.env.obs)
+        size = senses.image_size
+        self._images = {name: (c, size, size) for name, c in senses.channels.items()}
+        self._vectors = vectors(senses.obs)
 
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Any]) -> Any:

@@ -5,7 +5,7 @@ an episode's return is its last potential.
 """
 
 from needlehoop.rewards.called import given
-from needlehoop.rewards.loader import NONE, REWARDS, load, pin, text
+from needlehoop.rewards.loader import NONE, REWARDS, allow, check, load, pin, recall, text
 from needlehoop.rewards.terms import Reward, potential
 from needlehoop.rewards.written import RewardError
 from needlehoop.rewards.yardstick import yardstick
@@ -15,10 +15,13 @@ __all__ = [
     "REWARDS",
     "Reward",
     "RewardError",
+    "allow",
+    "check",
     "given",
     "load",
     "pin",
     "potential",
+    "recall",
     "text",
     "yardstick",
 ]

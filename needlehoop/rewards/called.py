@@ -1,7 +1,11 @@
-"""Rewards that are functions from outside the package.
+"""Rewards that are Python functions from outside the package.
 
-``function(signals, **values)`` returns named terms, or one tensor. It is given as it is, named
-as ``module:name`` or ``file.py:name``, or told by an installed package through an entry point.
+``function(signals, **values)`` returns named terms, or one tensor. It is given as an object, named
+as ``module:name`` or ``file.py:name``, or comes from an installed package by an entry point.
+
+Importing a name runs code. Only ``allow`` and ``recall`` import, and they put the function itself
+into the config. ``load`` takes that function and never a name, so a config that was read from a
+file cannot run anything.
 """
 
 from __future__ import annotations
@@ -32,6 +36,9 @@ GROUP = "needlehoop.rewards"
 """Of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
 
 _KEYS = {"function", "values", "source"}
+
+_CALL = "call"
+"""Key of an allowed config: the function in use. No file can hold one."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +93,50 @@ def kinds() -> tuple[str, ...]:
 
 def given(function: Callable[..., Any]) -> dict[str, Any]:
     """The config of a function at hand; it can't be written down for another process."""
-    return {"kind": KIND, "function": function, "values": {}, "source": None}
+    name = getattr(function, "__qualname__", type(function).__name__)
+    plain = {"kind": KIND, "function": name, "values": {}, "source": None}
+    return {**plain, _CALL: Called(function, {}, name)}
+
+
+def is_called(config: Mapping[str, Any]) -> bool:
+    """Whether a reward's config stands for Python code."""
+    return config.get("kind") == KIND or config.get("kind") in kinds()
+
+
+def allow(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Import the function that a config names: for configs that somebody typed.
+
+    Raises:
+        ValueError: missing or unknown values, no such function, or one that is no longer what
+            the run began with.
+    """
+    if _CALL in config:
+        return dict(config)
+    check(config)
+    values = {key: value for key, value in config.items() if key not in ("kind", "name")}
+    if config["kind"] != KIND:
+        (entry,) = entry_points(group=GROUP, name=config["kind"])
+        call = Called(entry.load(), values, f"the entry point {entry.name} ({entry.value})")
+        return {**config, _CALL: call}
+    function = _find(str(values["function"]))
+    if values["source"] not in (None, _source(function)):
+        raise ValueError(
+            f"reward.function: {values['function']} is no longer what the run began with"
+        )
+    return {**config, _CALL: Called(function, values["values"] or {}, str(values["function"]))}
+
+
+def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
+    """The same for a config that was read from a run's files, if the person trusts them.
+
+    Raises:
+        ValueError: no trust; no source to compare the function with; or as in ``allow``.
+    """
+    if not trust:
+        raise _untrusted(config)
+    if config["kind"] == KIND and config.get("source") is None:
+        raise ValueError("reward.source: null; a run notes the source of its function")
+    return allow(config)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -97,42 +147,49 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     """
     if config.get("kind") != KIND:
         return dict(config)
-    reward, name = load(config), config["function"]
+    reward, name = load(allow(config)), config["function"]
     file, _, function = str(name).rpartition(":")
     if file.endswith(".py"):
         name = f"{Path(file).resolve()}:{function}"
     return {**config, "function": name, "source": _source(reward.function)}
 
 
-def load(config: Mapping[str, Any]) -> Called:
-    """The reward of a config whose ``kind`` is ``KIND`` or among ``kinds()``.
+def check(config: Mapping[str, Any]) -> None:
+    """Check the keys of a config that ``is_called``; imports nothing.
 
     Raises:
-        ValueError: missing or unknown values, no such function, or one that is no longer what
-            the run began with.
+        ValueError: missing or unknown keys, or values that are no mapping.
     """
-    kind, values = config["kind"], {k: v for k, v in config.items() if k != "kind"}
-    if kind != KIND:
-        (entry,) = entry_points(group=GROUP, name=kind)
-        return Called(entry.load(), values, f"the entry point {entry.name} ({entry.value})")
-    if odd := _KEYS ^ set(values):
+    if config["kind"] != KIND:
+        return
+    if odd := _KEYS ^ (set(config) - {"kind", "name", _CALL}):
         raise ValueError(
             f"reward: {', '.join(sorted(odd))} missing or unknown; {KIND} takes"
             f" {', '.join(sorted(_KEYS))}"
         )
-    function = values["function"]
-    if not callable(function):
-        function = _find(str(function))
-    if values["source"] not in (None, _source(function)):
-        raise ValueError(
-            f"reward.function: {config['function']} is no longer what the run began with"
-        )
-    name = getattr(function, "__qualname__", type(function).__name__)
-    origin = name if callable(config["function"]) else str(config["function"])
-    given = values["values"] or {}
+    given = config["values"] or {}
     if not isinstance(given, Mapping):
         raise ValueError(f"reward.values: {told(given)} is no mapping of names to values")
-    return Called(function, given, origin)
+
+
+def load(config: Mapping[str, Any]) -> Called:
+    """The reward of a config that was allowed.
+
+    Raises:
+        ValueError: it was not.
+    """
+    call = config.get(_CALL)
+    if not isinstance(call, Called):
+        raise _untrusted(config)
+    return call
+
+
+def _untrusted(config: Mapping[str, Any]) -> ValueError:
+    what = config.get("function") if config["kind"] == KIND else f"the entry point {config['kind']}"
+    return ValueError(
+        f"reward: the run's files name Python code, {told(what)}, which would be imported and run;"
+        " add trust=true if you trust them"
+    )
 
 
 def _find(name: str) -> Callable[..., Any]:

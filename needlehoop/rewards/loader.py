@@ -24,20 +24,51 @@ def load(config: Mapping[str, Any]) -> Reward:
     """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
 
     Raises:
-        ValueError: an unknown kind, values that are not its own, or a name that can't be had.
+        ValueError: an unknown kind, values that are not its own, a name that can't be had, or
+            Python code that was not allowed.
     """
+    _check_kind(config)
+    values = _unnamed(config)
+    if called.is_called(values):
+        return called.load(values)
+    if values["kind"] in written.KINDS:
+        return written.load(values)
+    kind = values.pop("kind")
+    return strict.structure(values, REWARDS[kind], "reward")
+
+
+def check(config: Mapping[str, Any]) -> None:
+    """Check a reward's config; runs none of its code. Errors as in ``load``."""
+    _check_kind(config)
+    if called.is_called(config):
+        called.check(config)
+    else:
+        load(config)
+
+
+def allow(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The config of a reward that somebody typed, ready for ``load``."""
+    _check_kind(config)
+    return called.allow(config) if called.is_called(config) else dict(config)
+
+
+def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
+    """The same for a reward that was read from a run's files.
+
+    Raises:
+        ValueError: it stands for Python code, and ``trust`` is false.
+    """
+    _check_kind(config)
+    return called.recall(config, trust) if called.is_called(config) else dict(config)
+
+
+def _check_kind(config: Mapping[str, Any]) -> None:
     values = _unnamed(config)
     kind = values.get("kind")
     valid = (*REWARDS, *written.KINDS, called.KIND, *called.kinds())
     if not isinstance(kind, str) or kind not in valid:
         raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(valid)}")
     _check_name(config.get("name"), {*valid, EXPERT} - {kind})
-    if kind in written.KINDS:
-        return written.load(values)
-    if kind not in REWARDS:
-        return called.load(values)
-    del values["kind"]
-    return strict.structure(values, REWARDS[kind], "reward")
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:

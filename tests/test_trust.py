@@ -1,0 +1,214 @@
+"""A stranger's run or policy runs no code of its own, unless the person says ``trust=true``."""
+
+import json
+import sys
+from contextlib import contextmanager
+
+import pytest
+import torch
+import yaml
+from safetensors.torch import load_file, save_file
+from tiny_runs import PLACE, TINY, composed, refusal, run_composed
+
+import needlehoop
+from needlehoop import config, rewards
+from needlehoop.cli.main import main
+from needlehoop.learning.weights import Senses, build_actor, write_weights
+
+EVIL = {
+    "kind": "python",
+    "function": "pydoc:pipepager",
+    "values": {"text": "", "cmd": "touch {marker}"},
+    "source": "",
+    "name": None,
+}
+
+EVENTS = ("import", "exec", "compile", "open", "subprocess", "os.", "socket", "shutil", "ctypes")
+"""Audit events, or how their names begin, that code of a stranger would need."""
+
+_watching: list[tuple[str, str]] | None = None
+
+
+def _hook(event, args):
+    if _watching is not None and event.startswith(EVENTS):
+        _watching.append((event, str(args[0]) if args else ""))
+
+
+sys.addaudithook(_hook)
+
+
+@contextmanager
+def audited():
+    """What Python was asked to import, run or open inside the block."""
+    global _watching
+    _watching = seen = []
+    try:
+        yield seen
+    finally:
+        _watching = None
+
+
+@pytest.fixture(scope="module")
+def policy(tmp_path_factory):
+    """A policy's file, its config, and what it must do."""
+    words = ["cams=[rgb_front]", "image_size=32", "precision=fp32", "algo.network.hidden=8"]
+    values = composed(*words)
+    folder = tmp_path_factory.mktemp("policy")
+    torch.manual_seed(0)
+    senses = Senses.of(config.job(values))
+    write_weights(folder, build_actor(senses, torch.device("cpu")), values, "float32")
+    return folder / "policy.safetensors", values
+
+
+def hostile(values, marker):
+    """Configs that name code, or are no configs; and whether the policy is still one."""
+    evil = json.loads(json.dumps(EVIL).replace("{marker}", str(marker)))
+    here = {**evil, "source": None}
+    yield "reward", {**values, "reward": evil}, True
+    yield "no source", {**values, "reward": here}, True
+    yield "call", {**values, "reward": {**here, "call": "os:system"}}, True
+    yield "entry point", {**values, "reward": {"kind": "mine", "function": "os:system"}}, True
+    yield "target", {**values, "reward": {"_target_": "os.system", "_args_": ["true"]}}, True
+    yield "file", {**values, "reward": {"kind": "file", "path": "/etc/passwd"}}, True
+    yield "no reward", {k: v for k, v in values.items() if k != "reward"}, True
+    yield "logger", {**values, "logger": {"kind": "os:system"}}, True
+    for key in ("encoder", "obs", "episode", "algo", "renderings", "views", "cams"):
+        for bad in (evil, "os:system", [evil], None, 1e300):
+            yield f"{key} {bad}", {**values, key: bad}, False
+    yield "large", {**values, "image_size": 10**9}, False
+    deep = {**values["algo"]["network"], "hidden": 16_384, "layers": 64}
+    yield "deep", {**values, "algo": {**values["algo"], "network": deep}}, False
+    yield "control", {**values, "episode": {"control": "__import__('os')"}}, False
+
+
+def test_a_policy_with_hostile_metadata_runs_nothing(policy, tmp_path):
+    path, values = policy
+    state = load_file(path)
+    seen = {"rgb_front": torch.randint(0, 255, (2, 3, 32, 32), dtype=torch.uint8)}
+    action = needlehoop.load_policy(path)(seen)
+    bad, marker = tmp_path / "policy.safetensors", tmp_path / "ran"
+    save_file(state, bad, {"config": "{}"})
+    with pytest.raises(ValueError, match="cams"):
+        needlehoop.load_policy(bad)
+    for name, written, fits in hostile(values, marker):
+        save_file(state, bad, {"config": json.dumps(written)})
+        found = said = None
+        with audited() as asked:
+            try:
+                found = needlehoop.load_policy(bad)
+            except ValueError as error:
+                said = str(error)
+        assert said is None or "\n" not in said, name
+        assert {one for one in asked if one != ("open", str(bad))} == set(), name
+        assert (found is not None) == fits, name
+        if found is not None:
+            assert torch.equal(found(seen), action), name
+    assert not marker.exists()
+
+
+def test_the_audit_sees_what_it_looks_for():
+    with audited() as asked:
+        exec("open('/dev/null').close()")
+    assert {event for event, _ in asked} >= {"open", "exec"}
+
+
+def test_shapes_in_a_header_are_compared_before_anything_is_built(policy, tmp_path, monkeypatch):
+    path, values = policy
+    network = {**values["algo"]["network"], "hidden": 16_384, "layers": 12}
+    large = {**values, "algo": {**values["algo"], "network": network}}
+    bad = tmp_path / "policy.safetensors"
+    save_file(load_file(path), bad, {"config": json.dumps(large)})
+    built = []
+    monkeypatch.setattr(torch.Tensor, "normal_", lambda t, *a, **k: built.append(t.device) or t)
+    with pytest.raises(ValueError, match="does not fit its config"):
+        needlehoop.load_policy(bad)
+    assert {one.type for one in built} <= {"meta"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda w: w * torch.nan, "not finite"),
+        (lambda w: w * torch.inf, "not finite"),
+        (lambda w: w.to(torch.float64), "does not fit its config"),
+        (lambda w: w.to(torch.int32), "does not fit its config"),
+        (lambda w: w[:-1].clone(), "does not fit its config"),
+    ],
+)
+def test_other_numbers_are_refused(policy, tmp_path, change, message):
+    path, values = policy
+    state = load_file(path)
+    state["head.mean.weight"] = change(state["head.mean.weight"])
+    bad = tmp_path / "policy.safetensors"
+    save_file(state, bad, {"config": json.dumps(values)})
+    with pytest.raises(ValueError, match=message):
+        needlehoop.load_policy(bad)
+
+
+@pytest.fixture
+def stranger(tmp_path):
+    """A run whose config was made to name a function that runs a shell command."""
+    run_composed(composed(*TINY, "cams=[]", f"results={tmp_path}"))
+    folder, marker = tmp_path / PLACE, tmp_path / "ran"
+    values = yaml.safe_load((folder / "config.yaml").read_text())
+    values["reward"] = json.loads(json.dumps(EVIL).replace("{marker}", str(marker)))
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    return folder, marker
+
+
+def test_no_command_imports_what_a_run_names(stranger, tmp_path, capsys):
+    folder, marker = stranger
+    for words in (
+        ["evaluate", str(folder)],
+        ["watch", str(folder), "window=false", f"out={tmp_path}/film.mp4"],
+        ["demonstrations", f"demonstrator={folder}", f"out={tmp_path}/demos-v0", "seed=9"],
+    ):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert "'pydoc:pipepager'" in said
+        assert "trust=true" in said
+    with pytest.raises(ValueError, match="trust=true"):
+        needlehoop.make_env_of(folder)
+    (folder / "manifest.json").write_text("{}")
+    assert "trust=true" in refusal(f"resume={folder}")
+    # Its policy can be had all the same, and its episodes be judged by a reward of ours.
+    assert callable(needlehoop.load_policy(folder))
+    assert main(["evaluate", str(folder), "reward=human", "episodes=1"]) == 0
+    assert not marker.exists()
+
+
+def test_trust_needs_the_source_and_compares_it(stranger, capsys):
+    folder, marker = stranger
+    assert main(["evaluate", str(folder), "trust=true"]) == 2
+    assert "no longer what the run began with" in capsys.readouterr().err
+    values = yaml.safe_load((folder / "config.yaml").read_text())
+    values["reward"]["source"] = None
+    (folder / "config.yaml").write_text(yaml.safe_dump(values))
+    assert main(["evaluate", str(folder), "trust=true"]) == 2
+    assert "reward.source: null" in capsys.readouterr().err
+    assert not marker.exists()
+
+
+def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, capsys):
+    file = tmp_path / "mine.py"
+    file.write_text("def pay(signals):\n    return {'jaw': signals.jaw}\n")
+    words = [word for word in TINY if not word.startswith("reward=")]
+    own = ["cams=[]", "reward=python", f"reward.function={file}:pay", f"results={tmp_path}"]
+    values = composed(*words, *own)
+    run_composed({**values, "until": 8})
+    folder = tmp_path / "main/signals/python/seed0"
+    capsys.readouterr()
+    assert "trust=true" in refusal(f"resume={folder}")
+    # The same command line is trust enough: it names the function itself.
+    run_composed({**values, "until": 16, "existing": "resume"})
+    run_composed({**values, "resume": str(folder), "trust": True})
+    assert json.loads((folder / "manifest.json").read_text())["finished"]
+    assert main(["evaluate", str(folder), "episodes=1", "trust=true"]) == 0
+
+
+def test_a_config_from_a_file_is_never_loaded():
+    plain = {"kind": "python", "function": "os:system", "values": {}, "source": None}
+    for config_ in (plain, {**plain, "call": "os:system"}):
+        rewards.check(config_)
+        with pytest.raises(ValueError, match="trust=true"):
+            rewards.load(config_)
