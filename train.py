@@ -1,7 +1,7 @@
 """Train an agent to thread the needle: ``python train.py cams=dep_front,seg_side reward=human``.
 
-The method is on one page, ``needlehoop/train.py``. ``needlehoop train`` is the same command, for
-an install without this file. ``--help`` lists the settings.
+The method is on one page, ``needlehoop/training/loop.py``. ``needlehoop train`` is the same
+command, for an install without this file. ``--help`` lists the settings.
 """
 
 import sys

@@ -15,13 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from needlehoop.study import paper
-from needlehoop.study.combinations import label
-from needlehoop.study.findings import Findings, study_findings
-from needlehoop.study.measures import TRAINING
-from needlehoop.study.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
-from needlehoop.study.table import Table
-from needlehoop.study.tables import all_tables
+from needlehoop.study.data import paper
+from needlehoop.study.data.combinations import label
+from needlehoop.study.data.findings import Findings, study_findings
+from needlehoop.study.report.rankings import MEASURED, MEASURED_SOON, PAPERS_MEASURED, repeats
+from needlehoop.study.report.table import Table
+from needlehoop.study.report.tables import all_tables
+from needlehoop.study.stats.measures import TRAINING
 
 ROOT = Path(__file__).parents[1]
 

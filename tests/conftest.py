@@ -7,8 +7,7 @@ import mujoco
 import pytest
 import torch
 
-from needlehoop import config
-from needlehoop.envs.settings import Settings
+from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.robot import joints
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.spec import build_spec
@@ -26,7 +25,7 @@ torch.set_num_threads(1)
 
 @pytest.fixture(scope="session")
 def settings() -> Settings:
-    return config.settings()
+    return compose_settings()
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from needlehoop.runs import files
-from needlehoop.study import paper
+from needlehoop.study.data import paper
 
 BUFFER = 10_240
 UPDATES = 97

@@ -26,12 +26,13 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 from tiny_runs import TINY, refusal, run_train
 
-from needlehoop import config, groups, train
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
+from needlehoop.config import camera_groups, composing
 from needlehoop.learning.hyperparameters import PpoConfig
 from needlehoop.learning.job import Job
 from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.training import loop as train
 
 GROUPS = {folder.name for folder in CONF.iterdir() if folder.is_dir()} | {"cams"}
 
@@ -104,7 +105,7 @@ class Understood(BaseException):
 
 def composed_once() -> Callable[..., DictConfig]:
     """Hydra's ``compose``, that reads files once; overrides are parsed and set as it does."""
-    real, known = config.hydra_compose, {}
+    real, known = composing.hydra_compose, {}
     parser = OverridesParser.create()
 
     def compose(name: str, overrides: list[str] | None = None) -> DictConfig:
@@ -123,10 +124,10 @@ def composed_once() -> Callable[..., DictConfig]:
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    config.prepare([])
-    monkeypatch.setattr(config, "hydra_compose", composed_once())
+    composing.prepare([])
+    monkeypatch.setattr(composing, "hydra_compose", composed_once())
     # Registering anew for each case would take longer than the case.
-    monkeypatch.setattr(groups, "register", lambda *_: None)
+    monkeypatch.setattr(camera_groups, "register", lambda *_: None)
     return tmp_path
 
 
@@ -139,7 +140,7 @@ def keys_of(name: str, words: list[str]) -> list[str]:
             if isinstance(value, Mapping):
                 yield from flat(value, f"{above}{key}.")
 
-    return [key for key in flat(config.compose(words, name)) if key.split(".")[0] != "cams"]
+    return [key for key in flat(composing.compose(words, name)) if key.split(".")[0] != "cams"]
 
 
 def cases(name: str, words: list[str], count: int) -> list[tuple[str, str]]:
@@ -149,7 +150,7 @@ def cases(name: str, words: list[str], count: int) -> list[tuple[str, str]]:
 
 def cases_of_groups(count: int) -> list[tuple[list[str], str, str]]:
     """Of all options of all groups of a training: what to choose, a key of it, a value."""
-    groups = GROUPS & {*config.compose(TINY, "config")}
+    groups = GROUPS & {*composing.compose(TINY, "config")}
     choices = [
         f"{group}={file.stem}" for group in sorted(groups) for file in (CONF / group).glob("*.yaml")
     ]
@@ -203,7 +204,7 @@ def drive(words: list[str]) -> tuple[str | None, float]:
     began = time.process_time()
     try:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            values = config.compose(words, "config")
+            values = composing.compose(words, "config")
             command_line.begin(values, words, "python train.py")
     except command_line.KNOWN as error:
         return command_line.in_a_line(error), time.process_time() - began
@@ -333,11 +334,11 @@ def test_a_sweep_into_a_folder_that_nobody_may_write_says_so(tmp_path, monkeypat
 
 def test_what_is_typed_for_resume_is_a_path():
     for path in ("a=b", "a{b}", "it's", "a b", "a,b", "[a]", "a\\", "a\\'b", "${x}", "ü", "a'"):
-        word = config.quoted(f"resume={path}")
+        word = composing.quoted(f"resume={path}")
         (parsed,) = OverridesParser.create().parse_overrides([word])
         assert parsed.value() == path, word
-    assert config.quoted("resume=null") == "resume=null"
-    assert config.quoted("seed=3") == "seed=3"
+    assert composing.quoted("resume=null") == "resume=null"
+    assert composing.quoted("seed=3") == "seed=3"
 
 
 def test_a_run_of_a_path_with_odd_characters_goes_on(tmp_path, monkeypatch):

@@ -11,8 +11,9 @@ from safetensors.torch import load_file, save_file
 from tiny_runs import PLACE, TINY, composed, refusal, run_composed
 
 import needlehoop
-from needlehoop import config, rewards
+from needlehoop import rewards
 from needlehoop.cli.main import main
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.weights import Senses, build_actor, write_weights
 
 EVIL = {
@@ -55,7 +56,7 @@ def policy(tmp_path_factory):
     values = composed(*words)
     folder = tmp_path_factory.mktemp("policy")
     torch.manual_seed(0)
-    senses = Senses.of(config.job(values))
+    senses = Senses.of(typed_job(values))
     write_weights(folder, build_actor(senses, torch.device("cpu")), values, "float32")
     return folder / "policy.safetensors", values
 
@@ -104,6 +105,10 @@ def test_a_policy_with_hostile_metadata_runs_nothing(policy, tmp_path):
         if found is not None:
             assert torch.equal(found(seen), action), name
     assert not marker.exists()
+
+
+def test_the_shipped_policy_loads_whatever_it_computes_in():
+    assert callable(needlehoop.load_policy())
 
 
 def test_the_audit_sees_what_it_looks_for():

@@ -20,8 +20,9 @@ AGENT = "results/table2/dep_front+seg_side/human/seed0"
 SCRIPT = """
 import contextlib, io, json, sys
 import needlehoop
-from needlehoop import config
+from needlehoop.config import composing, strict
 from needlehoop.cli.main import main
+from needlehoop.learning.job import typed_job
 from needlehoop.runs.shipped import AGENT, RECORDINGS
 
 said = []
@@ -32,10 +33,10 @@ for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_
         except SystemExit as end:
             print(end.code)
     said.append(out.getvalue())
-values = config.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
-job = config.job(values)
+values = composing.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
+job = typed_job(values)
 print(json.dumps({
-    "places": [needlehoop.__file__, str(config.CONF), str(RECORDINGS), str(AGENT)],
+    "places": [needlehoop.__file__, str(composing.CONF), str(RECORDINGS), str(AGENT)],
     "run": job.place,
     "views": sorted(values["views"]),
     "said": said,

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.cli.train import begin, run
+from needlehoop.config import composing
 
 TINY = [
     "obs=signals",
@@ -58,7 +58,7 @@ def run_train(*words: str) -> None:
 
 def composed(*words: str) -> dict[str, Any]:
     """The settings that a command line gives; most of a tiny run's time goes there."""
-    return config.compose(words, "config")
+    return composing.compose(words, "config")
 
 
 def run_composed(values: dict[str, Any]) -> None:

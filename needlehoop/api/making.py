@@ -7,11 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from needlehoop import config, rewards, strict
-from needlehoop.envs.settings import Settings
+from needlehoop import rewards
+from needlehoop.config import strict
+from needlehoop.config.strict import Count, Seed
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.learning.job import recorded_job
 from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
-from needlehoop.strict import Count, Seed
 
 
 def settings(
@@ -36,7 +38,7 @@ def settings(
     if callable(reward):
         del named["reward"]
     words = [f"{key}={value}" for key, value in named.items() if value is not None]
-    found = config.settings([*words, *overrides])
+    found = compose_settings([*words, *overrides])
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
@@ -52,7 +54,7 @@ def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = 
     Raises:
         ValueError: no run there, no such number or seed, or code without ``trust``.
     """
-    job = config.recorded_job(Run.open(Path(run)).config(), trust)
+    job = recorded_job(Run.open(Path(run)).config(), trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
         job.env,

@@ -9,9 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop import config
 from needlehoop.learning.evaluate import load_agent
-from needlehoop.learning.job import Job, pick_device
+from needlehoop.learning.job import Job, checked_job, pick_device
 from needlehoop.learning.policy import Policy
 from needlehoop.learning.weights import Actor, Senses, actor_of, read_actor, read_senses
 from needlehoop.runs.files import POLICY
@@ -32,7 +31,7 @@ def initial_weights(job: Job) -> dict[str, Tensor]:
         run = Run.open(Path(job.init))
     except ValueError as error:
         raise ValueError(f"init: {error}") from error
-    theirs = config.checked_job(run.config())
+    theirs = checked_job(run.config())
     for key in _NETWORKS:
         have, want = _setting(theirs, key), _setting(job, key)
         if have != want:
@@ -70,7 +69,7 @@ def actor_in(run: str | Path, device: str, precision: str | None = None) -> tupl
     weights = where / POLICY if where.is_dir() else where
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)
-        job = config.checked_job(opened.config())
+        job = checked_job(opened.config())
         job = job if precision is None else replace(job, precision=precision)
         return Senses.of(job), actor_of(load_agent(opened, job, chosen))
     senses = read_senses(weights)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
-from needlehoop.strict import Count, Range
+from needlehoop.config.strict import Count, Range
 
 Rounds = Annotated[int, Range(1, 1_000_000)]
 
@@ -41,36 +41,40 @@ def _bench(options: argparse.Namespace) -> None:
 
 
 def _measure(overrides: list[str]) -> dict[str, Any]:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(overrides, "bench")
-    settings, what = config.structure(values), config.value(values, "what", str)
+    values = composing.compose(overrides, "bench")
+    from needlehoop.envs.settings import settings_from
+
+    settings, what = settings_from(values), strict.value(values, "what", str)
     if what == "speed":
         from needlehoop.bench.speed import measure
 
-        rounds, steps = (config.value(values, key, Rounds) for key in ("rounds", "steps"))
+        rounds, steps = (strict.value(values, key, Rounds) for key in ("rounds", "steps"))
         return measure(settings, rounds, steps)
     if what == "stability":
         from needlehoop.bench.stability import shake
 
-        return shake(settings, config.value(values, "episodes", Count)).as_dict()
+        return shake(settings, strict.value(values, "episodes", Count)).as_dict()
     if what == "program":
         from needlehoop.bench.program import measure_program
 
-        return measure_program(settings.num_envs, config.value(values, "rounds", Rounds))
+        return measure_program(settings.num_envs, strict.value(values, "rounds", Rounds))
     if what == "startup":
         from needlehoop.bench.startup import measure_startup
 
-        return measure_startup(config.value(values, "rounds", Rounds))
+        return measure_startup(strict.value(values, "rounds", Rounds))
     valid = "speed, train, sb3, stability, program, startup"
     raise ValueError(f"what: {what!r} is unknown; choose from {valid}")
 
 
 def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(overrides, "bench_train")
-    job, rounds = config.job(values), config.value(values, "rounds", Rounds)
+    values = composing.compose(overrides, "bench_train")
+    from needlehoop.learning.job import typed_job
+
+    job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
     if what == "what=sb3":
         from needlehoop.bench.stable_baselines import measure_sb3
 
@@ -78,12 +82,12 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     from needlehoop.bench.against import compare_training
     from needlehoop.bench.training import measure_training
 
-    against = config.value(values, "against", str | None)
+    against = strict.value(values, "against", str | None)
     if against is None:
-        return measure_training(job, rounds, alone=config.value(values, "alone", bool))
+        return measure_training(job, rounds, alone=strict.value(values, "alone", bool))
     own = ("against=", "turns=")
     words = [word for word in overrides if not word.startswith(own)]
-    return compare_training(Path(against).resolve(), words, config.value(values, "turns", Rounds))
+    return compare_training(Path(against).resolve(), words, strict.value(values, "turns", Rounds))
 
 
 def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
-from needlehoop.strict import Count, Seed
+from needlehoop.config.strict import Count, Seed
 
 if TYPE_CHECKING:
     from needlehoop.demonstrations.flights import Flight, Pilot
@@ -35,22 +35,22 @@ def add_commands(commands: Any) -> None:
 
 
 def _demonstrations(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
     from needlehoop.demonstrations.about import About
     from needlehoop.demonstrations.export import layout, new_folder
     from needlehoop.demonstrations.flights import fly
     from needlehoop.runs.provenance import provenance
 
     words = options.overrides
-    values = config.compose(words, "demonstrations")
-    episodes, kind = config.value(values, "episodes", Count), config.value(values, "format", str)
-    write, out = layout(kind), Path(config.value(values, "out", str))
+    values = composing.compose(words, "demonstrations")
+    episodes, kind = strict.value(values, "episodes", Count), strict.value(values, "format", str)
+    write, out = layout(kind), Path(strict.value(values, "out", str))
     if kind == "minari":
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
     who, settings, pilot = _demonstrator(values, words)
-    with new_folder(out, config.value(values, "overwrite", bool)) as folder:
+    with new_folder(out, strict.value(values, "overwrite", bool)) as folder:
         flown = _Shown(fly(settings, pilot, episodes), episodes)
         write(folder, flown, About(who, settings, provenance()))
     print(f"{out}: {episodes} episodes, {flown.steps} steps, {flown.succeeded} successful")
@@ -58,15 +58,17 @@ def _demonstrations(options: argparse.Namespace) -> None:
 
 def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, Pilot]:
     """Its name, the environment, and who flies."""
-    from needlehoop import config
+    from needlehoop.config import strict
     from needlehoop.demonstrations.demonstrators import scripted
     from needlehoop.learning.evaluate import load_agent, pilots
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.run import Run
 
-    who, where = config.value(values, "demonstrator", str), config.value(values, "device", str)
+    who, where = strict.value(values, "demonstrator", str), strict.value(values, "device", str)
     if not Path(who).is_dir():
-        return who, config.structure(values), scripted(who)
+        from needlehoop.envs.settings import settings_from
+
+        return who, settings_from(values), scripted(who)
     given = [word.partition("=")[0].lstrip("+~") for word in words]
     foreign = [key for key in given if key.partition(".")[0] not in _OWN]
     if foreign:
@@ -75,12 +77,16 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
             f" {', '.join(_OWN)}"
         )
     run = Run.open(Path(who))
-    job = config.recorded_job(run.config(), config.value(values, "trust", bool))
+    from needlehoop.learning.job import recorded_job
+
+    job = recorded_job(run.config(), strict.value(values, "trust", bool))
     device = pick_device(where)
-    seed = config.value(values, "seed", Seed)
+    seed = strict.value(values, "seed", Seed)
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    settings = replace(job.env, seed=seed, engine=config.structure(values).engine)
+    from needlehoop.envs.settings import settings_from
+
+    settings = replace(job.env, seed=seed, engine=settings_from(values).engine)
     return who, settings, pilots(load_agent(run, job, device))
 
 

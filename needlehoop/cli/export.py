@@ -23,11 +23,13 @@ def add_commands(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "export")
-    settings, what = config.structure(values), values["what"]
-    overwrite = config.value(values, "overwrite", bool)
+    values = composing.compose(options.overrides, "export")
+    from needlehoop.envs.settings import settings_from
+
+    settings, what = settings_from(values), values["what"]
+    overwrite = strict.value(values, "overwrite", bool)
     if what not in _FORMATS:
         raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(_FORMATS)}")
     if values["format"] not in (None, _FORMATS[what]):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from needlehoop.strict import Count, Seed
+from needlehoop.config.strict import Count, Seed
 
 
 def add_commands(commands: Any) -> None:
@@ -42,23 +42,26 @@ def add_commands(commands: Any) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
-    from needlehoop import config, rewards
+    from needlehoop import rewards
+    from needlehoop.config import composing, strict
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.files import VIDEO
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    job = config.checked_job(run.config())
+    from needlehoop.learning.job import checked_job
+
+    job = checked_job(run.config())
     # Programs are found by the cameras.
-    values = config.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
-    trust, reward = config.value(values, "trust", bool), values.get("reward")
+    values = composing.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
+    trust, reward = strict.value(values, "trust", bool), values.get("reward")
     paid = rewards.recall(job.env.reward, trust) if reward is None else rewards.allow(reward)
     job = replace(job, env=replace(job.env, reward=paid))
-    episodes, filmed = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
-    given = config.value(values, "seed", Seed | None)
+    episodes, filmed = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))
+    given = strict.value(values, "seed", Seed | None)
     seed = job.evaluation.final_seed if given is None else given
-    video = config.value(values, "video", bool)
-    device = pick_device(config.value(values, "device", str))
+    video = strict.value(values, "video", bool)
+    device = pick_device(strict.value(values, "device", str))
     from needlehoop.learning.evaluate import assess, film, load_agent, report
 
     agent = load_agent(run, job, device)
@@ -72,7 +75,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _watch(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
     from needlehoop.learning.job import pick_device
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
@@ -83,17 +86,19 @@ def _watch(options: argparse.Namespace) -> None:
     if named is not None and "=" in named and not Path(named).exists():
         named, words = None, [named, *words]
     run = Run.open(AGENT if named is None else Path(named))
-    values = config.compose(words, "watch")
-    job = config.recorded_job(run.config(), config.value(values, "trust", bool))
-    episodes, shown = (config.value(values, key, Count) for key in ("episodes", "video_episodes"))
-    given = config.value(values, "seed", Seed | None)
+    values = composing.compose(words, "watch")
+    from needlehoop.learning.job import recorded_job
+
+    job = recorded_job(run.config(), strict.value(values, "trust", bool))
+    episodes, shown = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))
+    given = strict.value(values, "seed", Seed | None)
     seed = job.evaluation.final_seed + 1 if given is None else given
     window = values["window"]
-    window = has_display() if window is None else config.value(values, "window", bool)
+    window = has_display() if window is None else strict.value(values, "window", bool)
     if window:
         check_display("window=false writes a film")
-    out = Path(config.value(values, "out", str))
-    device = pick_device(config.value(values, "device", str))
+    out = Path(strict.value(values, "out", str))
+    device = pick_device(strict.value(values, "device", str))
     if out.suffix.lower() != ".mp4":
         raise ValueError(f"out: {str(out)!r} must end in .mp4")
     from needlehoop.learning.evaluate import film, load_agent, report, try_out

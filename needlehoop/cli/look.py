@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
-from needlehoop.strict import Count, Range
+from needlehoop.config.strict import Count, Range
 
 Pixels = Annotated[int, Range(1, 4096)]
 
@@ -50,15 +50,17 @@ def add_commands(commands: Any) -> None:
 
 
 def _snapshot(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "snapshot")
-    settings, tiled = config.structure(values), config.value(values, "tiles", bool)
+    values = composing.compose(options.overrides, "snapshot")
+    from needlehoop.envs.settings import settings_from
+
+    settings, tiled = settings_from(values), strict.value(values, "tiles", bool)
     if tiled:
         _tiles(settings, values)
         return
     out = _png(values)
-    size, raw = config.value(values, "size", Pixels), config.value(values, "raw", bool)
+    size, raw = strict.value(values, "size", Pixels), strict.value(values, "raw", bool)
     from needlehoop.pictures.sheet import contact_sheet
 
     _save(contact_sheet(settings, size, raw), out)
@@ -66,9 +68,9 @@ def _snapshot(options: argparse.Namespace) -> None:
 
 def _tiles(settings: Any, values: dict[str, Any]) -> None:
     """A folder with a file for each camera."""
-    from needlehoop import config
+    from needlehoop.config import strict
 
-    out = Path(config.value(values, "out", str))
+    out = Path(strict.value(values, "out", str))
     if out.suffix:
         raise ValueError(f"out: {str(out)!r}; tiles=true writes a folder")
     _spare(out, values, "out")
@@ -79,20 +81,22 @@ def _tiles(settings: Any, values: dict[str, Any]) -> None:
 
 
 def _picture(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "picture")
-    settings, out = config.structure(values), _png(values)
-    size = config.value(values, "size", Pixels)
+    values = composing.compose(options.overrides, "picture")
+    from needlehoop.envs.settings import settings_from
+
+    settings, out = settings_from(values), _png(values)
+    size = strict.value(values, "size", Pixels)
     from needlehoop.pictures.portrait import portrait
 
     _save(portrait(settings, size), out)
 
 
 def _png(values: dict[str, Any]) -> Path:
-    from needlehoop import config
+    from needlehoop.config import strict
 
-    out = Path(config.value(values, "out", str))
+    out = Path(strict.value(values, "out", str))
     if out.suffix.lower() != ".png":
         raise ValueError(f"out: {str(out)!r} must end in .png")
     _spare(out, values, "out")
@@ -101,9 +105,9 @@ def _png(values: dict[str, Any]) -> Path:
 
 def _spare(out: Path, values: dict[str, Any], key: str) -> None:
     """Refuse to write over a file unless told to."""
-    from needlehoop import config
+    from needlehoop.config import strict
 
-    overwrite = config.value(values, "overwrite", bool)
+    overwrite = strict.value(values, "overwrite", bool)
     if out.exists() and not overwrite:
         raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
 
@@ -115,12 +119,14 @@ def _save(image: Any, out: Path) -> None:
 
 
 def _expert(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "expert")
-    settings, who = config.structure(values), config.value(values, "controller", str)
-    episodes = config.value(values, "episodes", Count)
-    filmed, grasps = config.value(values, "video_episodes", Count), _grasps(values)
+    values = composing.compose(options.overrides, "expert")
+    from needlehoop.envs.settings import settings_from
+
+    settings, who = settings_from(values), strict.value(values, "controller", str)
+    episodes = strict.value(values, "episodes", Count)
+    filmed, grasps = strict.value(values, "video_episodes", Count), _grasps(values)
     if options.video is not None:
         if options.video.suffix.lower() != ".mp4":
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
@@ -154,20 +160,22 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
 
 
 def _view(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "view")
-    settings, who = config.structure(values), config.value(values, "controller", str)
+    values = composing.compose(options.overrides, "view")
+    from needlehoop.envs.settings import settings_from
+
+    settings, who = settings_from(values), strict.value(values, "controller", str)
     from needlehoop.pictures.viewer import view
 
     view(settings, who)
 
 
 def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
-    from needlehoop import config
+    from needlehoop.config import strict
     from needlehoop.task.episode import GRASPS
 
-    grasps = config.value(values, "grasps", tuple[str, ...])
+    grasps = strict.value(values, "grasps", tuple[str, ...])
     for grasp in grasps:
         if grasp not in GRASPS:
             raise ValueError(f"grasps: {grasp!r} is unknown; choose from {', '.join(GRASPS)}")

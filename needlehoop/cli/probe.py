@@ -37,17 +37,19 @@ def add_commands(commands: Any) -> None:
 
 
 def _probe(options: argparse.Namespace) -> int:
-    from needlehoop import config
+    from needlehoop.config import strict
 
     values = _values(options.overrides)
-    standing = config.structure({**values, "cams": []})
+    from needlehoop.envs.settings import settings_from
+
+    standing = settings_from({**values, "cams": []})
     from needlehoop.probe.findings import read_findings
     from needlehoop.probe.folder import Folder
     from needlehoop.probe.grid import Grid
     from needlehoop.probe.probing import missing, probe
     from needlehoop.probe.tables import PHASES_TABLE, all_tables
 
-    asked = config.as_type(values["grid"], Grid, "grid")
+    asked = strict.as_type(values["grid"], Grid, "grid")
     grid = asked if options.grid else None
     plan = _plan(values, standing, grid)
     place = Path(plan.scope.results) / plan.scope.study
@@ -55,7 +57,7 @@ def _probe(options: argparse.Namespace) -> int:
         place /= f"views_{grid.rendering}"
     flags = ["--grid", options.grid] if options.grid else []
     lacking = sum(map(len, missing(plan, place).values()))
-    if lacking and not config.value(values, "compute", bool):
+    if lacking and not strict.value(values, "compute", bool):
         words = " ".join(["needlehoop", "probe", *flags, *options.overrides])
         raise ValueError(
             f"compute: {place} lacks {lacking} measurements; `{words}"
@@ -90,16 +92,16 @@ def _values(overrides: list[str]) -> dict[str, Any]:
 
     To Hydra ``cams`` are the options of one environment, which combinations are not.
     """
-    from needlehoop import config
+    from needlehoop.config import composing
 
-    words = [re.sub("^cams=", "combinations=", word) for word in config.in_brackets(overrides)]
-    values = config.compose(words, "probe")
+    words = [re.sub("^cams=", "combinations=", word) for word in composing.in_brackets(overrides)]
+    values = composing.compose(words, "probe")
     values["cams"] = values.pop("combinations")
     return values
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
-    from needlehoop import config
+    from needlehoop.config import strict
     from needlehoop.learning.encoder import EncoderConfig
     from needlehoop.learning.hyperparameters import PpoConfig
     from needlehoop.probe.plan import Episodes, Plan, Scope, combinations
@@ -113,11 +115,11 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
     return Plan(
         env=settings,
         combinations=asked,
-        encoder=config.as_type(values["encoder"], EncoderConfig, "encoder"),
-        heads=config.as_type(values["algo"], PpoConfig, "algo").network,
-        episodes=config.as_type(values["episodes"], Episodes, "episodes"),
-        fit=config.as_type(values["fit"], Fit, "fit"),
-        scope=config.as_type(values, Scope),
+        encoder=strict.as_type(values["encoder"], EncoderConfig, "encoder"),
+        heads=strict.as_type(values["algo"], PpoConfig, "algo").network,
+        episodes=strict.as_type(values["episodes"], Episodes, "episodes"),
+        fit=strict.as_type(values["fit"], Fit, "fit"),
+        scope=strict.as_type(values, Scope),
     )
 
 
@@ -135,7 +137,7 @@ def _draw(
 ) -> None:
     """The figure: the ranking, or the map of a grid."""
     from needlehoop.probe import charts
-    from needlehoop.study.style import save, styled
+    from needlehoop.study.render.style import save, styled
 
     with styled():
         if not grid:

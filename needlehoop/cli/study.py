@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from needlehoop.study.findings import Findings
+    from needlehoop.study.data.findings import Findings
 
 PAPER = "paper"
 
@@ -76,8 +76,8 @@ def add_commands(commands: Any) -> None:
 
 
 def _plot(options: argparse.Namespace) -> None:
-    from needlehoop.study.figures import draw
-    from needlehoop.study.tables import write_tables
+    from needlehoop.study.render.figures import draw
+    from needlehoop.study.report.tables import write_tables
 
     _no_more(options)
     findings, out = _open(options.study, options.out)
@@ -92,8 +92,8 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _report(options: argparse.Namespace) -> None:
-    from needlehoop.study.figures import draw
-    from needlehoop.study.report import Part, write_report
+    from needlehoop.study.render.figures import draw
+    from needlehoop.study.report.report import Part, write_report
 
     _no_more(options)
     words = [_word(study) for study in options.study]
@@ -117,9 +117,14 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _compare(options: argparse.Namespace) -> None:
-    from needlehoop.study.comparison import comparison_chart, comparisons, differences, progress
-    from needlehoop.study.records import read_study
-    from needlehoop.study.style import save, styled
+    from needlehoop.study.data.records import read_study
+    from needlehoop.study.render.style import save, styled
+    from needlehoop.study.report.comparison import (
+        comparison_chart,
+        comparisons,
+        differences,
+        progress,
+    )
 
     _no_more(options)
     studies = [read_study(Path(_word(study))) for study in options.study]
@@ -155,10 +160,10 @@ def _word(study: str) -> str:
 
 
 def _status(options: argparse.Namespace) -> None:
-    from needlehoop.study.outcomes import read_outcomes
-    from needlehoop.study.plan import planned
-    from needlehoop.study.records import Study, read_study
-    from needlehoop.study.status import describe, standings
+    from needlehoop.study.data.outcomes import read_outcomes
+    from needlehoop.study.data.plan import planned
+    from needlehoop.study.data.records import Study, read_study
+    from needlehoop.study.report.status import describe, standings
 
     expected = planned(options.overrides) if options.overrides else None
     outcomes, unread = read_outcomes(options.study)
@@ -181,7 +186,7 @@ def _top(options: argparse.Namespace) -> None:
 
 def _open(study: str, out: Path | None) -> tuple[Findings, Path]:
     """What is to be shown, and the folder for it."""
-    from needlehoop.study.findings import paper_findings, study_findings
+    from needlehoop.study.data.findings import paper_findings, study_findings
 
     if study == PAPER:
         return paper_findings(Path("results")), out or Path("results") / PAPER

@@ -1,4 +1,4 @@
-"""``python train.py`` and ``needlehoop train``: Hydra's command line, around ``needlehoop.train``.
+"""``python train.py`` and ``needlehoop train``: Hydra's command line.
 
 It has Hydra's own flags (``-m``, ``--cfg``, ``--help``, …), and knows itself what is wrong with
 most command lines before the simulator and the agent are imported.
@@ -19,8 +19,9 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop import config, foresight, sweep
+from needlehoop.config import composing
 from needlehoop.runs.terminal import printable
+from needlehoop.training import sweep, sweep_checks
 
 KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
 """What tells of a mistake or of the machine: a line will do. All else is ours, with its trace."""
@@ -37,15 +38,15 @@ def run(words: Sequence[str], command: str) -> None:
         SystemExit: with one line that names the mistake; or a sweep's run has failed.
     """
     name = command.removeprefix("python ")
-    words = [config.quoted(word) for word in words]
+    words = [composing.quoted(word) for word in words]
     try:
-        given, folders = config.prepare(words)
+        given, folders = composing.prepare(words)
         # Hydra's parser takes settings in one piece, with nothing between them.
-        given.sort(key=lambda word: word not in foresight.MULTIRUN)
+        given.sort(key=lambda word: word not in sweep_checks.MULTIRUN)
         _check(given, words)
     except ValueError as error:
         sys.exit(f"{name}: {in_a_line(error)}")
-    if said := foresight.reminder(given):
+    if said := sweep_checks.reminder(given):
         print(f"{name}: {said}", file=sys.stderr)
 
     # A closure, so that a launcher's worker, whose own command line says nothing, knows it too.
@@ -55,12 +56,14 @@ def run(words: Sequence[str], command: str) -> None:
     # Where Hydra looks for them; and it is to pass on what goes wrong, not to print it.
     sys.argv[1:] = [*given, *(f"--config-dir={folder}" for folder in folders)]
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    main = hydra.main(config_path=str(config.CONF), config_name="config", version_base="1.3")(job)
+    main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")(
+        job
+    )
     try:
         with _in_a_line(name):
             main()
     except KeyboardInterrupt:
-        sweeps = foresight.MULTIRUN & set(given) or any("+experiment=" in word for word in given)
+        sweeps = sweep_checks.MULTIRUN & set(given) or any("+experiment=" in word for word in given)
         sys.exit(
             f"{name}: stopped" + ("; the same command goes on with the sweep" if sweeps else "")
         )
@@ -91,17 +94,17 @@ def in_a_line(error: BaseException) -> str:
 def _check(words: Sequence[str], typed: Sequence[str]) -> None:
     """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
     for word in words:
-        foresight.check_launcher(word)
+        sweep_checks.check_launcher(word)
     flags = {word for word in words if word.startswith("-")}
-    if flags and flags <= foresight.MULTIRUN:
-        config.check_choice(word for word in words if word not in flags)
+    if flags and flags <= sweep_checks.MULTIRUN:
+        composing.check_choice(word for word in words if word not in flags)
     elif not flags and not any(word.startswith("+experiment=") for word in words):
-        config.compose(typed, "config")
+        composing.compose(typed, "config")
 
 
 def _run_one(composed: DictConfig, command: str) -> None:
     """One run; under ``-m`` called once for each."""
-    values, own = config.plain(composed), HydraConfig.get()
+    values, own = composing.plain(composed), HydraConfig.get()
     overrides = list(own.overrides.task)
     if own.mode != RunMode.MULTIRUN:
         # Hydra would print all settings before it passed an error on.
@@ -110,9 +113,9 @@ def _run_one(composed: DictConfig, command: str) -> None:
         return
 
     def share() -> str:
-        from needlehoop import intent
+        from needlehoop.training.options import check_options
 
-        intent.check(values)
+        check_options(values)
         values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
         if values["existing"] == "auto":
             values["existing"] = "resume"
@@ -122,10 +125,10 @@ def _run_one(composed: DictConfig, command: str) -> None:
 
 
 def begin(values: dict[str, Any], overrides: list[str], command: str) -> str:
-    from needlehoop import intent
+    from needlehoop.training.options import check_options
 
-    intent.check(values)
+    check_options(values)
     # What the line before refuses does not wait for this.
-    from needlehoop.train import start
+    from needlehoop.training.loop import start
 
     return start(values, overrides, command)

@@ -53,12 +53,12 @@ def _stoppable(
 
 
 def _question(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "vlm_question")
+    values = composing.compose(options.overrides, "vlm_question")
     from needlehoop.vlm.questions import Questions
 
-    questions = config.as_type(values, Questions)
+    questions = strict.as_type(values, Questions)
     with _open(values) as inquiry:
         found = inquiry.question(questions)
     answers = found["answers"]
@@ -73,13 +73,13 @@ def _question(options: argparse.Namespace) -> None:
 
 
 def _rank(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
 
-    values = config.compose(options.overrides, "vlm_rank")
+    values = composing.compose(options.overrides, "vlm_rank")
     from needlehoop.vlm.questions import Questions
     from needlehoop.vlm.ranking import Lists
 
-    questions, lists = config.as_type(values, Questions), config.as_type(values, Lists)
+    questions, lists = strict.as_type(values, Questions), strict.as_type(values, Lists)
     with _open(values) as inquiry:
         found = inquiry.rank(questions, lists)
     for number, entry in enumerate(found["lists"], 1):
@@ -92,18 +92,18 @@ def _rank(options: argparse.Namespace) -> None:
 
 
 def _reward(options: argparse.Namespace) -> None:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
     from needlehoop.vlm.asked import Samples
     from needlehoop.vlm.gates import Gates
 
     # Every set is checked before any is asked for.
-    several = [config.compose(words, "vlm_reward") for words in _sets(options.overrides)]
-    flavour = config.value(several[0], "flavour", str)
-    samples = config.value(several[0], "samples", Samples)
+    several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
+    flavour = strict.value(several[0], "flavour", str)
+    samples = strict.value(several[0], "samples", Samples)
     for values in several:
-        config.as_type(values["gates"], Gates, "gates")
+        strict.as_type(values["gates"], Gates, "gates")
         _understood(values)
-    from needlehoop.asking import workshop
+    from needlehoop.training.missing_reward import workshop
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.recorder import RefusalError
 
@@ -140,7 +140,7 @@ def _sets(words: list[str]) -> list[list[str]]:
 
     ``all`` are the paper's, those of ``+experiment=table2``.
     """
-    from needlehoop.study import paper
+    from needlehoop.study.data import paper
 
     given = next((word for word in words if word.startswith("cams=")), "")
     value = given.removeprefix("cams=")
@@ -154,11 +154,14 @@ def _sets(words: list[str]) -> list[list[str]]:
 
 def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
     """Scene, asking and who answers, checked."""
-    from needlehoop import config, intent
+    from needlehoop.config import strict
+    from needlehoop.training.options import provider_config
     from needlehoop.vlm.asked import InquiryConfig
 
-    asked, provider = config.as_type(values, InquiryConfig), intent.provider(values["vlm"])
-    return config.structure(values), asked, provider
+    asked, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])
+    from needlehoop.envs.settings import settings_from
+
+    return settings_from(values), asked, provider
 
 
 def _open(values: dict[str, Any]) -> Inquiry:

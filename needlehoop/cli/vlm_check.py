@@ -34,12 +34,12 @@ def add_check_command(commands: Any) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from needlehoop import config
+    from needlehoop.config import composing, strict
+    from needlehoop.config.strict import Count
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
     from needlehoop.rewards.written import find, read, scaled
     from needlehoop.runs.files import check_name
-    from needlehoop.strict import Count
     from needlehoop.vlm.gates import Gates
 
     files = [word for word in options.overrides if "=" not in word]
@@ -51,14 +51,16 @@ def _check(options: argparse.Namespace) -> int:
             raise ValueError(
                 f"{word}: the program is judged, no other reward; choose from its {_OWN}"
             )
-    values = config.compose(words, "check")
-    settings = config.structure(values)
-    gates = config.as_type(values["gates"], Gates, "gates")
+    values = composing.compose(words, "check")
+    from needlehoop.envs.settings import settings_from
+
+    settings = settings_from(values)
+    gates = strict.as_type(values["gates"], Gates, "gates")
     flavour, study, results = (
-        config.value(values, key, str) for key in ("flavour", "study", "results")
+        strict.value(values, key, str) for key in ("flavour", "study", "results")
     )
-    recording = config.value(values, "recording", str | None)
-    sample = config.value(values, "sample", Count)
+    recording = strict.value(values, "recording", str | None)
+    sample = strict.value(values, "sample", Count)
     check_name("study", study)
     if files:
         source = read(Path(files[0]))

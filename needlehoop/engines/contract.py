@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
 
-from needlehoop.strict import Range
+from needlehoop.config.strict import Range
 
 if TYPE_CHECKING:
     import mujoco

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from needlehoop import rewards
+from needlehoop.config import composing, strict
+from needlehoop.config.strict import Range, Seed, check_names
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.scene.layout import Layout
 from needlehoop.scene.vocabulary import TABLE
-from needlehoop.strict import Range, Seed, check_names
 from needlehoop.task.episode import Episode
 
 KNOWABLE = tuple(name for name, signal in TABLE.items() if signal.source == "fact")
@@ -87,3 +88,25 @@ class Settings:
         """Channels of an observed image, stacked frames included, by camera."""
         stacked = self.obs.frame_stack
         return {c.name: self.renderings[c.rendering].channels * stacked for c in self.cameras}
+
+
+def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settings:
+    """Settings from a config file of ``conf/`` and Hydra overrides.
+
+    Raises:
+        ValueError: an unknown key, option or value; the message lists the valid ones.
+    """
+    return settings_from(composing.compose(overrides, name))
+
+
+def settings_from(values: Mapping[str, Any]) -> Settings:
+    """What somebody typed, composed, as settings; keys of other tools are left aside.
+
+    Raises:
+        ValueError: as in ``compose_settings``.
+    """
+    missing = [name for name in Settings.__dataclass_fields__ if name not in values]
+    if missing:
+        raise ValueError(f"{missing[0]}: missing; every environment needs it")
+    found = strict.as_type(values, Settings)
+    return replace(found, reward=rewards.allow(found.reward))

@@ -8,8 +8,8 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
+from needlehoop.config.strict import Range
 from needlehoop.runs.files import check_name
-from needlehoop.strict import Range
 
 HALVINGS = ("pool", "stride")
 

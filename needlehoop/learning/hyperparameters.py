@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from needlehoop.config.strict import Count, Number, Positive, Range, Share
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.runs.files import DAGGER
-from needlehoop.strict import Count, Number, Positive, Range, Share
 
 Horizon = Annotated[int, Range(1, 100_000)]
 Shards = Annotated[int, Range(1, 1024)]

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import torch
 
+from needlehoop import rewards
+from needlehoop.config import strict
+from needlehoop.config.strict import Count, Number, Range, Seed
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import EXPERT, check_folder, check_name, reward_name, seen
-from needlehoop.strict import Count, Number, Range, Seed
 
 LOGGERS = ("csv", "wandb")
 WEIGHTS = ("float32", "bfloat16")
@@ -173,8 +176,34 @@ def pick_device(name: str) -> torch.device:
     return device
 
 
-def split(values: Mapping[str, Any]) -> dict[str, Any]:
-    """A composed config's flat keys as ``Job``'s nested ones."""
-    environment = {name: values[name] for name in Settings.__dataclass_fields__ if name in values}
-    own = {name: values[name] for name in Job.__dataclass_fields__ if name in values}
-    return {**own, "env": environment}
+def typed_job(values: Mapping[str, Any]) -> Job:
+    """What somebody typed, composed, as a job.
+
+    Raises:
+        ValueError: a value is wrong; says its key.
+    """
+    found = checked_job(values)
+    return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
+
+
+def recorded_job(values: Mapping[str, Any], trust: bool) -> Job:
+    """The job of a run's own config. Python code that it names runs only with ``trust``.
+
+    Raises:
+        ValueError: there is such code and no trust, or as in ``typed_job``.
+    """
+    found = checked_job(values)
+    return replace(found, env=replace(found.env, reward=rewards.recall(found.env.reward, trust)))
+
+
+def checked_job(values: Mapping[str, Any]) -> Job:
+    """A training config as a job whose reward can run no code; errors as in ``typed_job``."""
+    own, environment = (
+        {name: values[name] for name in kind.__dataclass_fields__ if name in values}
+        for kind in (Job, Settings)
+    )
+    try:
+        return strict.structure({**own, "env": environment}, Job)
+    except ValueError as error:
+        # The environment's keys are below ``env`` in a job, and not in the YAML.
+        raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error

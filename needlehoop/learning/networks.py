@@ -9,10 +9,10 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
+from needlehoop.config.strict import Range, check_names
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 from needlehoop.learning.normalizer import Normalizer
 from needlehoop.scene.vocabulary import FACTS
-from needlehoop.strict import Range, check_names
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
-from needlehoop import strict
+from needlehoop.config import strict
 from needlehoop.envs.observer import vectors
 from needlehoop.envs.settings import ImageSize, Observations
 from needlehoop.learning.agent import Agent
@@ -201,7 +201,9 @@ def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_senses``."""
     # On no device: what the config describes costs no memory until the file is known to hold it.
     with torch.device("meta"):
-        check_weights(path, build_actor(senses, torch.device("meta")))
+        # Of bfloat16 there is no automatic casting on no device; shapes are the same.
+        described = build_actor(replace(senses, precision="fp32"), torch.device("meta"))
+    check_weights(path, described)
     actor = build_actor(senses, device)
     read_weights(path, actor)
     return actor.to(device)

@@ -12,8 +12,8 @@ from needlehoop.probe.frames import PHASES
 from needlehoop.probe.plan import TRUTH
 from needlehoop.probe.scores import NEEDED
 from needlehoop.scene.cameras import View
-from needlehoop.study.combinations import label
-from needlehoop.study.style import COLOURS, DASHES, FAINT, INK, new_figure
+from needlehoop.study.data.combinations import label
+from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
 
 _ROW = 4.2
 """Height of a row, mm."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from needlehoop.config.strict import Real
 from needlehoop.scene.cameras import View
-from needlehoop.strict import Real
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import torch
 
-from needlehoop import strict
+from needlehoop.config import strict
+from needlehoop.config.strict import Count, Range
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.job import pick_device
@@ -16,7 +17,6 @@ from needlehoop.learning.precision import convolution_dtype
 from needlehoop.probe.regression import Fit
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import parse_cameras
-from needlehoop.strict import Count, Range
 
 TRUTH, CONSTANT = SIGNALS, "constant"
 """Baselines beside the combinations: the true state read by the same trunk, and not looking."""

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from needlehoop.config.strict import Count, Range
 from needlehoop.learning.encoder import EncoderConfig, Fold
 from needlehoop.learning.networks import HeadConfig, Trunk
 from needlehoop.probe.frames import POINTS, Frames
-from needlehoop.strict import Count, Range
 
 _STATE = "signals"
 _NUMBERS = 3 * len(POINTS)

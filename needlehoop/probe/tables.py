@@ -10,10 +10,10 @@ from needlehoop.probe.findings import Findings
 from needlehoop.probe.frames import PHASES
 from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.probe.scores import NEEDED, QUANTITIES, Estimate
-from needlehoop.study import paper
-from needlehoop.study.agreement import agreement
-from needlehoop.study.combinations import LISTS, label
-from needlehoop.study.table import Table
+from needlehoop.study.data import paper
+from needlehoop.study.data.combinations import LISTS, label
+from needlehoop.study.report.table import Table
+from needlehoop.study.stats.agreement import agreement
 
 PHASES_TABLE = "phases"
 """Name of the longest table."""

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from needlehoop.config.strict import told
 from needlehoop.rewards.written import RewardError
-from needlehoop.strict import told
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals

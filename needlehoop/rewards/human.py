@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from needlehoop.config.strict import Amount, Positive, Real
 from needlehoop.robot.geometry import distance
-from needlehoop.strict import Amount, Positive, Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any
 
-from needlehoop import strict
+from needlehoop.config import strict
 from needlehoop.rewards import called, written
 from needlehoop.rewards.human import Human
 from needlehoop.rewards.sparse import Sparse

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from torch import Tensor
 
-from needlehoop.strict import Real
+from needlehoop.config.strict import Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals

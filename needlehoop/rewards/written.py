@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from needlehoop import strict
+from needlehoop.config import strict
+from needlehoop.config.strict import Real
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import potential
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.strict import Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from needlehoop.strict import Range
+from needlehoop.config.strict import Range
 
 Place = Annotated[float, Range(-100.0, 100.0)]
 """A coordinate, m."""

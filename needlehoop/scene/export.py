@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from needlehoop import strict
+from needlehoop.config import strict
 from needlehoop.runs.reading import read_json
 
 RECORD = "export.json"

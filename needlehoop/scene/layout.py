@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from needlehoop.strict import Range, Share
+from needlehoop.config.strict import Range, Share
 
 Length = Annotated[float, Range(1e-5, 1.0)]
 """m; the arm reaches a quarter of the most, and of far less MuJoCo makes no shapes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from needlehoop.strict import Range
+from needlehoop.config.strict import Range
 
 CONTROLS = {"tip": 5, "pose": 7}
 """Length of the action by control mode."""

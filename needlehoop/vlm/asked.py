@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from needlehoop.config.strict import Range
 from needlehoop.runs.files import check_folder, check_name
-from needlehoop.strict import Range
 
 Samples = Annotated[int, Range(1, 10_000)]
 """Conversations that each begin afresh."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from needlehoop.strict import Amount, Positive, Range, Real, Seed, Share
+from needlehoop.config.strict import Amount, Positive, Range, Real, Seed, Share
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 from scipy.stats import rankdata
 
 from needlehoop.rewards.written import FIRST
-from needlehoop.study.table import Table
+from needlehoop.study.report.table import Table
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from needlehoop.runs.files import csv_text
-from needlehoop.study.answers import as_rows
+from needlehoop.study.data.answers import as_rows
 
 
 def questions(answers: Mapping[str, Any]) -> str:

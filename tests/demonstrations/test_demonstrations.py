@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from needlehoop import config
 from needlehoop.cli.main import main
 from needlehoop.demonstrations.demonstrators import scripted
 from needlehoop.demonstrations.export import new_folder
 from needlehoop.demonstrations.flights import Flight, fly
 from needlehoop.demonstrations.spread import of_images, of_rows
+from needlehoop.envs.settings import compose_settings
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=32", "seed=5"]
 
 
 @pytest.fixture(scope="module")
 def flights() -> list[Flight]:
-    return list(fly(config.settings(WORDS), scripted("smooth"), 3))
+    return list(fly(compose_settings(WORDS), scripted("smooth"), 3))
 
 
 def export(out: Path, *words: str) -> int:
@@ -45,7 +45,7 @@ def test_flights_are_whole_episodes(flights):
 
 @pytest.mark.parametrize("who", ["smooth", "perturbed"])
 def test_a_flight_does_not_depend_on_how_many_there_are(who):
-    settings = replace(config.settings(WORDS), cams=("seg_side",), image_size=8)
+    settings = replace(compose_settings(WORDS), cams=("seg_side",), image_size=8)
     (alone,) = fly(settings, scripted(who), 1)
     first, _ = fly(settings, scripted(who), 2)
     assert np.array_equal(alone.actions, first.actions)

@@ -7,18 +7,19 @@ from dataclasses import replace
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.bench.stability import shake
+from needlehoop.config import composing
 from needlehoop.engines.contract import KINDS
 from needlehoop.engines.dm_control import DmControlEngine
 from needlehoop.envs.build import build
+from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.task.expert import expert
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]
 
 
 def built(kind: str, *words: str):
-    return build(config.settings([*WORDS, f"engine={kind}", *words]))
+    return build(compose_settings([*WORDS, f"engine={kind}", *words]))
 
 
 def same_state(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> None:
@@ -100,12 +101,12 @@ def test_an_unstable_scene_is_an_error():
 
 
 def test_random_actions_are_counted_the_same():
-    settings = config.settings(["num_envs=2", "episode.max_steps=15", "engine.threads=1"])
+    settings = compose_settings(["num_envs=2", "episode.max_steps=15", "engine.threads=1"])
     other = replace(settings, engine=replace(settings.engine, kind="dm_control"))
     assert shake(settings, episodes=2) == shake(other, episodes=2)
 
 
 def test_settings_of_before_there_was_a_choice_mean_the_cpu():
-    values = config.compose()
+    values = composing.compose()
     del values["engine"]["kind"]
-    assert config.structure(values).engine.kind == "cpu"
+    assert settings_from(values).engine.kind == "cpu"

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.expert import expert
 
@@ -35,7 +35,7 @@ def same_moment(batch, single, env):
 @pytest.mark.parametrize("psm", ["parallelogram", "serial"])
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
-    settings = config.settings(
+    settings = compose_settings(
         ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
     )
     batch, _ = build(settings)
@@ -76,7 +76,7 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
 
 @pytest.mark.parametrize("control", ["tip", "pose"])
 def test_one_environment_agrees_with_dm_control_in_both_control_modes(control):
-    settings = config.settings(["num_envs=1", f"episode.control={control}"])
+    settings = compose_settings(["num_envs=1", f"episode.control={control}"])
     batch, _ = build(settings)
     single = dm_env.load(settings)
     act = random_controller(settings.episode.action_size, seed=3)
@@ -90,7 +90,7 @@ def test_one_environment_agrees_with_dm_control_in_both_control_modes(control):
 
 
 def pictures(renderer, threads, steps=6, envs=5):
-    settings = config.settings([*CAMS, f"num_envs={envs}", "seed=2"])
+    settings = compose_settings([*CAMS, f"num_envs={envs}", "seed=2"])
     simulation, imager = build(replace(settings, engine=EngineConfig(threads, renderer)))
     act = random_controller(5, seed=0)
     moment, seen = simulation.reset(), []
@@ -110,7 +110,7 @@ def test_images_do_not_depend_on_the_number_of_threads(renderer):
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_every_world_shows_every_object_in_every_frame(renderer):
     # A render context that was spoilt at its first launch drops objects for good.
-    colours = config.settings().renderings["seg"].colours
+    colours = compose_settings().renderings["seg"].colours
     for images in pictures(renderer, threads=2, steps=8):
         flat = images["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)
         for name, colour in colours.items():
@@ -121,7 +121,7 @@ def test_every_world_shows_every_object_in_every_frame(renderer):
 @pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("ids", [[3], [0, 2], [7, 1, 4]])
 def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, ids):
-    settings = config.settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
+    settings = compose_settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
     simulation, imager = build(settings)
     moment = simulation.reset()
     simulation.step(random_controller(5, seed=0)(moment.signals))
@@ -135,7 +135,7 @@ def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, id
 def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(renderer):
     # Two cameras on one view are rendered once; each must see what it would see alone.
     def look(cams):
-        settings = config.settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
+        settings = compose_settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
         simulation, imager = build(settings)
         simulation.reset()
         return imager(simulation.engine.render())
@@ -147,7 +147,7 @@ def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(ren
 
 def test_the_same_seed_gives_the_same_episodes_and_another_seed_does_not():
     def start(seed):
-        simulation, _ = build(config.settings([f"seed={seed}", "num_envs=4"]))
+        simulation, _ = build(compose_settings([f"seed={seed}", "num_envs=4"]))
         return simulation.reset().signals
 
     assert torch.equal(start(1).pickup_point, start(1).pickup_point)
@@ -155,8 +155,8 @@ def test_the_same_seed_gives_the_same_episodes_and_another_seed_does_not():
 
 
 def test_an_episode_does_not_depend_on_its_neighbours():
-    wide, _ = build(config.settings(["num_envs=6"]))
-    narrow, _ = build(config.settings(["num_envs=2"]), first_env=3)
+    wide, _ = build(compose_settings(["num_envs=6"]))
+    narrow, _ = build(compose_settings(["num_envs=2"]), first_env=3)
     act = random_controller(5, seed=0)
     a, b = wide.reset(), narrow.reset()
     for _ in range(40):
@@ -166,7 +166,7 @@ def test_an_episode_does_not_depend_on_its_neighbours():
 
 
 def test_a_needle_that_nobody_touches_stays_still():
-    settings = config.settings(["num_envs=8"])
+    settings = compose_settings(["num_envs=8"])
     simulation, _ = build(settings)
     before = simulation.reset().signals
     # 1,000 control steps are 10,000 physics steps; the tool stays where it is.
@@ -182,7 +182,7 @@ def test_a_needle_that_nobody_touches_stays_still():
 def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
     from needlehoop.bench.stability import shake
 
-    settings = config.settings(["num_envs=40", f"episode.grasp={grasp}"])
+    settings = compose_settings(["num_envs=40", f"episode.grasp={grasp}"])
     found = shake(settings, episodes=40)
     assert found.not_finite == 0
     assert found.outside_table == 0
@@ -190,7 +190,7 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
 
 
 def test_a_held_needle_follows_the_tool():
-    settings = config.settings(["num_envs=4"])
+    settings = compose_settings(["num_envs=4"])
     simulation, _ = build(settings)
     script = expert(settings.task, settings.episode)
     moment = simulation.reset()
@@ -207,6 +207,6 @@ def test_a_held_needle_follows_the_tool():
 
 
 def test_an_episode_is_not_begun_by_stepping():
-    simulation, _ = build(config.settings())
+    simulation, _ = build(compose_settings())
     with pytest.raises(RuntimeError, match="reset"):
         simulation.step(torch.zeros(8, 5))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import Rasteriser
 from needlehoop.engines.rasteriser.surfaces import surface_of
@@ -15,6 +14,7 @@ from needlehoop.engines.renderers import make_renderer
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import compose_settings
 from needlehoop.task.expert import expert
 
 ALL = Channels(True, True, True)
@@ -26,7 +26,7 @@ ENVS = 8
 @pytest.fixture(scope="module")
 def scene():
     """The compiled scene, and the fields of MjData by state."""
-    settings = config.settings([f"num_envs={ENVS}", "cams=[rgb_front]", "seed=11"])
+    settings = compose_settings([f"num_envs={ENVS}", "cams=[rgb_front]", "seed=11"])
     simulation, _ = build(settings)
     engine = simulation.engine
     fields = {}

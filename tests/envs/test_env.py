@@ -13,9 +13,9 @@ from torchrl.envs.libs.dm_control import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
 import needlehoop
-from needlehoop import config
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.observer import STATE_SIGNALS
+from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 
 
@@ -81,7 +81,7 @@ def test_a_time_out_truncates_and_does_not_terminate():
 
 
 def test_staggered_first_episodes_end_one_after_the_other():
-    settings = config.settings(["episode.max_steps=8"])
+    settings = compose_settings(["episode.max_steps=8"])
     env = NeedleHoopEnv(replace(settings, num_envs=4), stagger=True)
     rollout = env.rollout(16, break_when_any_done=False)
     ends = [ended.nonzero().flatten().tolist() for ended in rollout["next", "truncated"][..., 0]]
@@ -90,7 +90,7 @@ def test_staggered_first_episodes_end_one_after_the_other():
 
 def test_a_staggered_episode_begins_with_its_own_frames():
     words = ["cams=[seg_side]", "obs.frame_stack=2", "image_size=32"]
-    env = NeedleHoopEnv(replace(config.settings(words), num_envs=3), stagger=True)
+    env = NeedleHoopEnv(replace(compose_settings(words), num_envs=3), stagger=True)
     for seed in (0, 1):
         env.set_seed(seed)
         older, newer = env.reset()["pixels", "seg_side"].chunk(2, dim=1)

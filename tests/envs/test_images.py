@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.envs.build import build
+from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.cameras import pose_of
 from needlehoop.task import crossing
@@ -20,7 +20,7 @@ ALL = [
 
 @pytest.fixture(scope="module")
 def shown():
-    settings = config.settings([f"cams=[{','.join(ALL)}]", "num_envs=40", "seed=3"])
+    settings = compose_settings([f"cams=[{','.join(ALL)}]", "num_envs=40", "seed=3"])
     simulation, imager = build(settings)
     simulation.reset()
     return settings, imager(simulation.engine.render())
@@ -35,7 +35,7 @@ def pixels_of(image, colour):
 @pytest.mark.parametrize("view", ["default", "front", "side"])
 @pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
 def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
-    settings = config.settings([f"cams=[seg_{view}]", "num_envs=120", f"task={difficulty}"])
+    settings = compose_settings([f"cams=[seg_{view}]", "num_envs=120", f"task={difficulty}"])
     simulation, imager = build(settings)
     simulation.reset()
     image = imager(simulation.engine.render())[f"seg_{view}"]
@@ -44,7 +44,7 @@ def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
 
 @pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
 def test_needle_hoop_and_jaws_stay_in_frame_over_the_workspace(difficulty):
-    settings = config.settings([f"task={difficulty}"])
+    settings = compose_settings([f"task={difficulty}"])
     points = np.concatenate((held_needles(settings.task), hoops(settings.task)))
     for name, view in settings.views.items():
         position, (w, *xyz) = pose_of(view)
@@ -107,7 +107,7 @@ def test_depth_shading_keeps_the_classes_and_darkens_what_is_far(shown):
 
 def test_depth_alone_is_an_option():
     overrides = ["cams=[dep_front]", "renderings.dep.colour=none", "num_envs=1"]
-    settings = config.settings(overrides)
+    settings = compose_settings(overrides)
     simulation, imager = build(settings)
     simulation.reset()
     assert imager(simulation.engine.render())["dep_front"].shape == (1, 1, 64, 64)
@@ -115,14 +115,14 @@ def test_depth_alone_is_an_option():
 
 @pytest.mark.parametrize("size", [1, 17, 96])
 def test_any_size_goes(size):
-    settings = config.settings(["cams=[segdep_side]", f"image_size={size}", "num_envs=2"])
+    settings = compose_settings(["cams=[segdep_side]", f"image_size={size}", "num_envs=2"])
     simulation, imager = build(settings)
     simulation.reset()
     assert imager(simulation.engine.render())["segdep_side"].shape == (2, 3, size, size)
 
 
 def test_views_stand_where_they_say():
-    settings = config.settings()
+    settings = compose_settings()
     place = {name: pose_of(view)[0] - view.target for name, view in settings.views.items()}
     front, side, default = place["front"], place["side"], place["default"]
     assert front[1] < 0
@@ -137,13 +137,13 @@ def test_views_stand_where_they_say():
 def test_an_unknown_class_of_colours_is_refused():
     overrides = ["cams=[seg_front]", "+renderings.seg.colours.table=[1,2,3]"]
     with pytest.raises(ValueError, match=r"rendering\.colours: table.*needle, hoop, robot"):
-        build(config.settings(overrides))
+        build(compose_settings(overrides))
 
 
 def test_the_tracer_sees_what_mujoco_casts_rays_at():
     # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
     cams = "cams=[segdep_default,segdep_front,segdep_side]"
-    settings = config.settings([cams, "num_envs=1", "engine.renderer=tracer"])
+    settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer"])
     simulation, _ = build(settings)
     simulation.reset()
     engine = simulation.engine

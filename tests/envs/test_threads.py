@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from needlehoop import config
+from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
 
 SMALL = [
@@ -20,7 +21,7 @@ SMALL = [
 
 
 def learnt(*overrides: str) -> dict[str, torch.Tensor]:
-    learner = Learner(config.job(config.compose([*SMALL, *overrides], "job")))
+    learner = Learner(typed_job(composing.compose([*SMALL, *overrides], "job")))
     for _ in learner:
         pass
     return learner.agent.state_dict()

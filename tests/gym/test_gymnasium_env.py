@@ -10,9 +10,9 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import needlehoop
-from needlehoop import config
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
+from needlehoop.envs.settings import compose_settings
 from needlehoop.gym.env import GymnasiumEnv
 from needlehoop.pictures import window
 
@@ -21,7 +21,7 @@ ID = "needlehoop:needlehoop/NeedleHoop-v0"
 
 def expert_actions(seed, steps):
     """What the expert does in a seed's first episode, as Gymnasium's float32 ``(steps, 5)``."""
-    settings = config.settings(["num_envs=1", f"seed={seed}"])
+    settings = compose_settings(["num_envs=1", f"seed={seed}"])
     simulation, _ = build(settings)
     act = controller("expert", settings)
     moment, actions = simulation.reset(), []
@@ -56,7 +56,7 @@ def test_it_can_be_made_from_its_own_spec():
     assert again.observation_space == env.observation_space
     for one in (env, again):
         assert one.unwrapped.settings.reward["kind"] == "sparse"
-        assert one.unwrapped.settings.task == config.settings(["task=wide"]).task
+        assert one.unwrapped.settings.task == compose_settings(["task=wide"]).task
 
 
 def test_without_a_word_it_sees_the_first_run_s_cameras_channels_last():
@@ -211,7 +211,7 @@ def test_a_mistake_is_told_by_its_key(kwargs, message):
 
 
 def test_a_bad_action_is_refused():
-    env = GymnasiumEnv(config.settings(["cams=[seg_side]"]))
+    env = GymnasiumEnv(compose_settings(["cams=[seg_side]"]))
     with pytest.raises(RuntimeError, match="reset"):
         env.step(np.zeros(5))
     env.reset(seed=0)

@@ -7,7 +7,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import needlehoop
-from needlehoop import config
+from needlehoop.envs.settings import compose_settings
 from needlehoop.gym.env import GymnasiumEnv
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
@@ -19,7 +19,7 @@ def actions(steps, n):
 
 
 def test_one_environment_gives_what_their_own_wrapper_gives():
-    settings = config.settings(["cams=[dep_front]", *WORDS])
+    settings = compose_settings(["cams=[dep_front]", *WORDS])
     theirs = DummyVecEnv([lambda: GymnasiumEnv(settings, "first")])
     ours = needlehoop.make_sb3(["dep_front"], num_envs=1, overrides=WORDS)
     assert ours.observation_space == theirs.observation_space
@@ -84,7 +84,7 @@ def test_what_a_batch_cannot_do_is_said():
 
 
 def test_its_pictures_stand_in_one():
-    settings = config.settings(["cams=[seg_side]", "num_envs=2"])
+    settings = compose_settings(["cams=[seg_side]", "num_envs=2"])
     env = StableBaselinesVecEnv(settings, "rgb_array")
     env.reset()
     assert env.render().shape == (960, 480, 3)

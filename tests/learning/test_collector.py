@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 import torch
 
-from needlehoop import config
+from needlehoop.config import composing
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.collector import Collector
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.parallel import ParallelAgent
 
@@ -26,7 +27,7 @@ HORIZON = 8
 @pytest.fixture(scope="module", params=[[], ["obs.frame_stack=2"], ["cams=[]", "obs=signals"]])
 def collected(request):
     """Two buffers, their cuts, the agent, and an environment that has not begun."""
-    job = config.job(config.compose([*SMALL, *request.param], "job"))
+    job = typed_job(composing.compose([*SMALL, *request.param], "job"))
     torch.manual_seed(0)
     env = NeedleHoopEnv(job.env, stagger=True)
     agent = build_agent(job, env, torch.device("cpu"))

@@ -7,8 +7,9 @@ import io
 import pytest
 import torch
 
-from needlehoop import config
+from needlehoop.config import composing
 from needlehoop.learning.hyperparameters import DaggerConfig
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.lessons import LEARNER
 from needlehoop.learning.methods import Imitation
@@ -30,16 +31,16 @@ SMALL = [
 
 
 def learner(*overrides: str, state=None) -> Learner:
-    return Learner(config.job(config.compose([*SMALL, *overrides], "job")), state)
+    return Learner(typed_job(composing.compose([*SMALL, *overrides], "job")), state)
 
 
 def test_an_algorithm_brings_its_own_length_and_the_command_line_has_the_last_word():
-    own = config.job(config.compose(["algo=dagger", "cams=seg_side"], "job"))
+    own = typed_job(composing.compose(["algo=dagger", "cams=seg_side"], "job"))
     assert isinstance(own.algo, DaggerConfig)
     assert own.steps < 200_000
     assert own.place == "main/seg_side/expert/seed0"
-    assert config.job(config.compose(SMALL, "job")).steps == 128
-    assert config.job(config.compose(["cams=seg_side"], "job")).steps == 1_500_000
+    assert typed_job(composing.compose(SMALL, "job")).steps == 128
+    assert typed_job(composing.compose(["cams=seg_side"], "job")).steps == 1_500_000
 
 
 def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():

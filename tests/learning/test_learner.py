@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from needlehoop import config
+from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
 
 REACH = [
@@ -26,7 +27,7 @@ REACH = [
 
 
 def returns(*overrides: str) -> list[float]:
-    learner = Learner(config.job(config.compose([*REACH, *overrides], "job")))
+    learner = Learner(typed_job(composing.compose([*REACH, *overrides], "job")))
     return [float(buffer["next", "potential"][:, -1].mean()) for buffer, _ in learner]
 
 

@@ -9,14 +9,15 @@ from torch.nn.functional import pixel_unshuffle
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from needlehoop import config, strict
+from needlehoop.config import composing, strict
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import HALVINGS, Encoder, EncoderConfig, Fold
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.networks import HeadConfig, Trunk
 from needlehoop.learning.normalizer import Normalizer
 from needlehoop.learning.precision import convolution_dtype
 
-ENCODERS = sorted(file.stem for file in (config.CONF / "encoder").glob("*.yaml"))
+ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
 HEADS = HeadConfig(hidden=16, layers=2, sigma=0.6, shared=True, told=())
 
@@ -95,7 +96,7 @@ def test_an_encoder_in_bfloat16_gives_about_the_same_in_float32():
 
 @pytest.mark.parametrize("name", ENCODERS)
 def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size(name):
-    job = config.job(config.compose(["cams=[dep_front]", f"encoder={name}"], "config"))
+    job = typed_job(composing.compose(["cams=[dep_front]", f"encoder={name}"], "config"))
     size = job.env.image_size
     encoder = Encoder(torch.Size((4, size, size)), job.encoder, 8, torch.float32)
     folded = Fold(job.encoder.stem)(random_images(1, 4, size, size))

@@ -11,9 +11,10 @@ from tensordict import TensorDict
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import needlehoop
-from needlehoop import config
 from needlehoop.cli.main import main
+from needlehoop.config import composing
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.weights import actor_of, write_weights
 from needlehoop.runs.run import Run
@@ -30,8 +31,8 @@ WORDS = [
 
 def trained(folder, *words, weights="float32"):
     """A run whose agent is no longer what it began as, its checkpoint and weights."""
-    values = config.compose([*WORDS, *words], "config")
-    job = config.job(values)
+    values = composing.compose([*WORDS, *words], "config")
+    job = typed_job(values)
     run = Run.create(folder, values, "", overwrite=False)
     torch.manual_seed(3)
     agent = build_agent(job, NeedleHoopEnv(replace(job.env, num_envs=1)), torch.device("cpu"))

@@ -11,7 +11,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import ClipPPOLoss
 
-from needlehoop import strict
+from needlehoop.config import strict
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig

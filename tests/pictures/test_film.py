@@ -3,12 +3,12 @@
 import numpy as np
 import torch
 
-from needlehoop import config
+from needlehoop.envs.settings import compose_settings
 from needlehoop.pictures.film import _frame
 
 
 def test_a_film_names_the_cameras_beside_the_scene():
-    settings = config.settings(["cams=[rgb_front,dep_side]"])
+    settings = compose_settings(["cams=[rgb_front,dep_side]"])
     dark = torch.zeros(1, 4, 64, 64, dtype=torch.uint8)
     frame = _frame(
         settings, np.zeros((480, 480, 3), np.uint8), {"rgb_front": dark[:, :3], "dep_side": dark}

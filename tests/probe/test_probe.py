@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.cli import main as cli
+from needlehoop.config import composing
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
@@ -394,7 +394,7 @@ def test_the_map_puts_each_score_where_its_camera_stands():
 
 def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     """A probe that finds the paper's own returns agrees with them wholly."""
-    from needlehoop.study import paper
+    from needlehoop.study.data import paper
 
     folder = Folder(tmp_path / "probe", {"fit": 1}, False)
     blind = _errors([10.0] * 3, 12, 0.0, 0)
@@ -422,7 +422,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
 def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp_path):
     plan = _plan(settings, tmp_path, ["rgb_default"], 1)
     seeds = [seed for k in range(5) for seed in plan.episode_seeds(k)]
-    job = config.compose([], "job")
+    job = composing.compose([], "job")
     evaluation = job["evaluation"]["seed"]
     assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3
 

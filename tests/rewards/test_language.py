@@ -12,8 +12,9 @@ import torch
 from hypothesis import given
 from hypothesis import settings as tried
 
-from needlehoop import config, rewards
+from needlehoop import rewards
 from needlehoop.bench.program import PROGRAM
+from needlehoop.config import composing
 from needlehoop.rewards.language.functions import FUNCTIONS, describe_functions
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
@@ -42,7 +43,7 @@ def refused(source: str) -> ProgramError:
 
 
 def test_the_human_reward_can_be_said(signals):
-    human = rewards.load(config.compose([])["reward"])
+    human = rewards.load(composing.compose([])["reward"])
     many = random_signals(500, seed=1)
     # Nearer than random, so that no term is all zeros.
     many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis

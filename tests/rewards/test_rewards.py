@@ -10,7 +10,8 @@ import torch
 from hypothesis import given
 from torch import Tensor
 
-from needlehoop import config, rewards
+from needlehoop import rewards
+from needlehoop.config import composing
 from needlehoop.rewards.human import Human
 from needlehoop.runs.files import reward_name
 from needlehoop.runs.older import completed
@@ -25,7 +26,7 @@ BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
 @pytest.fixture(scope="module")
 def values() -> dict[str, dict]:
     """The values of each reward's YAML."""
-    return {kind: config.compose([f"reward={kind}"])["reward"] for kind in rewards.REWARDS}
+    return {kind: composing.compose([f"reward={kind}"])["reward"] for kind in rewards.REWARDS}
 
 
 @pytest.fixture(scope="module")

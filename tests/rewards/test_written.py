@@ -8,12 +8,15 @@ import pytest
 import torch
 
 import needlehoop
-from needlehoop import config, rewards
-from needlehoop import train as page
+from needlehoop import rewards
+from needlehoop.config import composing
+from needlehoop.envs.settings import compose_settings
+from needlehoop.learning.job import typed_job
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
 from needlehoop.runs.older import completed
+from needlehoop.training import loop as page
 from needlehoop.vlm.moments import random_signals
 
 
@@ -38,7 +41,7 @@ def worth(reward: rewards.Reward) -> float:
 
 
 def loaded(*words: str, name: str = "env") -> rewards.Reward:
-    return rewards.load(config.compose(words, name)["reward"])
+    return rewards.load(composing.compose(words, name)["reward"])
 
 
 def test_a_file_is_loaded(place, tmp_path):
@@ -72,7 +75,7 @@ def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
     alone = ["reward=vlm_img", "reward.study=null"]
     assert worth(loaded(*alone, "cams=[dep_front]")) == 5
     said = r"no image reward is recorded for seg_side \(there is dep_front\); .*only paper"
-    values = config.compose([*alone, "cams=[seg_side]"])["reward"]
+    values = composing.compose([*alone, "cams=[seg_side]"])["reward"]
     with pytest.raises(ValueError, match=said):
         rewards.load(values)
     # Not one to ask a model for either: what it wrote would not be found.
@@ -95,7 +98,7 @@ def test_a_text_program_serves_any_cameras_unless_they_have_their_own(place):
 def test_a_missing_program_names_the_command_that_makes_it(place):
     place("rewards/dep_front+seg_side/image.txt")
     with pytest.raises(ValueError, match="no image reward") as found:
-        config.settings(["reward=vlm_img", "cams=[rgb_front,seg_side]"])
+        compose_settings(["reward=vlm_img", "cams=[rgb_front,seg_side]"])
     said = str(found.value)
     assert (
         "needlehoop vlm reward 'cams=[rgb_front,seg_side]' flavour=image study=main vlm=gemini"
@@ -106,7 +109,7 @@ def test_a_missing_program_names_the_command_that_makes_it(place):
 
 def test_a_camera_that_does_not_exist_is_called_that(place):
     with pytest.raises(ValueError, match="rgb_top"):
-        config.settings(["reward=vlm_img", "cams=[rgb_top]"])
+        compose_settings(["reward=vlm_img", "cams=[rgb_top]"])
 
 
 def test_find_says_where_the_text_came_from(place, tmp_path):
@@ -158,7 +161,7 @@ def test_a_bad_file_is_refused_by_name(place, tmp_path, text, said):
 def test_a_bad_value_is_refused_by_its_key(place, tmp_path, words, said):
     (tmp_path / "mine.txt").write_text("reward = 1")
     with pytest.raises(ValueError, match=said):
-        config.settings(["reward=file", *words])
+        compose_settings(["reward=file", *words])
 
 
 def test_clipping_is_a_term_of_its_own(place, tmp_path):
@@ -192,20 +195,20 @@ def test_a_good_environment_is_named_apart_from_a_bad_one():
 def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     file = tmp_path / "mine.txt"
     file.write_text("reward = 1")
-    values = config.compose(["reward=file", "reward.path=mine.txt"])["reward"]
+    values = composing.compose(["reward=file", "reward.path=mine.txt"])["reward"]
     pinned = rewards.pin(values)
     file.unlink()
     assert worth(rewards.load(pinned)) == 1
     assert rewards.pin(pinned) == pinned
     assert values["program"] is None
     assert rewards.text(rewards.load(pinned)) == "# From mine.txt.\nreward = 1"
-    human = config.compose([])["reward"]
+    human = composing.compose([])["reward"]
     assert rewards.pin(human) == human
 
 
 def test_a_run_from_before_there_were_samples_and_units_keeps_its_program(place):
     place("rewards/dep_front/image.txt", 3)
-    values = config.compose(["reward=vlm_img", "cams=[dep_front]"])
+    values = composing.compose(["reward=vlm_img", "cams=[dep_front]"])
     values["reward"] = rewards.pin(values["reward"])
     del values["reward"]["sample"], values["reward"]["unit"]
     with pytest.raises(ValueError, match="sample, unit missing or unknown"):
@@ -217,7 +220,7 @@ def test_a_run_from_before_there_were_samples_and_units_keeps_its_program(place)
 def test_the_other_recording_has_options_of_its_own(flavour):
     cams = "cams=[dep_front,seg_side]"
     papers, claudes = (
-        rewards.load(config.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
+        rewards.load(composing.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
         for which in ("", "_claude")
     )
     assert isinstance(papers, Written)
@@ -230,7 +233,7 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     file = tmp_path / "mine.txt"
     file.write_text("unit = 0.05\nreward = 9 / unit")
     assert worth(loaded("reward=file", f"reward.path={file}")) == pytest.approx(180)
-    given = config.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
+    given = composing.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
     assert worth(rewards.load(given)) == pytest.approx(90)
     pinned = rewards.pin(given)
     file.unlink()
@@ -242,7 +245,7 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
 @pytest.mark.parametrize("flavour", ["vlm_text", "vlm_img"])
 def test_every_program_of_the_papers_is_in_scene_units(flavour):
     words = [f"reward={flavour}", "cams=[dep_front,seg_side]"]
-    human = config.compose([])["reward"]
+    human = composing.compose([])["reward"]
     assert f"unit = {human['unit']}\n" in rewards.text(loaded(*words))
     assert "unit = 0.2\n" in rewards.text(loaded(*words, "reward.unit=0.2"))
 
@@ -280,7 +283,7 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     place("rewards/dep_front/image.txt", 3)
     made = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
-    values = config.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
+    values = composing.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
     values.pop("hydra", None)
     page.start(values, [], "python train.py")
     (job, run), *_ = made
@@ -289,7 +292,7 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     assert record.endswith("a = 3\nb = 2\nreward = a + b\n")
     (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
     assert worth(rewards.load(job.env.reward)) == 5
-    assert worth(rewards.load(config.job(run.config()).env.reward)) == 5
+    assert worth(rewards.load(typed_job(run.config()).env.reward)) == 5
 
 
 def test_a_programs_own_term_named_clipped_is_kept(tmp_path):

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from needlehoop import config
+from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
 from needlehoop.runs.files import reward_name
 from needlehoop.runs.older import completed
 from needlehoop.runs.run import Run
@@ -18,13 +19,13 @@ KEPT = [path.parent for path in sorted(RESULTS.glob("*/*/*/seed*/config.yaml"))]
 
 @pytest.mark.parametrize("folder", KEPT, ids=lambda one: str(one.relative_to(RESULTS)))
 def test_every_run_that_is_kept_is_read(folder):
-    job = config.job(Run.open(folder).config())
+    job = typed_job(Run.open(folder).config())
     assert job.place.endswith(str(folder.relative_to(RESULTS / folder.parts[-4])))
 
 
 def test_todays_config_lacks_nothing():
     for words in (["cams=[seg_side]"], ["cams=[seg_side]", "algo=dagger"], ["obs=signals"]):
-        values = config.compose(words, "config")
+        values = composing.compose(words, "config")
         assert completed(values) == values
 
 
@@ -51,7 +52,7 @@ def test_an_older_run_drew_with_rays():
 
 @pytest.mark.parametrize("option", ["human", "sparse", "vlm_text", "vlm_img"])
 def test_an_older_run_called_its_reward_by_its_kind(option):
-    values = config.compose(["cams=[dep_front,seg_side]", f"reward={option}"], "config")
+    values = composing.compose(["cams=[dep_front,seg_side]", f"reward={option}"], "config")
     del values["reward"]["name"]
     assert reward_name(values["reward"]) == option
     assert completed(values)["reward"]["name"] is None

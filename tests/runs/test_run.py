@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from needlehoop import config
+from needlehoop.config import composing
 from needlehoop.engines.contract import EngineConfig
+from needlehoop.learning.job import typed_job
 from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, write_whole
 from needlehoop.runs.older import completed
 from needlehoop.runs.run import Run
@@ -85,9 +86,9 @@ def test_a_run_older_than_the_choice_of_a_renderer_goes_on_with_the_tracer(
     folder, engine, renderer
 ):
     # A whole config, so that what evaluates and resumes can read it.
-    values = {**config.compose(["cams=seg_side"], "config"), "engine": engine}
+    values = {**composing.compose(["cams=seg_side"], "config"), "engine": engine}
     Run.create(folder, values, "", overwrite=False)
-    read = config.job(Run.open(folder).config())
+    read = typed_job(Run.open(folder).config())
     assert read.env.engine == EngineConfig(threads=0, renderer=renderer)
 
 

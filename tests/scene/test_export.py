@@ -14,10 +14,10 @@ import pytest
 import pytorch_kinematics as pk
 import torch
 
-from needlehoop import config
 from needlehoop.cli.main import main
 from needlehoop.engines.addresses import weld_data
 from needlehoop.envs.build import compile_scene
+from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.robot.posture import Posture
@@ -57,7 +57,7 @@ FIELDS = ("xpos", "xmat", "site_xpos", "site_xmat", "geom_xpos", "geom_xmat")
 
 
 def compiled(what: str, variant: str) -> mujoco.MjModel:
-    settings = config.settings([f"psm={variant}"])
+    settings = compose_settings([f"psm={variant}"])
     if what == "scene":
         return compile_scene(settings)
     return build_arm(settings.task, variant).compile()
@@ -274,7 +274,7 @@ def test_what_is_not_what_was_compiled_is_an_error():
     with pytest.raises(RuntimeError, match="body hand pos"):
         mjcf._sharpen(body, "pos", np.array([1.0, 2.0, 3.1]))
     model = compiled("arm", "serial")
-    text = mjcf.write(build_arm(config.settings().task, "serial"), "psm")
+    text = mjcf.write(build_arm(compose_settings().task, "serial"), "psm")
     moved = text["psm.xml"].replace("0.0091 0 0", "0.0092 0 0", 1)
     assert moved != text["psm.xml"]
     meshes = {name: mesh for name, mesh in text.items() if name != "psm.xml"}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import kendalltau, spearmanr
 
 import needlehoop
-from needlehoop.study.agreement import agreement, pooled, scores
+from needlehoop.study.stats.agreement import agreement, pooled, scores
 
 PAPER = Path(needlehoop.__file__).parent / "recordings" / "paper" / "table_2.csv"
 

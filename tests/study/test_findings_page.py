@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from scipy.stats import kendalltau
 
-from needlehoop.study import paper
-from needlehoop.study.claims import CLAIMS
-from needlehoop.study.combinations import REWARDS, label
-from needlehoop.study.curves import steps_to_share
-from needlehoop.study.findings import study_findings
-from needlehoop.study.reliability import OTHER_SEEDS
-from needlehoop.study.table import Table
-from needlehoop.study.tables import all_tables
+from needlehoop.study.data import paper
+from needlehoop.study.data.combinations import REWARDS, label
+from needlehoop.study.data.findings import study_findings
+from needlehoop.study.render.curves import steps_to_share
+from needlehoop.study.report.table import Table
+from needlehoop.study.report.tables import all_tables
+from needlehoop.study.stats.claims import CLAIMS
+from needlehoop.study.stats.reliability import OTHER_SEEDS
 
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("findings.md", "evidence.md")}

@@ -5,9 +5,9 @@ import json
 import pytest
 from study_files import PAIRS, write_run, write_study
 
-from needlehoop.study import paper
-from needlehoop.study.claims import CLAIMS, claims
-from needlehoop.study.findings import paper_findings, study_findings
+from needlehoop.study.data import paper
+from needlehoop.study.data.findings import paper_findings, study_findings
+from needlehoop.study.stats.claims import CLAIMS, claims
 
 DEPTH_IN_FRONT = "depth is better in front than at the side"
 

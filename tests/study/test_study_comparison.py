@@ -9,9 +9,9 @@ from matplotlib.colors import to_hex
 from study_files import BUFFER, write_run
 
 from needlehoop.cli import main as cli
-from needlehoop.study.comparison import comparison_chart, comparisons, differences, progress
-from needlehoop.study.records import read_study
-from needlehoop.study.table import Table
+from needlehoop.study.data.records import read_study
+from needlehoop.study.report.comparison import comparison_chart, comparisons, differences, progress
+from needlehoop.study.report.table import Table
 
 
 def dicts(table: Table) -> list[dict[str, str]]:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from study_files import PAIRS, write_run, write_study
 
-from needlehoop.study import paper
-from needlehoop.study.costs import cost_and_regret, costs, markets
-from needlehoop.study.curves import MissingDataError
-from needlehoop.study.effects import effects
-from needlehoop.study.findings import paper_findings, study_findings
-from needlehoop.study.measures import RETURN, TRAINING, by_seed
-from needlehoop.study.phases import phases, reached
-from needlehoop.study.predictions import FAST, IMITATION, PROBE
-from needlehoop.study.reliability import ONE_SEED
+from needlehoop.study.data import paper
+from needlehoop.study.data.findings import paper_findings, study_findings
+from needlehoop.study.data.predictions import FAST, IMITATION, PROBE
+from needlehoop.study.render.curves import MissingDataError
+from needlehoop.study.report.phases import phases, reached
+from needlehoop.study.stats.costs import cost_and_regret, costs, markets
+from needlehoop.study.stats.effects import effects
+from needlehoop.study.stats.measures import RETURN, TRAINING, by_seed
+from needlehoop.study.stats.reliability import ONE_SEED
 
 
 def rewrite(run, **numbers):

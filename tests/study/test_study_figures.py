@@ -12,17 +12,17 @@ from PIL import Image
 from study_files import BUFFER, PAIRS, REWARDED, UPDATES, write_run, write_study
 
 from needlehoop.cli.main import main
-from needlehoop.study.charts import final_values, success_and_cheats
-from needlehoop.study.curves import (
+from needlehoop.study.data.findings import paper_findings, study_findings
+from needlehoop.study.data.records import read_study
+from needlehoop.study.render.charts import final_values, success_and_cheats
+from needlehoop.study.render.curves import (
     MissingDataError,
     learning_curves,
     reward_comparison,
     steps_to_share,
 )
-from needlehoop.study.figures import draw
-from needlehoop.study.findings import paper_findings, study_findings
-from needlehoop.study.records import read_study
-from needlehoop.study.style import WIDTH, apart, styled
+from needlehoop.study.render.figures import draw
+from needlehoop.study.render.style import WIDTH, apart, styled
 
 DRAWN = {
     *("learning_curves", "rewards", "final_values", "rankings"),

@@ -13,7 +13,7 @@ from study_files import write_answers, write_run
 from needlehoop.cli.main import main
 from needlehoop.runs.reading import TEXT, UnreadableError, read_json, read_text, read_yaml
 from needlehoop.runs.terminal import printable
-from needlehoop.study.records import read_study
+from needlehoop.study.data.records import read_study
 
 NAMES = ("config.yaml", "manifest.json", "reward.txt", "metrics.csv", "evaluations.csv")
 NAMES += ("evaluation.json", "video.mp4")

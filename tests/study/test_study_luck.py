@@ -9,10 +9,10 @@ import pytest
 from scipy.stats import f_oneway, tukey_hsd
 from study_files import BUFFER, write_run
 
-from needlehoop.study.combinations import label
-from needlehoop.study.findings import paper_findings, study_findings
-from needlehoop.study.luck import BEST, LEVEL, WORSE, apart, luck, noise
-from needlehoop.study.measures import RETURN, TRAINING, by_seed
+from needlehoop.study.data.combinations import label
+from needlehoop.study.data.findings import paper_findings, study_findings
+from needlehoop.study.stats.luck import BEST, LEVEL, WORSE, apart, luck, noise
+from needlehoop.study.stats.measures import RETURN, TRAINING, by_seed
 
 NAMES = ("dep_front+seg_side", "dep_front+dep_side", "rgb_front+rgb_side", "dep_default")
 SHORT = {"updates": 3, "steps": 3 * BUFFER}

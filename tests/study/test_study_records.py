@@ -16,10 +16,10 @@ from needlehoop.envs.rollout import Outcome
 from needlehoop.learning.evaluate import with_intervals
 from needlehoop.runs.files import EVALUATION, EVALUATIONS, METRICS
 from needlehoop.runs.run import Run
-from needlehoop.study.answers import read_answers
-from needlehoop.study.final import final
-from needlehoop.study.findings import study_findings
-from needlehoop.study.records import Place, Study, read_study
+from needlehoop.study.data.answers import read_answers
+from needlehoop.study.data.final import final
+from needlehoop.study.data.findings import study_findings
+from needlehoop.study.data.records import Place, Study, read_study
 
 
 @pytest.fixture
@@ -307,8 +307,10 @@ def test_bad_answers_are_named(content, reason, tmp_path):
 
 
 def test_the_study_package_imports_no_simulator_and_no_torch():
-    folder = Path(needlehoop.__file__).parent / "study"
-    modules = [f"needlehoop.study.{path.stem}" for path in folder.glob("*.py")]
+    home = Path(needlehoop.__file__).parent
+    folder = home / "study"
+    files = (path.relative_to(home.parent).with_suffix("") for path in folder.rglob("*.py"))
+    modules = [".".join(path.parts) for path in files]
     assert len(modules) > 10
     script = (
         "import sys, importlib\n"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from study_files import PAIRS, write_run, write_study
 
-from needlehoop.study.agreement import pooled
-from needlehoop.study.findings import study_findings
-from needlehoop.study.measures import RETURN, TRAINING, by_seed
-from needlehoop.study.rankings import agreements
-from needlehoop.study.reliability import mean_known, repeat, spread
-from needlehoop.study.statistics import iqm, resample
+from needlehoop.study.data.findings import study_findings
+from needlehoop.study.report.rankings import agreements
+from needlehoop.study.stats.agreement import pooled
+from needlehoop.study.stats.measures import RETURN, TRAINING, by_seed
+from needlehoop.study.stats.reliability import mean_known, repeat, spread
+from needlehoop.study.stats.statistics import iqm, resample
 
 
 def lists_of_two() -> list[tuple[dict[str, float], dict[str, list[float]]]]:

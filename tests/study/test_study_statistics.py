@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
-from needlehoop.study.statistics import (
+from needlehoop.study.stats.statistics import (
     OVER_EPISODES,
     OVER_SEEDS,
     band,

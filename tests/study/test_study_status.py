@@ -9,10 +9,18 @@ import pytest
 from study_files import BUFFER, UPDATES, write_run
 
 from needlehoop.cli.main import main
-from needlehoop.study.outcomes import read_outcomes
-from needlehoop.study.plan import planned
-from needlehoop.study.records import Place, read_study
-from needlehoop.study.status import DONE, FAILED, MISSING, RUNNING, STOPPED, Standing, standings
+from needlehoop.study.data.outcomes import read_outcomes
+from needlehoop.study.data.plan import planned
+from needlehoop.study.data.records import Place, read_study
+from needlehoop.study.report.status import (
+    DONE,
+    FAILED,
+    MISSING,
+    RUNNING,
+    STOPPED,
+    Standing,
+    standings,
+)
 
 
 @pytest.fixture

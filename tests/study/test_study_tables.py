@@ -14,12 +14,12 @@ from scipy.stats import trim_mean
 from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
 from needlehoop.rewards import yardstick
-from needlehoop.study import paper
-from needlehoop.study.combinations import label, reward_label
-from needlehoop.study.findings import Findings, paper_findings, study_findings
-from needlehoop.study.rankings import agreements, rankings
-from needlehoop.study.table import Table
-from needlehoop.study.tables import (
+from needlehoop.study.data import paper
+from needlehoop.study.data.combinations import label, reward_label
+from needlehoop.study.data.findings import Findings, paper_findings, study_findings
+from needlehoop.study.report.rankings import agreements, rankings
+from needlehoop.study.report.table import Table
+from needlehoop.study.report.tables import (
     all_tables,
     improvements,
     results,

@@ -8,9 +8,9 @@ import pytest
 from scipy.stats import ttest_rel
 from study_files import PAIRS, REWARDED, write_run, write_study
 
-from needlehoop.study.findings import study_findings
-from needlehoop.study.table import Table
-from needlehoop.study.writers import writers
+from needlehoop.study.data.findings import study_findings
+from needlehoop.study.report.table import Table
+from needlehoop.study.stats.writers import writers
 
 SETS = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 

@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from needlehoop import config
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import CONTROLLERS, controller
 from needlehoop.envs.rollout import run_episodes
+from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.trials import run_trials
 from needlehoop.scene.signals import Signals
 from needlehoop.task.expert import Script, expert
@@ -18,7 +18,7 @@ EPISODES = 200
 
 @pytest.mark.parametrize(("grasp", "rate"), [("weld", 0.98), ("friction", 0.90)])
 def test_the_expert_threads_the_needle(grasp, rate):
-    outcome = run_trials(config.settings([f"episode.grasp={grasp}"]), "expert", EPISODES)
+    outcome = run_trials(compose_settings([f"episode.grasp={grasp}"]), "expert", EPISODES)
     assert outcome.threaded.double().mean() >= rate
     done = outcome.potential[outcome.threaded]
     assert done.min() >= 8.0
@@ -27,33 +27,33 @@ def test_the_expert_threads_the_needle(grasp, rate):
 
 @pytest.mark.parametrize("task", ["near", "wide"])
 def test_the_expert_manages_the_other_difficulties(task):
-    outcome = run_trials(config.settings([f"task={task}"]), "expert", 60)
+    outcome = run_trials(compose_settings([f"task={task}"]), "expert", 60)
     assert outcome.threaded.double().mean() >= 0.95
 
 
 def test_the_cheat_touches_the_goal_and_is_told_apart():
     # The geometry allows it: the tip comes within the goal's radius before the opening.
-    outcome = run_trials(config.settings(), "cheat", 40)
+    outcome = run_trials(compose_settings(), "cheat", 40)
     assert outcome.touched.double().mean() >= 0.9
     assert not outcome.threaded.any()
     assert torch.equal(outcome.cheat, outcome.touched)
 
 
 def test_chance_does_not_thread_the_needle():
-    outcome = run_trials(config.settings(), "random", 40)
+    outcome = run_trials(compose_settings(), "random", 40)
     assert not outcome.threaded.any()
     assert outcome.potential.mean() < 2.0
 
 
 def test_trials_do_not_depend_on_how_many_there_are():
-    few, many = (run_trials(config.settings(), "expert", n) for n in (3, 9))
+    few, many = (run_trials(compose_settings(), "expert", n) for n in (3, 9))
     assert torch.equal(few.potential, many.potential[:3])
 
 
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 @pytest.mark.parametrize("task", ["near", "standard", "wide"])
 def test_the_smooth_expert_threads_the_needle(task, grasp):
-    settings = config.settings([f"task={task}", f"episode.grasp={grasp}"])
+    settings = compose_settings([f"task={task}", f"episode.grasp={grasp}"])
     outcome = run_trials(settings, "smooth", EPISODES)
     assert outcome.threaded.double().mean() >= 0.98
     # It is still on its way through when the episode ends.
@@ -93,7 +93,7 @@ def _guessed(
 def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
     # A learner does what the expert would do on average over what may be there, and is wrong
     # about it in the same way throughout an episode.
-    settings = config.settings(["num_envs=40"])
+    settings = compose_settings(["num_envs=40"])
     simulation, _ = build(settings)
     generator = torch.Generator().manual_seed(0)
     script = script(settings.task, settings.episode)
@@ -113,7 +113,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most
     ids=["open above", "half shut above", "shutting", "shut on nothing"],
 )
 def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(jaw, height, rises):
-    settings = config.settings()
+    settings = compose_settings()
     simulation, _ = build(settings)
     seen = simulation.reset().signals.clone()
     seen.tool_midpoint = seen.pickup_point.clone()
@@ -124,7 +124,7 @@ def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(jaw, height
 
 
 def test_a_grasp_changes_little_before_the_needle_is_off_the_table():
-    settings = config.settings()
+    settings = compose_settings()
     simulation, _ = build(settings)
     script = smooth(settings.task, settings.episode)
     seen = simulation.reset().signals.clone()
@@ -140,7 +140,7 @@ def test_a_grasp_changes_little_before_the_needle_is_off_the_table():
 
 @pytest.mark.parametrize("script", [expert, smooth])
 def test_expert_actions_are_within_bounds(script):
-    settings = config.settings()
+    settings = compose_settings()
     simulation, _ = build(settings)
     script = script(settings.task, settings.episode)
     moment = simulation.reset()
@@ -154,11 +154,11 @@ def test_expert_actions_are_within_bounds(script):
 def test_controllers_are_named():
     assert set(CONTROLLERS) == {"expert", "smooth", "cheat", "random"}
     with pytest.raises(ValueError, match=r"controller.*expert, smooth, cheat, random"):
-        controller("expart", config.settings())
+        controller("expart", compose_settings())
 
 
 @pytest.mark.parametrize("script", [expert, smooth])
 def test_the_expert_refuses_another_control_mode(script):
-    settings = config.settings(["episode.control=pose"])
+    settings = compose_settings(["episode.control=pose"])
     with pytest.raises(ValueError, match=r"episode\.control"):
         script(settings.task, settings.episode)

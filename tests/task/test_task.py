@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from torch import Tensor
 
-from needlehoop import config
+from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.scene.layout import Layout
@@ -651,7 +651,7 @@ def check_spread(values: Tensor, nominal, half) -> None:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_starts_fill_their_ranges(name):
-    layout = config.settings([f"task={name}"]).task
+    layout = compose_settings([f"task={name}"]).task
     begun = random_starts(layout, 2000)
     check_spread(begun.needle[:, :2], layout.needle_position, layout.needle_position_range)
     yaw = 2 * torch.atan2(begun.needle[:, 6], begun.needle[:, 3])
@@ -665,7 +665,7 @@ def test_starts_fill_their_ranges(name):
 
 @pytest.mark.parametrize("name", TASKS)
 def test_the_arm_reaches_every_start(name):
-    layout = config.settings([f"task={name}"]).task
+    layout = compose_settings([f"task={name}"]).task
     begun = random_starts(layout, 2000)
     torch.testing.assert_close(tool_place(layout, begun.joints), begun.tool, rtol=0, atol=1e-9)
     lower, upper = torch.tensor([layout.workspace_lower, layout.workspace_upper]).double()

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from needlehoop import config
 from needlehoop.cli.main import main
+from needlehoop.config import composing, strict
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.scene.vocabulary import TABLE
@@ -30,7 +30,7 @@ FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
 
 
 def made(overrides: list[str]) -> Gates:
-    return config.as_type(config.compose(overrides, "check")["gates"], Gates, "gates")
+    return strict.as_type(composing.compose(overrides, "check")["gates"], Gates, "gates")
 
 
 @pytest.fixture(scope="module")

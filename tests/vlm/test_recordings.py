@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from needlehoop import config
 from needlehoop.cli.main import main
+from needlehoop.config import composing
+from needlehoop.envs.settings import settings_from
 from needlehoop.rewards.written import find
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm import edition
@@ -96,10 +97,10 @@ def test_the_readme_names_the_sets_that_it_covers():
 @pytest.mark.parametrize("cams", ["rgb_default", "dep_front,seg_side", "seg_default,rgb_side"])
 def test_its_text_reward_serves_any_cameras(cams):
     words = ["reward=vlm_text", "reward.recording=claude", f"cams=[{cams}]", "study=nowhere"]
-    values = config.compose(words, "config")
+    values = composing.compose(words, "config")
     source = find(cams.split(","), "text", "nowhere", "results", values["reward"]["recording"])
     assert Path(source.origin) == CLAUDE / "rewards/any/text.txt"
-    assert config.structure(values).reward["recording"] == "claude"
+    assert settings_from(values).reward["recording"] == "claude"
 
 
 @pytest.mark.parametrize("name", COVERED)

@@ -14,11 +14,13 @@ import yaml
 from PIL import Image
 from vlm_server import KEY, Server, by_schema, serve
 
-from needlehoop import asking, config, rewards
-from needlehoop import train as page
+from needlehoop import rewards
 from needlehoop.cli.main import main
+from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.training import loop as page
+from needlehoop.training import missing_reward
 from needlehoop.vlm.moments import random_signals
 from needlehoop.vlm.writing import Verdict, Workshop
 
@@ -55,7 +57,7 @@ def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
-    monkeypatch.setattr(asking, "workshop", lambda _: workshop)
+    monkeypatch.setattr(missing_reward, "workshop", lambda _: workshop)
     server.script.clear()
     server.requests.clear()
     server.otherwise = by_schema
@@ -380,7 +382,7 @@ def test_programs_for_all_sets_are_one_command(study, words, server, capsys):
     sets = re.findall(r"\[[^\]]*\]", swept["hydra"]["sweeper"]["params"]["cams"])
     assert len(sets) == 14
     for cams in sets:
-        job = config.compose([f"cams={cams}", "reward=vlm_img", "reward.recording=null"], "job")
+        job = composing.compose([f"cams={cams}", "reward=vlm_img", "reward.recording=null"], "job")
         found = rewards.load(job["reward"])(random_signals(1, seed=0))
         assert float(rewards.potential(found)[0]) == 3
     capsys.readouterr()
@@ -463,14 +465,16 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
     """What ``train.py`` would train; as far as the run's folder."""
     made: list[tuple] = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
-    values = config.compose([CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config")
+    values = composing.compose(
+        [CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config"
+    )
     values.pop("hydra", None)
     page.start(values, [], "python train.py")
     return made
 
 
 def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
-    words[words.index("size=16")] = "asking.size=16"
+    words[words.index("size=16")] = "missing_reward.size=16"
     server.script[:] = [json.dumps({"program": GOOD, "explanation": "held"})]
     (_, run), *_ = trained(monkeypatch, *words)
     assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
@@ -489,7 +493,7 @@ def test_training_asks_nobody_unless_told_to(server, monkeypatch):
 
 
 def test_training_stops_where_no_program_is_accepted(words, server, monkeypatch):
-    words[words.index("size=16")] = "asking.size=16"
+    words[words.index("size=16")] = "missing_reward.size=16"
     server.script[:] = [json.dumps({"program": "import os", "explanation": ""})] * 3
     with pytest.raises(RewardError, match="no program was written"):
         trained(monkeypatch, *words)

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from vlm_server import by_schema
 
-from needlehoop import asking
 from needlehoop.cli.main import main
+from needlehoop.training import missing_reward
 from needlehoop.vlm.messages import Message, Picture, Request
 from needlehoop.vlm.providers.manual import find_json, write_request
 from needlehoop.vlm.writing import Verdict, Workshop
@@ -30,7 +30,7 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, lambda _: [])
-    monkeypatch.setattr(asking, "workshop", lambda _: workshop)
+    monkeypatch.setattr(missing_reward, "workshop", lambda _: workshop)
 
 
 def judge(source: str) -> Verdict:

@@ -15,7 +15,8 @@ import pytest
 import torch
 from vlm_server import by_schema
 
-from needlehoop import config
+from needlehoop.config import composing, strict
+from needlehoop.config.strict import structure
 from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings
@@ -24,7 +25,6 @@ from needlehoop.rewards.human import Human
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import vocabulary
-from needlehoop.strict import structure
 from needlehoop.task.crossing import centre_line
 from needlehoop.task.expert import expert
 from needlehoop.vlm import description, prompts
@@ -120,7 +120,7 @@ BAD = (
 @pytest.fixture(scope="module")
 def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     """Requests for a reward of a model that never gets it right, with the real judge."""
-    gates = config.as_type(config.compose([], "check")["gates"], Gates, "gates")
+    gates = strict.as_type(composing.compose([], "check")["gates"], Gates, "gates")
     gates = replace(gates, episodes=1, random_signals=50, random_episodes=1, audit="refuse")
     quick = replace(settings, engine=replace(settings.engine, threads=1))
     workshop = open_workshop(quick, gates)

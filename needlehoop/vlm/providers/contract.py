@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
+from needlehoop.config.strict import Range
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.runs.terminal import printable
-from needlehoop.strict import Range
 from needlehoop.vlm.messages import Request
 
 OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")

@@ -1,0 +1,131 @@
+"""From Hydra's YAML and overrides to plain values. Nothing outside this room knows omegaconf."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from needlehoop.config import camera_groups, own_folder
+from needlehoop.runs.shipped import CONF
+
+
+def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
+    """A config of ``conf/`` with overrides, as plain values.
+
+    Raises:
+        ValueError: an unknown key, option or value; the message lists the valid ones.
+    """
+    words, folders = prepare(overrides)
+    places = ",".join(repr(f"file://{folder}") for folder in folders)
+    searched = [f"hydra.searchpath=[{places}]"] if places else []
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose_here([*words, *searched], config)
+
+
+def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
+    """The same where Hydra is set up, and knows the options, already."""
+    try:
+        camera_groups.check_choice(overrides, CONF)
+        return plain(hydra_compose(config, overrides=list(overrides)))
+    except (HydraException, OmegaConfBaseException) as error:
+        message = _explain(error, config)
+        if not any(word.partition("=")[0].lstrip("+~") in message for word in overrides):
+            message += f" (in: {' '.join(overrides)})"
+        raise ValueError(message) from error
+
+
+def check_choice(words: Iterable[str]) -> None:
+    """Whether the words of a sweep choose cameras as Hydra takes them.
+
+    Raises:
+        ValueError: they do not, or a word is no override.
+    """
+    try:
+        camera_groups.check_choice(words, CONF)
+    except HydraException as error:
+        raise ValueError(_one_line(str(error))) from error
+
+
+def in_brackets(words: Iterable[str]) -> list[str]:
+    """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
+
+    Under ``-m`` a bare comma list stays what Hydra makes of it: a sweep.
+    """
+    given = list(words)
+    if {"-m", "--multirun"} & set(given):
+        return given
+    return [re.sub(r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]", word) for word in given]
+
+
+def quoted(word: str) -> str:
+    """``resume=`` with its path in quotes for Hydra, which takes ``=`` and ``{}`` for its own."""
+    key, _, path = word.partition("=")
+    if key != "resume" or path in ("", "null") or path[0] in "'\"":
+        return word
+    escaped = re.sub(r"(\\*)'", lambda found: 2 * found[1] + "\\'", path)
+    trailing = len(path) - len(path.rstrip("\\"))
+    return f"resume='{escaped}{trailing * chr(92)}'"
+
+
+def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
+    """A command line as Hydra takes it, and the folders of one's own that it named.
+
+    Hydra is told of the options that are not files, here and in those folders.
+
+    Raises:
+        ValueError: ``conf_dir`` is no config folder.
+    """
+    rest, folders = own_folder.part(words)
+    camera_groups.register(CONF, *folders)
+    return in_brackets(rest), folders
+
+
+def plain(composed: DictConfig) -> dict[str, Any]:
+    """A composed config as plain values; the chosen cameras are the list ``cams``, no more.
+
+    Raises:
+        ValueError: a camera that is not what its name says.
+    """
+    whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    assert isinstance(whole, dict)
+    values = {str(key): value for key, value in whole.items()}
+    camera_groups.check_cameras(values.pop(camera_groups.CAMERAS, {}))
+    return values
+
+
+def _explain(error: Exception, config: str) -> str:
+    """Hydra's message; for an unknown key or option, with those that there are."""
+    text = str(error)
+    if option := re.search(r"Could not load '([^']+)/[^']+'", text):
+        # One of several options of a group; of a single one, Hydra itself lists the others.
+        valid = GlobalHydra.instance().config_loader().get_group_options(option.group(1))
+        return f"{_one_line(text)} Available options in {option.group(1)!r}: {' '.join(valid)}"
+    found = re.search(r"Could not override '([^']+)'", text)
+    if not found:
+        return _one_line(text)
+    here: Any = hydra_compose(config)
+    known: list[str] = []
+    for key in found.group(1).split("."):
+        if not isinstance(here, DictConfig):
+            break
+        if key not in here:
+            where = ".".join(known) or "the top level"
+            valid = ", ".join(sorted({*map(str, here)} - {camera_groups.CAMERAS}))
+            return f"{found.group(1)}: unknown key {key!r} in {where}; choose from {valid}"
+        known.append(key)
+        here = here[key]
+    return _one_line(text)
+
+
+def _one_line(text: str) -> str:
+    """Hydra's message without the folders it searched."""
+    return re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()

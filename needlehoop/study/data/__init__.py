@@ -1,0 +1,1 @@
+"""What runs, models and the paper left behind, read from files."""

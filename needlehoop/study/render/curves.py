@@ -1,0 +1,303 @@
+"""Learning curves: the paper's Figures 6 and 7 over a study's own runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from needlehoop.study.data import paper
+from needlehoop.study.data.combinations import LISTS, label, reward_label, reward_order
+from needlehoop.study.data.final import evaluations
+from needlehoop.study.data.findings import Findings, Result
+from needlehoop.study.data.records import Record
+from needlehoop.study.render.style import COLOURS, DASHES, explain_views, label_ends, new_figure
+from needlehoop.study.stats.statistics import band
+
+_POINTS = 120
+_WINDOW = 0.04
+"""Width of the moving mean over training, as a share of the longest run."""
+BUFFERS = 5
+"""Buffers of training over which a share of episodes is taken."""
+
+_PANEL = 7
+"""Curves in a panel, at most: one for each colour."""
+
+LineEnd = tuple[str, float, float, str]
+"""A line's name, where it ends in millions of steps and in y, and its colour."""
+
+_Lines = list[tuple[str, tuple[Record, ...], int]]
+"""What a panel shows: name, runs and number of the colour of each curve."""
+
+
+class MissingDataError(ValueError):
+    """A study without what a figure shows; the message says what is missing."""
+
+
+def learning_curves(findings: Findings) -> Figure:
+    """Return over training for each combination.
+
+    Few share a panel; many are parted into the paper's three lists, and the rest.
+
+    Raises:
+        MissingDataError: no run has a learning curve.
+    """
+    drawn = {result.cameras: result for result in findings.ranked if _curves(result.runs)}
+    if not drawn:
+        raise MissingDataError("no learning curves")
+    panels = [("", list(drawn.values()))] if len(drawn) <= _PANEL else _in_lists(drawn)
+    figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
+    colours = _colours([[result.cameras for result in own] for _, own in panels])
+    shown = [
+        (title, [(label(r.cameras), r.runs, colours[r.cameras]) for r in own])
+        for title, own in panels
+    ]
+    explain_views(figure)
+    ends = _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in training")
+    grid[-1, 0].set_xlabel("environment steps, millions")
+    name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
+    return figure
+
+
+def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
+    """Combinations by the paper's lists; one that is in two of them is shown in both."""
+    panels = []
+    for name, members in paper.lists().items():
+        panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
+    listed = {cameras for members in paper.lists().values() for cameras in members}
+    rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
+    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
+    return [(title, own) for title, own in panels if own]
+
+
+def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
+    """A number for each name: the same in all panels, and no other name's in any of its own."""
+    found: dict[str, int] = {}
+    for names in panels:
+        taken = {found[name] for name in names if name in found}
+        free = (number for number in count() if number not in taken)
+        found |= {name: next(free) for name in names if name not in found}
+    return found
+
+
+def reward_comparison(findings: Findings) -> Figure:
+    """What training brings by reward, for each combination that was trained with several.
+
+    Beside the returns, how often training's sampled actions thread, and how often the mean action
+    does in evaluations: it can stop short where noise still carries the needle through.
+
+    Raises:
+        MissingDataError: no combination was trained with two rewards.
+    """
+    panels = []
+    for result in findings.ranked:
+        rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
+        if len(rivals) > 1:
+            rivals.sort(key=lambda r: reward_order(r.reward))
+            panels.append((label(result.cameras), rivals))
+    if not panels:
+        raise MissingDataError("no combination with learning curves for two rewards")
+    figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
+    # A reward keeps its colour from panel to panel.
+    colours = sorted({r.reward for _, rivals in panels for r in rivals}, key=reward_order)
+    shown = [
+        (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
+        for title, rivals in panels
+    ]
+    untitled = [("", own) for _, own in shown]
+    _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in its own points")
+    _panels(grid[:, 1], untitled, partial(_smoothed, column="success"), "threaded")
+    _panels(grid[:, 2], untitled, _evaluated, "")
+    for axes in grid[:, 1:].flat:
+        axes.set_ylim(-0.05, 1.05)
+        axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
+    for axes in grid[:, 2]:
+        axes.tick_params(labelleft=False)
+    for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
+        axes.set_title(said, fontweight="normal", fontsize=6.5)
+    grid[-1, 1].set_xlabel("training steps, millions")
+    # Rewards have their colours in common, so that they are named once.
+    drawn = [
+        Line2D([], [], color=colour, linestyle=dash, linewidth=1.2)
+        for colour, dash in map(_stroke, range(len(colours)))
+    ]
+    names = [reward_label(reward) for reward in colours]
+    figure.legend(
+        drawn, names, loc="outside upper center", ncols=2, frameon=False, fontsize=6.5,
+        handlelength=2.6, columnspacing=1.2,
+    )  # fmt: skip
+    return figure
+
+
+def _panels(
+    column: Sequence[Axes],
+    panels: Sequence[tuple[str, _Lines]],
+    curves: Callable[[Sequence[Record], np.ndarray], np.ndarray],
+    words: str,
+) -> list[list[LineEnd]]:
+    """Draw panels below each other; returns where each one's lines end.
+
+    Runs without a value on the grid of steps have no line.
+
+    Args:
+        column: axes.
+        panels: title and lines of each.
+        curves: of runs on a grid of steps, ``(seeds, points)``.
+        words: what they show.
+    """
+    runs = [run for _, lines in panels for _, some, _ in lines for run in some]
+    steps = grid_of(runs)
+    ends = []
+    for axes, (title, lines) in zip(column, panels, strict=True):
+        axes.set_title(title)
+        axes.set_ylabel(words)
+        ends.append(
+            [
+                draw_line(axes, steps, number, name, values)
+                for name, runs, number in lines
+                if not np.isnan(values := curves(runs, steps)).all()
+            ]
+        )
+    # One scale for all panels, so that they can be compared.
+    low = min(axes.get_ylim()[0] for axes in column)
+    high = max(axes.get_ylim()[1] for axes in column)
+    for axes in column:
+        axes.set_ylim(low, high)
+        axes.set_xlim(0, steps[-1] / 1e6)
+        axes.grid(axis="y", linewidth=0.3)
+    return ends
+
+
+def name_ends(
+    figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]], longest: float
+) -> None:
+    """Write names beside lines that ``draw_line`` drew; the last thing that is done to a figure.
+
+    Args:
+        figure: with the axes in ``column`` below each other, and their limits set.
+        column: axes.
+        ends: of each one's lines.
+        longest: environment steps that the axes show.
+    """
+    # Room for the names, then names: they need to know how tall the axes came out.
+    layout: Any = figure.get_layout_engine()
+    longest_name = max(len(name) for own in ends for name, *_ in own)
+    layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))
+    figure.draw_without_rendering()
+    for axes, own in zip(column, ends, strict=True):
+        label_ends(axes, own, 1.06 * longest / 1e6)
+    # The names are not the layout's business.
+    figure.set_layout_engine("none")
+
+
+def draw_line(axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray) -> LineEnd:
+    """Draw the IQM and the interval over seeds; returns where the line ends.
+
+    The line breaks where a run ends before the others: what is left is a mean over fewer, and
+    thinner.
+
+    Args:
+        axes: whose x is in millions of steps.
+        steps: rising, ``(points,)``.
+        number: of the line's colour.
+        name: of the line.
+        curves: ``(seeds, points)``; NaN where a run has not come so far.
+    """
+    colour, dash = _stroke(number)
+    middle, low, high = band(curves)
+    million = steps / 1e6
+    present = (~np.isnan(curves)).sum(axis=0)
+    for some in sorted({*present.tolist()} - {0}):
+        axes.plot(
+            million, np.where(present == some, middle, np.nan), color=colour, linestyle=dash,
+            linewidth=1.2 if some == len(curves) else 0.6,
+        )  # fmt: skip
+    axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
+    last = np.flatnonzero(~np.isnan(middle))[-1]
+    return name, float(million[last]), float(middle[last]), colour
+
+
+def _stroke(number: int) -> tuple[str, Any]:
+    """Colour and dashes of a line."""
+    return COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
+
+
+def has_curve(run: Record) -> bool:
+    """Whether at least one of its episodes ended."""
+    return run.metrics is not None and not np.isnan(run.metrics["return"]).all()
+
+
+def _curves(runs: Iterable[Record]) -> list[Record]:
+    return [run for run in runs if has_curve(run)]
+
+
+def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
+    """Success of the mean action, straight from evaluation to evaluation."""
+    found = [np.array(evaluations(run)).T for run in runs]
+    return np.array([np.interp(steps, *own, left=np.nan, right=np.nan) for own in found])
+
+
+def _smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
+    return np.array([smooth(run, column, steps) for run in _curves(runs)])
+
+
+def grid_of(runs: Iterable[Record]) -> np.ndarray:
+    """Steps for the curves of runs, some with metrics, from 0 to what the longest has."""
+    own = list(runs)
+    # No more points than buffers, or a short run's line has stairs.
+    buffers = max(len(run.metrics) for run in own if run.metrics is not None)
+    return np.linspace(0, max(run.steps for run in own), min(_POINTS, buffers) + 1)
+
+
+def smooth(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+    """A column of a run on a grid of steps, as a moving mean; NaN beyond what the run has.
+
+    Buffers in which no episode ended have no values.
+    """
+    return moving_mean(run, column, steps, _WINDOW * steps[-1])
+
+
+def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:
+    """A column of ``metrics.csv`` on a grid of steps; NaN beyond what the run has.
+
+    Args:
+        run: with metrics.
+        column: such as ``success``.
+        steps: rising, ``(points,)``.
+        window: steps before each point over which it is the mean.
+    """
+    assert run.metrics is not None
+    at, values = run.metrics["step"], run.metrics[column]
+    known = ~np.isnan(values)
+    at, values = at[known], values[known]
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.searchsorted(at, steps - window, side="right")
+    last = np.searchsorted(at, steps, side="right")
+    count = last - first
+    with np.errstate(invalid="ignore"):
+        means = (sums[last] - sums[first]) / np.where(count > 0, count, np.nan)
+    return np.where(steps <= at[-1] if len(at) else False, means, np.nan)
+
+
+def share_at(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+    """A column of ``metrics.csv`` on a grid of steps, as the mean over ``BUFFERS`` buffers."""
+    return moving_mean(run, column, steps, (BUFFERS - 0.5) * run.buffer)
+
+
+def steps_to_share(run: Record, column: str, share: float) -> float | None:
+    """Environment steps until a share of training episodes is first reached.
+
+    ``None`` where it never is, or where the run has no metrics.
+    """
+    if run.metrics is None:
+        return None
+    steps = run.metrics["step"]
+    # Before that, the mean is of too few episodes.
+    hits = np.flatnonzero(share_at(run, column, steps)[BUFFERS - 1 :] >= share)
+    return float(steps[BUFFERS - 1 + hits[0]]) if len(hits) else None

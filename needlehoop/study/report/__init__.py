@@ -1,0 +1,1 @@
+"""Tables, the report's page, and where a study stands."""

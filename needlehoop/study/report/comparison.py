@@ -1,0 +1,197 @@
+"""Studies beside each other: the same cameras and reward under other settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from needlehoop.study.data.combinations import label, reward_label
+from needlehoop.study.data.records import Record, Study
+from needlehoop.study.data.settings import typed_settings
+from needlehoop.study.render.curves import (
+    BUFFERS,
+    MissingDataError,
+    draw_line,
+    grid_of,
+    has_curve,
+    name_ends,
+    share_at,
+    smooth,
+    steps_to_share,
+)
+from needlehoop.study.render.style import new_figure
+from needlehoop.study.report.table import Table
+
+_MILESTONES = {
+    "half grasped": ("grasped", 0.5),
+    "half lifted": ("lifted", 0.5),
+    "a tenth threaded": ("threaded", 0.1),
+    "half threaded": ("threaded", 0.5),
+    "95 % threaded": ("threaded", 0.95),
+}
+"""Shares of training episodes."""
+
+_SHARES = {"grasped": "grasped, %", "lifted": "lifted, %", "threaded": "threaded, %"}
+
+_WHICH = ("study", "seed", "results", "until", "existing", "overwrite", "resume", "engine.threads")
+"""Settings that say which run it is and how it was run, and not what was trained."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs with the same cameras and reward."""
+
+    cameras: str
+    reward: str
+    runs: Mapping[str, tuple[Record, ...]]
+    """By study, in the order in which the studies were named."""
+
+    @property
+    def steps(self) -> int:
+        """Environment steps that all runs have."""
+        return min(run.steps for runs in self.runs.values() for run in runs)
+
+
+def comparisons(studies: Sequence[Study]) -> list[Comparison]:
+    """Each set of cameras and reward that two of the studies or more have been trained with.
+
+    Raises:
+        ValueError: fewer than two studies, two of one name, or nothing in common.
+    """
+    names = [_name(study) for study in studies]
+    if len(studies) < 2:
+        raise ValueError(f"studies: {', '.join(names)} alone; name two or more")
+    if len({*names}) < len(names):
+        raise ValueError(f"studies: {', '.join(names)} are not different names")
+    found: dict[tuple[str, str], dict[str, tuple[Record, ...]]] = {}
+    for name, study in zip(names, studies, strict=True):
+        for run in study.runs:
+            if has_curve(run):
+                own = found.setdefault((run.place.cameras, run.place.reward), {})
+                own[name] = (*own.get(name, ()), run)
+    shared = [Comparison(*place, found[place]) for place in sorted(found) if len(found[place]) > 1]
+    if not shared:
+        trained = "".join(
+            f"\n  {'/'.join(place)}: {', '.join(own)}" for place, own in found.items()
+        )
+        raise ValueError(f"studies: no cameras and reward that two of them have{trained}")
+    return shared
+
+
+def progress(found: Sequence[Comparison]) -> Table:
+    """How soon each run got how far, and where all were after the same steps."""
+    rows = []
+    for one in found:
+        for study, runs in one.runs.items():
+            for run in runs:
+                rows.append(
+                    (
+                        label(one.cameras),
+                        reward_label(one.reward),
+                        study,
+                        str(run.place.seed),
+                        *(_millions(_steps_to(run, *stone)) for stone in _MILESTONES.values()),
+                        _millions(one.steps),
+                        *(_percent(_at(run, column, one.steps)) for column in _SHARES),
+                        _number(_at(run, "return", one.steps)),
+                    )
+                )
+    head = ("cameras", "reward", "study", "seed", *_MILESTONES, "steps", *_SHARES.values())
+    note = (
+        f"Of training episodes, over {BUFFERS} buffers. Milestones: millions of steps until they"
+        " were reached; empty where they were not. The last columns: after as many million steps"
+        " as all runs of the same cameras and reward have. A return is in its own reward's points."
+    )
+    return Table("progress", "Progress in training", (*head, "return"), tuple(rows), note)
+
+
+def differences(found: Sequence[Comparison]) -> Table:
+    """Settings and commits in which the studies differ."""
+    runs: dict[str, list[Record]] = {}
+    for one in found:
+        for study, own in one.runs.items():
+            runs.setdefault(study, []).extend(own)
+    said = {study: _said(own) for study, own in runs.items()}
+    keys = sorted({key for own in said.values() for key in own})
+    lines = [(key, *(own.get(key, "") for own in said.values())) for key in keys]
+    rows = tuple(line for line in lines if len({*line[1:]}) > 1)
+    note = "Empty: a setting that did not exist when the run was made."
+    return Table("settings", "What differs", ("setting", *said), rows, note)
+
+
+def comparison_chart(one: Comparison) -> Figure:
+    """Shares lifted and threaded, and the return, over training; a line for each study."""
+    runs = [run for own in one.runs.values() for run in own]
+    steps = grid_of(runs)
+    longest = steps[-1]
+    shown = {"lifted": "share lifted", "threaded": "share threaded", "return": "return"}
+    drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
+    if not drawn:
+        raise MissingDataError("no learning curves")
+    figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
+    ends = []
+    for axes, (column, text) in zip(grid[:, 0], drawn.items(), strict=True):
+        axes.set_ylabel(f"{text} in training")
+        axes.grid(axis="y", linewidth=0.3)
+        axes.set_xlim(0, longest / 1e6)
+        lines = []
+        for number, (study, own) in enumerate(one.runs.items()):
+            curves = np.array([smooth(run, _column(run, column), steps) for run in own])
+            lines.append(draw_line(axes, steps, number, study, curves))
+        ends.append(lines)
+    grid[0, 0].set_title(f"{label(one.cameras)}, {reward_label(one.reward)}")
+    grid[-1, 0].set_xlabel("environment steps, millions")
+    name_ends(figure, grid[:, 0], ends, longest)
+    return figure
+
+
+def _name(study: Study) -> str:
+    return study.folder.resolve().name
+
+
+def _column(run: Record, column: str) -> str:
+    """Runs older than ``episode.success`` wrote what is threaded as success."""
+    assert run.metrics is not None
+    return column if column in run.metrics.columns or column != "threaded" else "success"
+
+
+def _has(run: Record, column: str) -> bool:
+    return run.metrics is not None and _column(run, column) in run.metrics.columns
+
+
+def _steps_to(run: Record, column: str, share: float) -> float | None:
+    return steps_to_share(run, _column(run, column), share) if _has(run, column) else None
+
+
+def _at(run: Record, column: str, steps: int) -> float | None:
+    if not _has(run, column):
+        return None
+    value = float(share_at(run, _column(run, column), np.array([float(steps)]))[0])
+    return None if np.isnan(value) else value
+
+
+def _said(runs: Sequence[Record]) -> dict[str, str]:
+    """Each setting of a study's runs; where they differ among themselves, all that it was."""
+    values: dict[str, dict[str, None]] = {}
+    for run in runs:
+        settings = dict(typed_settings(run.config))
+        settings["commit"] = str(run.manifest.get("commit", ""))
+        for key, value in settings.items():
+            if key not in _WHICH:
+                values.setdefault(key, {})[value] = None
+    return {key: " / ".join(own) for key, own in values.items()}
+
+
+def _millions(steps: float | None) -> str:
+    return "" if steps is None else f"{steps / 1e6:.2f}"
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.0f}"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"

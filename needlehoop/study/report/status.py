@@ -1,0 +1,191 @@
+"""Where a study stands: what is done, running, stopped, failed or missing; the time left."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from needlehoop.runs import files
+from needlehoop.study.data.outcomes import Outcome
+from needlehoop.study.data.records import Place, Record, Study
+
+STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = (
+    "done",
+    "running",
+    "stopped",
+    "failed",
+    "missing",
+)
+
+_QUIET = 600.0
+"""Seconds without a sign of life after which an unfinished run counts as stopped."""
+
+_RECENT = 5
+"""Buffers over which a run's rate is taken."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One run, there or expected."""
+
+    place: Place
+    state: str
+    steps: int
+    planned: int | None
+    """``None`` where no run tells."""
+    rate: float | None
+    """Environment steps per second, evaluations on the way included."""
+    left: float | None
+    """Seconds; of a run that is not there, at the other runs' rate; ``None``: nobody knows."""
+    silent: float | None
+    """Seconds since one of its files changed; ``None`` for a run that is not there."""
+    error: str | None
+    """Why it failed."""
+
+
+def expected_places(study: Study) -> list[Place]:
+    """Every pair of cameras and reward in the study, with every seed that any has."""
+    pairs = {(run.place.cameras, run.place.reward) for run in study.runs}
+    seeds = {run.place.seed for run in study.runs}
+    return sorted(Place(*pair, seed) for pair, seed in product(pairs, seeds))
+
+
+def standings(
+    study: Study,
+    outcomes: Mapping[Place, Outcome],
+    expected: Iterable[Place] | None = None,
+    now: float | None = None,
+) -> list[Standing]:
+    """The state of each run, in the order of places.
+
+    A run has failed if a sweep noted so after the last sign of life in its files. It is
+    stopped if its manifest says so, or if nothing in its folder has changed for ten minutes
+    (or for five buffers, if that is longer): killed, or gone with its machine.
+
+    Args:
+        study: as read from its folder.
+        outcomes: of sweeps, by run.
+        expected: the runs that are asked for; by default ``expected_places``, and those
+            with an outcome.
+        now: Unix time, s; by default, the clock's.
+    """
+    moment = time.time() if now is None else now
+    runs = {run.place: run for run in study.runs}
+    wanted = {*expected_places(study), *outcomes} if expected is None else set(expected)
+    rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
+    usual = float(np.median(rates)) if rates else None
+    plans = Counter(run.planned_steps for run in study.runs)
+    plan = plans.most_common(1)[0][0] if plans else None
+    found = []
+    for place in sorted(wanted):
+        run, outcome = runs.get(place), outcomes.get(place)
+        error = outcome.error if outcome else None
+        if run is None:
+            left = plan / usual if plan is not None and usual else None
+            state = FAILED if error else MISSING
+            found.append(Standing(place, state, 0, plan, None, left, None, error))
+            continue
+        seen = _last_sign(run)
+        if outcome is None or outcome.when < seen or run.finished:
+            error = None
+        state, rate = FAILED if error else _state(run, moment - seen), _rate(run)
+        used = rate or usual
+        rest = 0 if state == DONE else max(run.planned_steps - run.steps, 0)
+        left = 0.0 if not rest else rest / used if used else None
+        found.append(
+            Standing(place, state, run.steps, run.planned_steps, rate, left, moment - seen, error)
+        )
+    return found
+
+
+def describe(found: list[Standing], study: Study) -> str:
+    """The standings as a table of text, with the sums below."""
+    if not found:
+        return "\n".join((f"{study.folder}: no runs", *map(str, study.left_out)))
+    rows = [("run", "state", "steps", "steps/s", "time left", "last sign")]
+    for one in found:
+        share = f"{one.steps / one.planned:.0%}" if one.planned else ""
+        rate = "" if one.rate is None else f"{one.rate:.0f}"
+        left = "" if one.state == DONE else duration(one.left)
+        sign = "" if one.state == DONE or one.silent is None else f"{duration(one.silent)} ago"
+        rows.append((str(one.place), one.state, share, rate, left, sign))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = [
+        "  ".join(
+            cell.ljust(width) if i < 2 else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    counts = Counter(one.state for one in found)
+    tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
+    lines += ["", f"{tally}; {time_left(found)}"]
+    lines += [f"failed: {one.place}: {one.error}" for one in found if one.error]
+    others = len({run.place for run in study.runs} - {one.place for one in found})
+    if others:
+        lines.append(f"{others} other runs are in {study.folder}")
+    if study.left_out:
+        lines += [f"left out: {len(study.left_out)}", *(f"  {one}" for one in study.left_out)]
+    return "\n".join(lines)
+
+
+def time_left(found: list[Standing]) -> str:
+    """The work left, one run after the other and side by side as now."""
+    open_ = [one for one in found if one.state != DONE]
+    if not open_:
+        return "nothing left to do"
+    known = [one.left for one in open_ if one.left is not None]
+    if len(known) < len(open_):
+        return "time left unknown: no run has a rate yet"
+    side_by_side = max(1, sum(one.state == RUNNING for one in open_))
+    return (
+        f"{duration(sum(known) / side_by_side)} left with {side_by_side} at a time"
+        " (training only; the last evaluation and film come on top)"
+    )
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as ``2 h 05 min``."""
+    if seconds is None:
+        return "unknown"
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
+
+
+def _last_sign(run: Record) -> float:
+    """Unix time at which a file of the run was last changed, s."""
+    names = (files.CONFIG, files.MANIFEST, files.METRICS, files.EVALUATIONS)
+    return max(_changed(run.folder / name) for name in names)
+
+
+def _changed(path: Path) -> float:
+    return path.stat().st_mtime if path.exists() else 0.0
+
+
+def _state(run: Record, silent: float) -> str:
+    if run.finished:
+        return DONE
+    # A run that goes on writes other files before its manifest.
+    if run.stopped and _changed(run.folder / files.MANIFEST) >= _last_sign(run):
+        return STOPPED
+    rate = _rate(run)
+    patience = max(_QUIET, 5 * run.buffer / rate) if rate else _QUIET
+    return RUNNING if silent <= patience else STOPPED
+
+
+def _rate(run: Record) -> float | None:
+    """Steps per second over the last buffers; ``None`` before there are any."""
+    if run.metrics is None:
+        return None
+    steps, seconds = run.metrics["step"], run.metrics["wall_time"]
+    first = max(len(steps) - 1 - _RECENT, 0)
+    # The first buffer has no row before it: it began at nothing.
+    begun = (steps[first], seconds[first]) if len(steps) > 1 else (0.0, 0.0)
+    spent = seconds[-1] - begun[1]
+    return float((steps[-1] - begun[0]) / spent) if spent > 0 and steps[-1] > begun[0] else None

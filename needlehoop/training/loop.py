@@ -1,0 +1,153 @@
+"""Train an agent to thread the needle: collect a buffer, learn from it, write down what came of it.
+
+``train`` is the method. ``python train.py`` and ``needlehoop train`` come here with a composed
+config, once for each run (``cli/train.py``).
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from tqdm import tqdm
+
+from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, report
+from needlehoop.learning.job import Job
+from needlehoop.learning.learner import Learner
+from needlehoop.learning.loggers import Logger, build_logger
+from needlehoop.learning.metrics import episode_columns, peak_memory
+from needlehoop.learning.weights import actor_of, write_weights
+from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
+from needlehoop.runs.interruption import Interruption, terminable
+from needlehoop.runs.run import Run
+from needlehoop.training.which_run import open_session
+
+
+def train(
+    job: Job,
+    run: Run,
+    logger: Logger,
+    state: dict[str, Any] | None = None,
+    weights: dict[str, Any] | None = None,
+    until: int | None = None,
+) -> str:
+    """Train until the job's steps are done, or until a signal asks to stop.
+
+    Args:
+        job: what to train.
+        run: where its files go.
+        logger: where else.
+        state: the checkpoint to go on from.
+        weights: of another run's agent, to begin with.
+        until: pause after so many of the steps.
+
+    Returns:
+        ``done``; ``stopped`` by a signal, or ``paused`` by ``until``, with a checkpoint.
+
+    Raises:
+        FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
+    """
+    learner = Learner(job, state and state["learner"], weights)
+    began = time.perf_counter() - (state["wall_time"] if state else 0.0)
+    shown = {"return": math.nan, "success": math.nan}
+    bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
+    with bar, Interruption() as interruption:
+        for buffer, losses in learner:
+            update = learner.done_updates
+            _check_finite(losses, update)
+            at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
+            rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
+            row = {**at, "steps_per_second": rate, **episode_columns(buffer), **losses}
+            row["memory_gb"] = peak_memory()
+            run.append(METRICS, row)
+            logger.log("train", row)
+            shown |= {name: row[name] for name in shown if not math.isnan(row[name])}
+            bar.set_postfix({name: f"{value:.2f}" for name, value in shown.items()})
+            bar.update(job.buffer)
+
+            if job.evaluation.every and update % job.evaluation.every == 0:
+                own = replace(job.env, seed=job.evaluation.seed)
+                outcome = evaluate(own, learner.agent, job.evaluation.episodes)
+                evaluation = {**at, **outcome.summary()}
+                run.append(EVALUATIONS, evaluation)
+                logger.log("evaluation", evaluation)
+
+            paused = until is not None and until <= learner.steps and update < job.updates
+            stopping = interruption.asked or paused
+            if stopping or update % job.checkpoint_every == 0 or update == job.updates:
+                wall = time.perf_counter() - began
+                run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
+                run.note(steps=learner.steps, wall_time=round(wall, 1), stopped=stopping)
+            if stopping:
+                break
+    if learner.done_updates == job.updates:
+        return "done"
+    return "stopped" if interruption.asked else "paused"
+
+
+def _check_finite(losses: Mapping[str, float], update: int) -> None:
+    """Raises ``FloatingPointError`` where nothing more can be learnt."""
+    for name, value in losses.items():
+        if name.startswith("loss_") and not math.isfinite(value):
+            raise FloatingPointError(
+                f"training came apart in update {update}: {name} is {value}; try a smaller"
+                " algo.learning_rate"
+            )
+
+
+def finish(job: Job, run: Run, logger: Logger) -> None:
+    """Evaluate the trained agent at length, film it, and print what the run gave."""
+    agent = load_agent(run, job, job.torch_device)
+    write_weights(run.folder, actor_of(agent), run.config(), job.weights)
+    own = job.evaluation
+    films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
+    print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
+    found = assess(run, agent, job, own.final_episodes, own.final_seed)
+    if own.video_episodes:
+        film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
+        logger.video(run.folder / VIDEO)
+    run.finish()
+    print(f"{report(found)}\nrun          {run.folder}")
+
+
+def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
+    """Do what a composed config asks for: a new run, or the rest of one.
+
+    Args:
+        values: the config.
+        overrides: what was typed.
+        command: after what: ``python train.py`` or ``needlehoop train``.
+
+    Returns:
+        ``done``, ``done before``, ``paused`` or ``stopped``.
+    """
+    until = values["until"]
+    with open_session(values, overrides, command) as session:
+        job, run = session.job, session.run
+        if session.is_finished:
+            return "done before"
+        logger = build_logger(job.logger, job.place, session.values, run.folder)
+        try:
+            if session.is_trained:
+                end = "done"
+            elif until is not None and until <= session.steps:
+                run.note(stopped=True)
+                end = "paused"
+            else:
+                end = train(job, run, logger, session.state, session.weights, until)
+            if end == "done":
+                try:
+                    with terminable():
+                        finish(job, run, logger)
+                    return end
+                except KeyboardInterrupt:
+                    run.note(stopped=True)
+                    end = "stopped"
+            print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
+            return end
+        finally:
+            logger.close()

@@ -1,0 +1,66 @@
+"""A reward for a training that nobody has written yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from needlehoop import rewards
+from needlehoop.config import strict
+from needlehoop.envs.settings import Settings, settings_from
+from needlehoop.rewards import written
+from needlehoop.training.options import inquiry
+from needlehoop.vlm.card import card
+from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.inquiry import Inquiry
+from needlehoop.vlm.workshop import open_workshop
+from needlehoop.vlm.writing import Workshop
+
+
+def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
+    """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
+
+    It is kept in the study's folder, where the reward looks for it. A provider that only
+    replays is not asked: its recording would have left the program there.
+
+    Args:
+        values: the composed config of a training.
+        settings: its scene and cameras, with any reward.
+
+    Raises:
+        ValueError: no key, or a value that is not valid.
+        RewardError: no package for the provider, no reply, or no program that was accepted.
+    """
+    reward: Mapping[str, Any] = values["reward"]
+    if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
+        return
+    asked, provider = inquiry(values)
+    try:
+        with Inquiry(settings, asked, provider) as opened:
+            flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
+            found = opened.reward(flavour, workshop(values), sample)
+    except RuntimeError as error:
+        raise written.RewardError(f"reward: no program was written: {error}") from error
+    print(f"reward written to {found.paths[-1]}")
+
+
+def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
+    """What the gates have against the program that a training is about to be paid by.
+
+    Empty where nothing is refused or flagged, and for rewards that are no programs.
+
+    Args:
+        values: the composed config of the training, for its gates.
+        settings: its environment, with the reward.
+    """
+    reward = rewards.load(settings.reward)
+    if not isinstance(reward, written.Written):
+        return []
+    found = card(reward.program, settings, strict.as_type(values["gates"], Gates, "gates"))
+    return [*(f"refused, {one}" for one in found.reasons), *found.flags]
+
+
+def workshop(values: Mapping[str, Any]) -> Workshop:
+    """The language of rewards and its judge, for a composed config."""
+    gates = strict.as_type(values["gates"], Gates, "gates")
+    return open_workshop(settings_from(dict(values)), gates)

@@ -1,0 +1,146 @@
+"""What is said about a sweep before its first run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
+from itertools import product
+from typing import Any
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.experimental.callback import Callback
+
+from needlehoop.config import composing
+from needlehoop.runs.files import listed
+
+MULTIRUN = {"-m", "--multirun"}
+
+_BASIC = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
+
+
+_LAUNCHERS = {"joblib": "joblib", "ray": "ray", "slurm": "submitit"}
+"""Packages of launchers, ``hydra_plugins.hydra_<name>_launcher``, by the extra that brings them."""
+
+
+def check_launcher(word: str) -> None:
+    """Raises ``ValueError`` for ``hydra/launcher=`` with one that is not installed."""
+    key, _, name = word.partition("=")
+    package = _LAUNCHERS.get(name)
+    if key != "hydra/launcher" or package is None:
+        return
+    try:
+        found = find_spec(f"hydra_plugins.hydra_{package}_launcher")
+    except ModuleNotFoundError:
+        found = None
+    if found is None:
+        raise ValueError(f"{word} is not installed: pip install 'needlehoop[{name}]'")
+
+
+def reminder(words: Sequence[str]) -> str | None:
+    """What ``-m cams=a,b`` runs, where the cameras could have been meant to be seen together.
+
+    Args:
+        words: what was typed.
+
+    Returns:
+        A line, if all that was typed after ``cams=`` are cameras of different views.
+    """
+    if not MULTIRUN & set(words):
+        return None
+    for word in words:
+        key, _, value = word.partition("=")
+        names = [name.strip() for name in value.split(",")]
+        views = {name.partition("_")[2] for name in names}
+        if key == "cams" and "[" not in value and len(views) == len(names) > 1 and all(views):
+            return (
+                f"-m {word} is {len(names)} runs of one camera each; one run that sees them all is"
+                f" 'cams=[{','.join(names)}]'"
+            )
+    return None
+
+
+class Programs(Callback):
+    """Refuses a sweep in which a reward's program is missing or refused, before its first run."""
+
+    def on_multirun_start(self, config: Any, **kwargs: Any) -> None:
+        """Called by Hydra where the sweep is started, with the config of the sweep itself."""
+        sweeper, typed = config.hydra.sweeper, config.hydra.overrides.task
+        # What another sweeper will run is not known before it does.
+        if sweeper._target_ != _BASIC:
+            return
+        params = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
+        try:
+            words = [*params, *typed]
+            found = wrong_programs(distinct(words), seeds(words))
+        except ValueError as error:
+            sys.exit(f"nothing was started: {error}")
+        if found:
+            sys.exit("\n".join(("nothing was started: these rewards cannot be had", *found)))
+
+
+def distinct(words: Iterable[str]) -> list[list[str]]:
+    """The overrides of each of a sweep's runs, as Hydra's basic sweeper makes them, at any seed.
+
+    Args:
+        words: what the sweep was told; of two words for one key, the later counts.
+    """
+    choices: dict[str, list[str]] = {}
+    for override in OverridesParser.create().parse_overrides(list(words)):
+        key = override.get_key_element()
+        values = (
+            list(override.sweep_string_iterator())
+            if override.is_sweep_override()
+            else [override.get_value_element_as_str()]
+        )
+        choices[key] = [f"{key}={value}" for value in values]
+    choices["seed"] = []
+    return [list(run) for run in product(*(options for options in choices.values() if options))]
+
+
+def seeds(words: Iterable[str]) -> list[Any]:
+    """The seeds that a sweep goes through; none where it is told of none."""
+    found: list[Any] = []
+    for override in OverridesParser.create().parse_overrides(list(words)):
+        if override.get_key_element() == "seed":
+            swept = override.is_sweep_override()
+            found = list(override.sweep_iterator()) if swept else [override.value()]
+    return found
+
+
+def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]:
+    """What is wrong with the programs of runs, a line for each.
+
+    A program that is not there is no mistake where a model will be asked to write it.
+
+    Args:
+        runs: their overrides, without seeds.
+        seeds: of each; none: that of the config.
+
+    Raises:
+        ValueError: another mistake in the settings of a run.
+    """
+    from needlehoop import rewards
+    from needlehoop.rewards import written
+    from needlehoop.training.options import check_options
+
+    lines: dict[str, None] = {}
+    for run in runs:
+        values = composing.compose_here(run, "config")
+        for seed in seeds or [values["seed"]]:
+            check_options({**values, "seed": seed})
+        reward: Mapping[str, Any] = values["reward"]
+        if reward["kind"] not in written.KINDS or values["resume"] is not None:
+            continue
+        if not written.is_recorded(reward):
+            if values["vlm"]["kind"] != "replay":
+                continue
+            flavour, cams = written.FLAVOURS[reward["kind"]], listed(reward["cams"])
+            asking = written.command(cams, flavour, str(reward["study"]), str(reward["results"]))
+            lines[f"  {'+'.join(cams)}: none of {flavour}; make it with: {asking}"] = None
+            continue
+        try:
+            rewards.load(reward)
+        except ValueError as error:
+            lines[f"  {error}"] = None
+    return list(lines)

@@ -1,0 +1,191 @@
+"""Which run a command line means: a new one, the rest of one, or one that is done."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from needlehoop import rewards
+from needlehoop.api.trained import initial_weights
+from needlehoop.learning.checkpoint import check_state
+from needlehoop.learning.job import Job, recorded_job, typed_job
+from needlehoop.runs.checkpoint import Checkpoint
+from needlehoop.runs.files import CHECKPOINT, CONFIG
+from needlehoop.runs.lock import Lock
+from needlehoop.runs.older import completed
+from needlehoop.runs.provenance import provenance
+from needlehoop.runs.run import Run
+from needlehoop.training.missing_reward import ask_where_missing, objections
+from needlehoop.training.options import check_options
+
+_OF_NO_CONSEQUENCE = (
+    *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust"),
+)
+"""Settings that a run may be gone on with others of: its results are the same."""
+
+
+@dataclass(frozen=True)
+class Session(AbstractContextManager):
+    """A run to be trained; nobody else writes into its folder until the context ends."""
+
+    job: Job
+    run: Run
+    values: dict[str, Any]
+    """The composed config that the run began with."""
+    state: dict[str, Any] | None
+    """Its checkpoint; ``None``: it begins."""
+    lock: Lock | None
+    """On its folder; ``None`` where nothing is left to do."""
+    weights: dict[str, Any] | None = None
+    """Of the agent that it begins with; ``None``: of none."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.lock is not None:
+            if error is not None:
+                self.run.unmake()
+            self.lock.release()
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether nothing is left to do."""
+        return bool(self.run.manifest().get("finished"))
+
+    @property
+    def steps(self) -> int:
+        """Environment steps that are done."""
+        return 0 if self.state is None else self.state["update"] * self.job.buffer
+
+    @property
+    def is_trained(self) -> bool:
+        """Whether only the final evaluation is left to do."""
+        return self.state is not None and self.state["update"] == self.job.updates
+
+
+def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Session:
+    """The run that a composed config asks for, its folder made.
+
+    Args:
+        values: the config.
+        overrides: what was typed.
+        command: after what: ``python train.py`` or ``needlehoop train``.
+
+    Raises:
+        ValueError: settings that do not go together, or a run that is in the way.
+        RewardError: no reward could be had from a model.
+    """
+    asked = check_options(values)
+    if asked.resume is not None:
+        if [word for word in overrides if not word.startswith(("resume=", "trust="))]:
+            raise ValueError("resume: a run goes on with its own settings; give no others with it")
+        session = _continue(Run.open(Path(asked.resume)), asked.trust)
+        if session.is_finished:
+            raise ValueError(f"resume: {session.run.folder} is finished")
+        return session
+    # Without a program yet, so that nobody is asked for one in vain.
+    ask_where_missing(values, typed_job({**values, "reward": rewards.NONE}).env)
+    values = {**values, "reward": rewards.pin(values["reward"])}
+    job = typed_job(values)
+    # One camera may be given as a word; what is kept is always a list.
+    values["cams"] = list(job.env.cams)
+    folder = Path(job.results) / job.place
+    if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
+        run = Run.open(folder)
+        _check_same(run, values)
+        # Its reward is the one that was typed, to the source.
+        return _continue(run, trust=True, again=True)
+    weights = None if job.init is None else initial_weights(job)
+    against = objections(values, job.env)
+    if against:
+        # Said, not refused: others' programs are here to be tried as they are.
+        print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
+    lock = Lock(folder)
+    try:
+        reward = rewards.text(rewards.load(job.env.reward))
+        run = Run.create(folder, _plain(values), reward, asked.overwrite)
+        # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
+        run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)
+    except BaseException:
+        lock.release()
+        raise
+    return Session(job, run, values, None, lock, weights)
+
+
+def _continue(run: Run, trust: bool, again: bool = False) -> Session:
+    """The rest of a run.
+
+    Args:
+        run: that exists.
+        trust: whether Python code that its files name as its reward may run.
+        again: whether one that ended before its first checkpoint begins again.
+
+    Raises:
+        ValueError: something in its folder is damaged, or another process is at work there.
+    """
+    values = run.config()
+    job = recorded_job(values, trust)
+    if run.manifest().get("finished"):
+        return Session(job, run, values, None, None)
+    lock = Lock(run.folder)
+    try:
+        begun = run.manifest().get("steps")
+        if again and not begun and not (run.folder / CHECKPOINT).exists():
+            run.go_on(None)
+            run.note(**provenance(), wall_time=0.0, stopped=False)
+            weights = None if job.init is None else initial_weights(job)
+            return Session(job, run, values, None, lock, weights)
+        checkpoint = run.checkpoint()
+        path = run.folder / CHECKPOINT
+        _check_config(path, checkpoint, values)
+        check_state(path, checkpoint.state, job)
+        run.go_on(checkpoint)
+        state = checkpoint.state
+        run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
+        return Session(job, run, values, state, lock)
+    except BaseException:
+        lock.release()
+        raise
+
+
+def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any]) -> None:
+    """Whether a run's settings are those that its checkpoint was trained with."""
+    other = _differing(checkpoint.config, values)
+    if other:
+        raise ValueError(
+            f"{path} was trained with another {', '.join(other)} than {CONFIG} has now; put the"
+            " file back, or begin a run of its own with study="
+        )
+
+
+def _check_same(run: Run, values: Mapping[str, Any]) -> None:
+    """Whether a run that exists is the one that is asked for."""
+    other = _differing(run.config(), values)
+    if other:
+        raise ValueError(
+            f"{run.folder} exists with another {', '.join(other)}; choose another study= or"
+            " replace it with overwrite=true"
+        )
+
+
+def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Settings that differ, and that results depend on."""
+    keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
+    began = completed(before)
+    return sorted(key for key in keys if began.get(key) != _plain(now.get(key)))
+
+
+def _plain(value: Any) -> Any:
+    """As it comes back from YAML."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value

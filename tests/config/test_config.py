@@ -1,0 +1,314 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+import needlehoop
+from needlehoop.config import composing
+from needlehoop.envs.settings import compose_settings, settings_from
+from needlehoop.learning.job import typed_job
+from needlehoop.runs.files import reward_name
+from needlehoop.runs.run import Run
+from needlehoop.scene.cameras import parse_cameras
+
+GROUPS = ("task", "episode", "reward", "engine", "obs")
+TRAINING = ("algo", "encoder", "logger")
+COMMANDS = {"gates": "check", "vlm": "ask"}
+"""Groups that a command's config has, by command."""
+ENTRIES = sorted(
+    file.stem for file in composing.CONF.glob("*.yaml") if file.stem not in ("evaluate", "watch")
+)
+
+
+def options(group: str) -> list[str]:
+    return sorted(file.stem for file in (composing.CONF / group).glob("*.yaml"))
+
+
+CAMERAS = " ".join(f"{r}_{v}" for r in options("rendering") for v in options("view"))
+UNKNOWN = ("rgb_top", "[rgb_top]", "rgb_front,rgb_top", "[rgbd_front]", "front", "[front]")
+
+BAD = [
+    # override, then what the message has to say: the key, and what would be valid.
+    *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
+    ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
+    ("cams=[[rgb_front]]", ["cams", "rgb_front", "no list of cameras"]),
+    ("cams=3", ["cams", "3", "no list of cameras"]),
+    ("cams=null", ["cams", "None", "no list of cameras"]),
+    ("+cameras.rgb_front={view: side, rendering: rgb}", ["cameras.rgb_front", "cams="]),
+    ("+cameras.rgb_front=3", ["cameras.rgb_front", "cams="]),
+    ("reward=nope", ["reward", "nope", "human", "sparse"]),
+    ("task=nope", ["task", "nope", "near", "standard", "wide"]),
+    ("episode=nope", ["episode", "nope", "default"]),
+    ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
+    ("episode.control=joints", ["episode.control", "joints", "tip, pose"]),
+    ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
+    ("reward.kind=nope", ["reward.kind", "nope", "human, sparse"]),
+    ("renderings.rgb.colour=grey", ["renderings.rgb", "colour", "grey", "rgb, flat, none"]),
+    ("renderings.dep.depth=far", ["renderings.dep", "depth", "far", "channel, shade, none"]),
+    ("task.needle_radius=-0.01", ["task.needle_radius", "-0.01", "at least 1e-05"]),
+    ("task.needle_radius=nan", ["task.needle_radius", "nan", "not finite"]),
+    ("task.needle_pickup=1.0", ["task.needle_pickup", "1.0", "(0, 1)"]),
+    ("task.needle_yaw_range=-0.1", ["task.needle_yaw_range", "-0.1", "negative"]),
+    ("task.tool_position_range=[0,-0.1,0]", ["task.tool_position_range", "negative"]),
+    ("task.workspace_lower=[0,0.5,0]", ["task.workspace_lower", "0.5", "below"]),
+    ("task.jaw_closed=2", ["task.jaw_closed", "2.0", "below"]),
+    ("episode.substeps=0", ["episode.substeps", "0", "at least 1"]),
+    ("episode.close_below=0.9", ["episode.close_below", "0.9", "below"]),
+    ("views.front.fovy=180", ["views.front", "fovy", "180", "(0, 180)"]),
+    ("views.front.elevation=90", ["views.front", "elevation", "90", "(-90, 90)"]),
+    ("views.front.near=0.9", ["views.front", "near", "0.9", "far"]),
+    ("image_size=0", ["image_size", "0", "at least 1"]),
+    ("num_envs=0", ["num_envs", "0", "at least 1"]),
+    ("seed=-1", ["seed", "-1", "at least 0"]),
+    ("engine=nope", ["engine/nope", "cpu", "dm_control"]),
+    ("engine.kind=nope", ["engine.kind", "nope", "cpu, dm_control"]),
+    ("engine.threads=-1", ["engine.threads", "-1", "negative"]),
+    ("engine.renderer=opengl", ["engine.renderer", "opengl", "rasteriser, tracer"]),
+    ("image_size=64.5", ["image_size", "64.5", "whole number"]),
+    ("num_envs=true", ["num_envs", "True", "whole number"]),
+    ("image_size=big", ["image_size", "big"]),
+    ("task.needle_radius=thin", ["task.needle_radius", "thin"]),
+    ("task.needle_radius=1e-9", ["task.needle_radius", "1e-09", "at least 1e-05"]),
+    ("task.needle_radius=null", ["task.needle_radius"]),
+    ("task.needle_position=[0.1]", ["task.needle_position", "0.1"]),
+    ("task.hoop_position=[0,0,0,0]", ["task.hoop_position"]),
+    ("task.hoop_position=[0,0,high]", ["task.hoop_position", "high"]),
+    ("obs.proprio=maybe", ["obs.proprio", "maybe", "true or false"]),
+    ("obs.told=[threaded]", ["obs.told", "threaded", "choose from grasped, lifted"]),
+    ("obs.told=[lifted,lifted]", ["obs.told", "lifted, lifted", "twice"]),
+    ("reward.grasp=x", ["reward.grasp", "x", "number"]),
+    ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
+    ("view=front", ["view", "unknown", "cams", "views"]),
+    ("task.needle_radus=0.1", ["task.needle_radus", "unknown", "needle_radius", "needle_arc"]),
+    ("episode.contrl=pose", ["episode.contrl", "unknown", "control", "grasp"]),
+    ("reward.closd=1", ["reward.closd", "unknown", "closed", "closed_below"]),
+    ("obs.image=true", ["obs.image", "unknown", "proprio", "signals"]),
+    ("views.front.fov=20", ["views.front.fov", "unknown", "fovy", "target"]),
+    ("+task.extra=1", ["task", "extra"]),
+    ("+reward.extra=1", ["reward", "extra", "closed_below"]),
+    ("~reward.rate", ["reward", "rate", "closed_below"]),
+    ("~task.needle_radius", ["task", "needle_radius"]),
+]
+
+
+@pytest.mark.parametrize(("override", "said"), BAD, ids=[override for override, _ in BAD])
+def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid(override, said):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        compose_settings([override])
+    message = str(caught.value)
+    assert [part for part in said if part not in message] == []
+    assert "\n" not in message
+
+
+def test_two_bad_settings_are_both_named():
+    with pytest.raises(ValueError, match=r"image_size.*; num_envs"):
+        compose_settings(["image_size=64.5", "num_envs=1.5"])
+
+
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in GROUPS for option in options(group)]
+)
+def test_every_option_of_every_group_composes(group, option, tmp_path):
+    (tmp_path / "mine.txt").write_text("reward = 1 * grasped")
+    (tmp_path / "mine.py").write_text("def paid(signals):\n    return signals.grasped.double()\n")
+    # What an option can't do without.
+    more = {
+        "file": [f"reward.path={tmp_path}/mine.txt"],
+        "python": [f"reward.function={tmp_path}/mine.py:paid"],
+        "vlm_img": ["cams=[dep_front,seg_side]"],
+        "vlm_img_claude": ["cams=[dep_front,seg_side]"],
+    }
+    composed = composing.compose([f"{group}={option}", *more.get(option, [])])
+    assert composed[group]
+    settings_from(composed)
+    # What a plan of runs takes for granted.
+    assert group != "reward" or reward_name(composed[group]) == option
+
+
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in COMMANDS for option in options(group)]
+)
+def test_every_option_of_a_commands_group_composes(group, option):
+    more = ["vlm.model=qwen"] if option in ("openai", "manual") else []
+    assert composing.compose([f"{group}={option}", *more], COMMANDS[group])[group]
+
+
+@pytest.mark.parametrize(
+    ("group", "option"), [(group, option) for group in TRAINING for option in options(group)]
+)
+def test_every_option_of_a_training_group_composes(group, option):
+    composed = composing.compose(["cams=[seg_side]", f"{group}={option}"], "config")
+    assert composed[group]
+    typed_job(composed)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_every_command_has_an_environment_in_its_config(entry):
+    # What a command can't do without.
+    more = ["out=demos/smooth-v0"] if entry == "demonstrations" else []
+    assert compose_settings(["num_envs=3", *more], name=entry).num_envs == 3
+
+
+def test_no_group_of_the_folder_is_forgotten():
+    folders = {path.name for path in composing.CONF.iterdir() if path.is_dir()}
+    # Sweeps and their launchers have tests of their own.
+    sweeps = {"experiment", "hydra"}
+    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *sweeps, "view", "rendering"}
+    assert all(options(group) for group in folders - {"hydra"})
+
+
+def test_every_view_and_rendering_is_offered(settings):
+    assert sorted(settings.views) == options("view")
+    assert sorted(settings.renderings) == options("rendering")
+    names = [f"{r}_{v}" for r in options("rendering") for v in options("view")]
+    every = compose_settings([f"cams=[{','.join(names)}]"])
+    assert [camera.name for camera in every.cameras] == names
+    assert [f"{c.rendering}_{c.view}" for c in every.cameras] == names
+
+
+@pytest.mark.parametrize(
+    ("given", "chosen"),
+    [
+        ([], []),
+        (["cams=[]"], []),
+        (["cams=rgb_side"], ["rgb_side"]),
+        (["cams=seg_side,dep_front"], ["seg_side", "dep_front"]),
+        (["cams=[dep_front,seg_side]"], ["dep_front", "seg_side"]),
+        (["+cams=dep_front"], ["dep_front"]),
+        (["cams=dep_front", "reward=vlm_text"], ["dep_front"]),
+    ],
+)
+def test_chosen_cameras_are_a_plain_list_in_their_order(given, chosen):
+    values = composing.compose(given, "config")
+    assert values["cams"] == chosen
+    assert values["reward"].get("cams", chosen) == chosen
+    assert "cameras" not in values
+
+
+KEPT = sorted((Path(__file__).parents[2] / "results").glob("*/*/*/seed*/config.yaml"))
+
+
+@pytest.mark.skipif(not KEPT, reason="no runs are kept here")
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: "/".join(path.parts[-5:-1]))
+def test_a_kept_run_is_read_as_it_was_written(path):
+    values = Run.open(path.parent).config()
+    job = typed_job(values)
+    written = yaml.safe_load(path.read_text())
+    # Runs older than the choice were made with the tracer.
+    assert job.env.engine.renderer == written["engine"].get("renderer", "tracer")
+    assert list(job.env.cams) == values["cams"]
+    # It was a study of its own name when it was trained.
+    assert path.parts[-4:-1] == tuple(job.place.split("/")[1:])
+
+
+def test_settings_are_the_files_values_in_their_types(settings):
+    values = composing.compose()
+    assert settings.task.hoop_position == tuple(values["task"]["hoop_position"])
+    assert settings.episode.max_steps == values["episode"]["max_steps"]
+    assert settings.renderings["seg"].colours["needle"] == (255, 230, 0)
+    assert settings.cams == ()
+
+
+def test_an_override_changes_its_key_and_nothing_else():
+    before, after = composing.compose(), composing.compose(["episode.max_steps=17"])
+    assert after["episode"].pop("max_steps") == 17
+    before["episode"].pop("max_steps")
+    assert after == before
+
+
+def test_a_whole_number_may_be_written_as_a_float():
+    assert compose_settings(["image_size=32.0"]).image_size == 32
+
+
+@pytest.mark.parametrize("option", [name for name in options("task") if name != "standard"])
+def test_tasks_differ_only_in_their_ranges(option):
+    standard, other = composing.compose()["task"], composing.compose([f"task={option}"])["task"]
+    assert standard.keys() == other.keys()
+    differing = {key for key in standard if standard[key] != other[key]}
+    assert differing
+    assert all(key.endswith("_range") for key in differing)
+
+
+def test_near_scatters_less_than_standard_and_wide_more():
+    names = ("near", "standard", "wide")
+    near, standard, wide = (compose_settings([f"task={name}"]).task for name in names)
+    for key in ("needle_position_range", "hoop_position_range", "tool_position_range"):
+        ranges = zip(getattr(near, key), getattr(standard, key), getattr(wide, key), strict=True)
+        assert all(small < middle <= large for small, middle, large in ranges), key
+    assert near.needle_yaw_range < standard.needle_yaw_range < wide.needle_yaw_range
+
+
+def copy_of_conf(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
+    copied = folder / "conf"
+    shutil.copytree(composing.CONF, copied)
+    monkeypatch.setattr(composing, "CONF", copied)
+    return copied
+
+
+def test_a_new_view_is_one_new_file(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    text = (conf / "view" / "front.yaml").read_text()
+    (conf / "view" / "top.yaml").write_text(text.replace("elevation: 26.0", "elevation: 80.0"))
+    chosen = compose_settings(["cams=[rgb_top,seg_front]"])
+    assert [camera.view for camera in chosen.cameras] == ["top", "front"]
+    assert chosen.views["top"].elevation == 80.0
+    assert chosen.views["front"].elevation == 26.0
+    assert compose_settings(["views.top.fovy=33"]).views["top"].fovy == 33.0
+
+
+def test_a_new_rendering_is_one_new_file(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    (conf / "rendering" / "depth.yaml").write_text("colour: none\ndepth: channel\ncolours: {}\n")
+    chosen = compose_settings(["cams=[depth_side]"])
+    assert chosen.renderings["depth"].channels == 1
+
+
+def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
+    conf = copy_of_conf(monkeypatch, tmp_path)
+    (conf / "view" / "side.yaml").unlink()
+    with pytest.raises(ValueError, match=r"cams/rgb_side'.* segdep_default segdep_front$"):
+        compose_settings(["cams=[rgb_side]"])
+
+
+@pytest.mark.parametrize("cams", ["rgb_front,seg_side", ["rgb_front", "seg_side"], ()])
+@pytest.mark.parametrize(
+    ("make", "built"),
+    [
+        (needlehoop.make_env, "needlehoop.envs.torchrl_env.NeedleHoopEnv"),
+        (needlehoop.load, "needlehoop.envs.dm_control_env.load"),
+    ],
+)
+def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, built):
+    """Cameras may also be one string, as on the command line."""
+    monkeypatch.setattr(built, lambda settings: settings)
+    made = make(cams=cams, reward="sparse", seed=5, overrides=["image_size=12"])
+    assert made.cams == (("rgb_front", "seg_side") if cams else ())
+    assert made.reward["kind"] == "sparse"
+    assert made.seed == 5
+    assert made.image_size == 12
+
+
+def test_make_env_refuses_a_bad_camera_by_name():
+    with pytest.raises(ValueError, match=r"cams/rgb_top.* rgb_default rgb_front rgb_side "):
+        needlehoop.make_env(cams=["rgb_top"])
+
+
+@pytest.mark.parametrize(
+    ("name", "rendering", "view"), [("dep_front", "dep", "front"), ("a_b_c", "a", "b_c")]
+)
+def test_a_camera_is_named_rendering_then_view(name, rendering, view):
+    (camera,) = parse_cameras([name], ["front", "b_c"], ["dep", "a"])
+    assert (camera.rendering, camera.view, camera.name) == (rendering, view, name)
+
+
+RUNS = [path for path in KEPT if "renderer" not in yaml.safe_load(path.read_text())["engine"]]
+
+
+@pytest.mark.parametrize("path", RUNS, ids=lambda path: "/".join(path.parts[-5:-1]))
+def test_a_config_from_before_a_key_means_what_it_meant(path):
+    job = typed_job(Run.open(path.parent).config())
+    assert job.encoder.name == "resnet_s4d"
+    assert (job.encoder.halving, job.encoder.blocks, job.algo.shards) == ("pool", 2, 2)

@@ -1,0 +1,172 @@
+"""Cameras, renderings, tasks and rewards from outside the package."""
+
+from importlib.metadata import EntryPoint, EntryPoints
+
+import pytest
+import torch
+import yaml
+
+import needlehoop
+from needlehoop import rewards
+from needlehoop.cli.main import main
+from needlehoop.config import composing
+from needlehoop.envs.settings import compose_settings
+from needlehoop.rewards import called
+
+VIEW = {**yaml.safe_load((composing.CONF / "view/front.yaml").read_text()), "azimuth": 20.0}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A config folder of one's own, with a space in its name."""
+    own = tmp_path / "my conf"
+    for name, values in (
+        ("view/left", VIEW),
+        ("rendering/hoop", {"colour": "flat", "depth": "none", "colours": {"hoop": [9, 9, 9]}}),
+        ("task/tight", {"defaults": ["standard", "_self_"], "hoop_opening": 0.0085}),
+        ("reward/mine", {"defaults": ["human", "_self_"], "lift": 5.0}),
+    ):
+        (own / name).parent.mkdir(parents=True)
+        (own / f"{name}.yaml").write_text(yaml.safe_dump(values))
+    return own
+
+
+def half(signals, most=4.0):
+    """Pays for a closed jaw."""
+    return {"jaw": most * (1.35 - signals.jaw_command), "held": signals.grasped}
+
+
+def test_a_folder_s_files_are_options_beside_ours(folder):
+    words = ["cams=rgb_left,hoop_front,hoop_left,seg_side", "task=tight", "reward=mine"]
+    settings = compose_settings([f"conf_dir={folder}", *words])
+    assert settings.cams == ("rgb_left", "hoop_front", "hoop_left", "seg_side")
+    assert settings.views["left"].azimuth == 20.0
+    assert settings.task.hoop_opening == 0.0085
+    assert settings.task.hoop_tube == compose_settings().task.hoop_tube
+    assert settings.reward["lift"] == 5.0
+    env = needlehoop.make_env(["hoop_left"], num_envs=1, conf_dir=folder)
+    assert set(env.reset()["pixels", "hoop_left"].unique().tolist()) == {0, 9}
+    # What one call was told, the next does not know.
+    with pytest.raises(ValueError, match="rgb_left"):
+        compose_settings(["cams=rgb_left"])
+
+
+def test_commands_and_training_take_it(folder, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "sheet.png"
+    assert main(["snapshot", f"conf_dir={folder}", "size=16", "raw=true", f"out={out}"]) == 0
+    assert "sheet.png" in capsys.readouterr().out
+    assert main(["snapshot", "conf_dir=nowhere"]) == 2
+    assert "no folder" in capsys.readouterr().err
+    monkeypatch.setattr("sys.argv", ["train.py"])
+    words = [f"conf_dir={folder}", "cams=hoop_left", "reward=mine", "--cfg", "job"]
+    main(["train", *words])
+    said = yaml.safe_load(capsys.readouterr().out)
+    assert list(said["cameras"]) == ["hoop_left"]
+    assert said["views"]["left"]["azimuth"] == 20.0
+    assert said["reward"]["lift"] == 5.0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("views/top", "conf_dir: 'views' is no group; choose from .*rendering.*view"),
+        ("view/side", "conf_dir: view/side.yaml: the name is taken"),
+    ],
+)
+def test_what_would_be_left_aside_is_refused(tmp_path, name, message):
+    (tmp_path / name).parent.mkdir()
+    (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(VIEW))
+    with pytest.raises(ValueError, match=message):
+        compose_settings([f"conf_dir={tmp_path}"])
+
+
+def test_a_function_is_a_reward():
+    env = needlehoop.make_env(reward=half, num_envs=3, overrides=["obs.signals=true"])
+    rollout = env.rollout(4)
+    terms = rollout["next", "terms"]
+    assert set(terms.keys()) == {"jaw", "held"}
+    paid = rollout["next", "reward"].sum(1)
+    torch.testing.assert_close(paid, terms["jaw"][:, -1] + terms["held"][:, -1])
+    dm = needlehoop.load(reward=lambda signals: signals.jaw, overrides=["obs.signals=true"])
+    dm.reset()
+    assert dm.step(torch.zeros(5).numpy()).reward > 0
+    assert set(dm.task.moment.terms) == {"reward"}
+
+
+def test_a_function_is_named_in_a_file_or_a_module(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("def pay(signals, most=1.0):\n    return {'jaw': most * signals.jaw}\n")
+    words = ["reward=python", f"reward.function={file}:pay", "+reward.values.most=3"]
+    reward = rewards.load(compose_settings(words).reward)
+    signals = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
+    signals.reset()
+    seen = signals.simulation.look().signals
+    assert torch.equal(reward(seen)["jaw"], 3 * seen.jaw)
+    assert "def pay" in rewards.text(reward)
+    words[1] = "reward.function=needlehoop.rewards.terms:potential"
+    assert rewards.load(compose_settings(words[:2]).reward).function is rewards.potential
+
+
+def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, monkeypatch):
+    file = tmp_path / "mine.py"
+    file.write_text("def pay(signals):\n    return signals.jaw\n")
+    monkeypatch.chdir(tmp_path)
+    values = composing.compose(["reward=python", "reward.function=mine.py:pay"])
+    kept = rewards.pin(values["reward"])
+    assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
+    monkeypatch.chdir("/")
+    rewards.load(rewards.recall(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
+    file.write_text("def pay(signals):\n    return -signals.jaw\n")
+    with pytest.raises(ValueError, match="no longer what the run began with"):
+        rewards.recall(kept, trust=True)
+
+
+def test_an_installed_package_tells_of_its_rewards(monkeypatch, tmp_path):
+    entry = EntryPoint("mine", "test_own_parts:half", called.GROUP)
+    monkeypatch.setattr(
+        called,
+        "entry_points",
+        lambda **wanted: EntryPoints([entry]).select(**wanted),
+    )
+    (tmp_path / "reward").mkdir()
+    (tmp_path / "reward/mine.yaml").write_text("kind: mine\nmost: 7.0\n")
+    found = compose_settings([f"conf_dir={tmp_path}", "reward=mine"])
+    reward = rewards.load(found.reward)
+    assert reward.values == {"most": 7.0}
+    assert "def half" in rewards.text(reward)
+    with pytest.raises(ValueError, match=r"choose from .*file.*python, mine"):
+        compose_settings(["reward.kind=yours"])
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("half", "is not module:name"),
+        ("nowhere.py:half", "nowhere.py"),
+        ("no_such_module:half", "no_such_module"),
+        ("needlehoop.rewards:no_such", "has no function 'no_such'"),
+    ],
+)
+def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
+    with pytest.raises(ValueError, match=rf"reward.function: .*{message}"):
+        compose_settings(["reward=python", f"reward.function={name}"])
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda signals: {}, "expected named terms"),
+        (lambda signals: {"a": 1.0}, "term 'a' of .* is float"),
+        (lambda signals: {"a": signals.goal}, r"is \(2, 3\); expected a tensor \(2,\)"),
+        (lambda signals: {"a": signals.jaw / 0}, r"not finite in environments \[0, 1\]"),
+    ],
+)
+def test_a_function_that_pays_nonsense_stops(function, message):
+    with pytest.raises(rewards.RewardError, match=message):
+        needlehoop.make_env(reward=function, num_envs=2).reset()
+
+
+def test_values_without_names_are_refused():
+    words = ["reward=python", "reward.function=examples/own_reward.py:reward", "reward.values=-1"]
+    with pytest.raises(ValueError, match=r"reward.values: -1 is no mapping"):
+        compose_settings(words)

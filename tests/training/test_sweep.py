@@ -1,0 +1,276 @@
+"""Sweeps: what is missing is done, failures are told, launchers share the CPUs."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra.core.utils import setup_globals
+from omegaconf import OmegaConf
+
+from needlehoop.cli.main import main
+from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
+from needlehoop.training import sweep
+
+ROOT = Path(__file__).parents[2]
+
+TINY = [
+    "steps=64",
+    "num_envs=4",
+    "algo.horizon=16",
+    "algo.minibatch=32",
+    "image_size=32",
+    "episode.max_steps=12",
+    "evaluation.every=0",
+    "evaluation.final_episodes=2",
+    "evaluation.video_episodes=0",
+    "results=results",
+]
+"""One buffer."""
+
+
+def run_train(monkeypatch, *words: str) -> None:
+    """``python train.py`` in this process, which has paid for the imports."""
+    monkeypatch.setattr(sys, "argv", ["train.py", *words])
+    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+
+
+def finished(place: str) -> dict:
+    return json.loads(Path(f"results/main/{place}/manifest.json").read_text())
+
+
+def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
+    tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    # The file is in the way of the second run's folder.
+    Path("results/main").mkdir(parents=True)
+    blocked = Path("results/main/dep_side")
+    blocked.write_text("")
+    words = ["-m", "cams=[seg_side],[dep_side],[rgb_side]", *TINY]
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, *words)
+    assert caught.value.code == 1
+    said = capfd.readouterr().out
+    assert "3 runs, 1 failed" in said
+    assert "  dep_side/human/seed0: " in said.splitlines()[-2]
+    assert said.splitlines()[-1] == "the same command does what is missing"
+    assert main(["status", "results/main"]) == 0
+    assert "dep_side/human/seed0  failed" in capfd.readouterr().out
+    began = {name: finished(f"{name}/human/seed0")["started"] for name in ("seg_side", "rgb_side")}
+
+    blocked.unlink()
+    run_train(monkeypatch, *words)
+    assert "3 runs, 0 failed, 2 done before" in capfd.readouterr().out
+    assert finished("dep_side/human/seed0")["finished"]
+    for name, when in began.items():
+        assert finished(f"{name}/human/seed0")["started"] == when
+
+
+def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["cams=[seg_side]", *TINY]
+    run_train(monkeypatch, *words)
+    run_train(monkeypatch, *words, "existing=resume", "engine.threads=1")
+    with pytest.raises(SystemExit, match="exists with another algo, steps; choose another study="):
+        run_train(monkeypatch, *words, "existing=resume", "steps=128", "algo.gamma=0.5")
+    with pytest.raises(SystemExit, match="exists; go on with"):
+        run_train(monkeypatch, *words)
+    with pytest.raises(
+        SystemExit, match="existing: 'skip' is unknown; choose from auto, stop, resume"
+    ):
+        run_train(monkeypatch, *words, "existing=skip")
+
+
+def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["cams=[seg_side]", "existing=resume", *TINY]
+    run_train(monkeypatch, *words)
+    folder = Path("results/main/seg_side/human/seed0")
+    (folder / "checkpoint.pt").unlink()
+    manifest = {**finished("seg_side/human/seed0"), "finished": False, "started": "long ago"}
+    # Noted with the first checkpoint.
+    del manifest["steps"]
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    run_train(monkeypatch, *words)
+    again = finished("seg_side/human/seed0")
+    assert again["finished"]
+    assert again["started"] != "long ago"
+
+
+def swept(experiment: str) -> list[tuple[tuple[str, ...], str]]:
+    """Cameras and reward of each run of an experiment."""
+    values = yaml.safe_load((composing.CONF / "experiment" / f"{experiment}.yaml").read_text())
+    params = values["hydra"]["sweeper"]["params"]
+    runs = []
+    if "+model" in params:
+        for name in params["+model"].split(","):
+            composed = composing.compose([f"+model={name.strip()}"], "config")
+            runs.append((tuple(composed["cams"]), composed["reward"]["kind"]))
+        return runs
+    cams = [text.strip(" []").split(",") for text in params["cams"].split("],")]
+    for chosen, reward in product(cams, params.get("reward", "human").split(",")):
+        runs.append((tuple(name.strip() for name in chosen), reward))
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("experiment", "count"), [("table2", 14), ("rewards", 12), ("full", 20), ("segdep", 4)]
+)
+def test_every_run_of_an_experiment_is_another_and_composes(experiment, count):
+    runs = swept(experiment)
+    assert len(set(runs)) == len(runs) == count
+    for cams, reward in runs:
+        words = [f"cams=[{','.join(cams)}]", f"reward={reward}"]
+        job = typed_job(composing.compose(words, "config"))
+        assert (job.env.cams, job.reward_name) == (cams, reward)
+
+
+def test_full_is_table2_and_the_papers_rewards():
+    papers = {run for run in swept("rewards") if not run[1].endswith("_claude")}
+    assert len(papers) == 6
+    assert set(swept("full")) == set(swept("table2")) | papers
+
+
+def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capfd):
+    """Down to the first run, which is in the way of all others."""
+    monkeypatch.chdir(tmp_path)
+    started: list[str] = []
+    monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
+    with pytest.raises(SystemExit):
+        run_train(monkeypatch, "+experiment=rewards", "seed=3", *TINY)
+    assert len(started) == 12
+    assert "12 runs, 12 failed" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("settings", "hint"),
+    [
+        (("auto", False), "the same command does what is missing"),
+        (("resume", False), "the same command does what is missing"),
+        (("stop", False), "the same command with existing=resume does what is missing"),
+        (("auto", True), "the same command without overwrite=true does what is missing"),
+    ],
+)
+def test_the_hint_at_the_end_is_true_of_the_settings(settings, hint):
+    assert sweep.rest(*settings) == hint
+
+
+def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
+    for job in ("0", "1", "2", "10"):
+        (tmp_path / job).mkdir()
+    sweep.attempt(lambda: "done before", tmp_path / "0", {"run": "seed=0"})
+    with pytest.raises(KeyboardInterrupt):
+        sweep.attempt(lambda: "stopped", tmp_path / "1", {"run": "seed=1"})
+    # Killed before, and while, it wrote its note.
+    (tmp_path / "10" / "outcome.json").write_text('{"run": ')
+    lines, failed = sweep.summary(tmp_path)
+    assert failed == 2
+    assert lines == [
+        "4 runs, 2 failed, 1 done before",
+        f"  {tmp_path / '2'}: ended without a word",
+        f"  {tmp_path / '10'}: ended without a word",
+    ]
+
+
+def test_sweeps_that_begin_in_the_same_second_keep_their_notes_apart():
+    setup_globals()
+    settings = {
+        **yaml.safe_load((composing.CONF / "config.yaml").read_text()),
+        "results": "results",
+    }
+    folders = [OmegaConf.create(settings).hydra.sweep.dir for _ in range(20)]
+    assert len(set(folders)) == len(folders)
+    assert all(Path(folder).parent == Path("results/.sweeps") for folder in folders)
+
+
+def test_a_job_says_which_run_it_is_as_the_study_reads_it():
+    values = composing.compose(
+        ["cams=dep_front", "obs=signals", "reward=sparse", "seed=3"], "config"
+    )
+    note = sweep.identity(values, ["seed=3"])
+    place = f"{note['study']}/{note['cameras']}/{note['reward']}/seed{note['seed']}"
+    assert place == typed_job(values).place == "main/dep_front+signals/sparse/seed3"
+
+
+@pytest.mark.parametrize(
+    ("launcher", "expected"),
+    [
+        ({}, 0),
+        ({"n_jobs": 1}, 8),
+        ({"n_jobs": 4}, 2),
+        ({"n_jobs": 16}, 1),
+        ({"n_jobs": -1}, 1),
+        ({"n_jobs": -5}, 2),
+        ({"cpus_per_task": 3}, 3),
+        ({"cpus_per_task": None}, 0),
+        ({"ray": {"remote": {"num_cpus": 2}}}, 2),
+        ({"ray": {"remote": {}, "init": {}}}, 0),
+    ],
+)
+def test_threads_are_divided_among_jobs(launcher, expected, monkeypatch):
+    monkeypatch.setattr(sweep, "available_cpus", lambda: 8)
+    assert sweep.threads(launcher) == expected
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
+        ["hydra/launcher=submitit_local", "hydra.launcher.cpus_per_task=1"],
+        [
+            "hydra/launcher=ray",
+            "+hydra.launcher.ray.init.num_cpus=2",
+            "+hydra.launcher.ray.remote.num_cpus=1",
+            "+hydra.launcher.ray.init.include_dashboard=false",
+        ],
+    ],
+    ids=["joblib", "submitit", "ray"],
+)
+def test_a_launcher_runs_a_sweep(tmp_path, launcher):
+    words = ["-m", "cams=[seg_side],[dep_side]", *TINY, *launcher]
+    # Ray makes its workers yield to everything else; on a busy machine they would starve.
+    surroundings = {**os.environ, "RAY_worker_niceness": "0", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, ROOT / "train.py", *words],
+        cwd=tmp_path,
+        env=surroundings,
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "2 runs, 0 failed" in done.stdout
+    for name in ("seg_side", "dep_side"):
+        folder = tmp_path / f"results/main/{name}/human/seed0"
+        assert json.loads((folder / "manifest.json").read_text())["finished"]
+        assert yaml.safe_load((folder / "config.yaml").read_text())["engine"]["threads"] == 1
+
+
+def test_slurm_is_submitit_with_our_defaults():
+    found = subprocess.run(
+        [
+            sys.executable,
+            ROOT / "train.py",
+            "hydra/launcher=slurm",
+            "--cfg",
+            "hydra",
+            "--package",
+            "hydra.launcher",
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    launcher = yaml.safe_load(found.stdout)
+    assert launcher["_target_"].endswith("SlurmLauncher")
+    assert launcher["cpus_per_task"] == 4

@@ -1,0 +1,131 @@
+"""What is said about a sweep before its first run."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from needlehoop.cli.main import main
+from needlehoop.training import sweep, sweep_checks
+
+ROOT = Path(__file__).parents[2]
+
+
+def run_train(monkeypatch, *words: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["train.py", *words])
+    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+
+
+@pytest.fixture
+def started(monkeypatch, tmp_path) -> list[str]:
+    """The runs that were started, which do nothing, in a folder of their own."""
+    monkeypatch.chdir(tmp_path)
+    runs: list[str] = []
+    monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: runs.append(note["run"]))
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("-m cams=dep_front,seg_side", ["2 runs of one camera", "'cams=[dep_front,seg_side]'"]),
+        ("cams=rgb_default,dep_front,seg_side --multirun", ["3 runs of one camera"]),
+        ("-m cams=dep_default,rgb_default", None),
+        ("-m cams=[dep_front,seg_side],[rgb_front]", None),
+        ("-m cams=dep_front seed=0,1", None),
+        ("-m reward=human,sparse", None),
+        ("cams=dep_front,seg_side", None),
+    ],
+)
+def test_a_pair_after_m_is_told_from_two_runs(words, said):
+    line = sweep_checks.reminder(words.split())
+    if said is None:
+        assert line is None
+    else:
+        assert line is not None
+        assert [part for part in said if part not in line] == []
+        assert "\n" not in line
+
+
+def test_the_line_comes_before_the_runs(started, monkeypatch, capfd):
+    with pytest.raises(SystemExit):
+        run_train(monkeypatch, "-m", "cams=dep_front,seg_side")
+    assert started == ["cams=dep_front", "cams=seg_side"]
+    assert capfd.readouterr().err.startswith("train.py: -m cams=dep_front,seg_side is 2 runs")
+
+
+def test_missing_programs_are_named_at_once_and_nothing_is_made(started, monkeypatch, tmp_path):
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, "-m", "+experiment=table2", "reward=vlm_img", "seed=0,1", "study=s")
+    assert started == []
+    assert list(tmp_path.iterdir()) == []
+    first, *missing = str(caught.value.code).splitlines()
+    assert first.startswith("nothing was started")
+    # Of the paper's 14 combinations, 3 have a program in its recording.
+    assert len(missing) == 11
+    asking = "needlehoop vlm reward 'cams=[rgb_default]' flavour=image study=s vlm=gemini"
+    assert missing[0] == f"  rgb_default: none of image; make it with: {asking}"
+    assert not [line for line in missing if "dep_front+seg_side" in line]
+
+
+def test_a_program_that_is_refused_is_named_too(started, monkeypatch, tmp_path):
+    (tmp_path / "mine.txt").write_text("reward = nonsense(1)")
+    words = ["-m", "cams=[dep_front],[seg_side]", "reward=file", "reward.path=mine.txt"]
+    with pytest.raises(
+        SystemExit, match=r"nothing was started(.|\n)*mine.txt, line 1.*no function"
+    ):
+        run_train(monkeypatch, *words)
+    assert started == []
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_front"),
+        (["cams=[seg_side,seg_side],[dep_front]"], "cams: 'seg_side' is named twice"),
+        (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
+    ],
+)
+def test_a_mistake_in_one_run_stops_all(started, monkeypatch, tmp_path, words, said):
+    with pytest.raises(SystemExit, match=said) as caught:
+        run_train(monkeypatch, "-m", *words)
+    assert "\n" not in str(caught.value.code)
+    assert started == list(tmp_path.iterdir()) == []
+
+
+def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, monkeypatch, capfd):
+    for words in (
+        ["+experiment=rewards"],
+        ["cams=[rgb_default],[dep_front]", "reward=vlm_img", "vlm=gemini"],
+    ):
+        with pytest.raises(SystemExit):
+            run_train(monkeypatch, "-m", *words)
+    assert len(started) == 12 + 2
+
+
+def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "argv", ["needlehoop"])
+    with pytest.raises(SystemExit):
+        main(["train", "-m", "cams=[dep_front],[seg_side]", "seed=0,1"])
+    assert len(started) == 4
+    with pytest.raises(SystemExit, match="needlehoop train: stpes: unknown key"):
+        main(["train", "cams=dep_front", "stpes=9"])
+    with pytest.raises(SystemExit) as caught:
+        main(["train", "--help"])
+    assert caught.value.code == 0
+    assert "sweep over single cameras" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["joblib", "ray", "slurm"])
+def test_a_launcher_that_is_not_installed_names_its_extra(name, monkeypatch):
+    words = ["-m", "cams=[seg_side]", f"hydra/launcher={name}"]
+    for word in words:
+        sweep_checks.check_launcher(word)
+    monkeypatch.setattr(sweep_checks, "find_spec", lambda _: None)
+    with pytest.raises(SystemExit) as refused:
+        run_train(monkeypatch, *words)
+    assert f"pip install 'needlehoop[{name}]'" in str(refused.value)

@@ -1,0 +1,493 @@
+"""The main job: command lines, the run's folder, stopping and going on, evaluation."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import runpy
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio.v2 as imageio
+import pytest
+import torch
+import yaml
+
+from needlehoop.cli import main as cli
+from needlehoop.config import composing
+from needlehoop.learning.job import typed_job
+from needlehoop.pictures import film
+from needlehoop.study.data.records import read_study
+
+ROOT = Path(__file__).parents[2]
+
+TINY = [
+    "steps=192",
+    "num_envs=4",
+    "algo.horizon=16",
+    "algo.minibatch=32",
+    "image_size=32",
+    "episode.max_steps=12",
+    "evaluation.every=2",
+    "evaluation.episodes=2",
+    "evaluation.final_episodes=3",
+    "evaluation.video_episodes=0",
+    "checkpoint_every=1",
+    "engine.threads=1",
+]
+"""Three buffers of 64 steps."""
+
+CLOCKS = {"wall_time", "steps_per_second", "seconds_collect", "seconds_update", "memory_gb"}
+"""Columns that differ between two runs of the same thing."""
+
+
+def run_train(monkeypatch, *words: str) -> None:
+    """``python train.py`` in this process, which has paid for the imports."""
+    monkeypatch.setattr(sys, "argv", ["train.py", *words])
+    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [{k: v for k, v in row.items() if k not in CLOCKS} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    """The folder of a run of the issue's first command line, left alone until its end."""
+    results = tmp_path_factory.mktemp("whole")
+    words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(results)
+        run_train(patch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+    return results / "main/dep_front+seg_side/human/seed0"
+
+
+def test_a_run_that_pauses_goes_on_to_the_same_end(finished, tmp_path, monkeypatch, capsys):
+    words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2", "results=."]
+    words += ["obs.proprio=true", "evaluation.video_episodes=1", "checkpoint_every=5"]
+    monkeypatch.chdir(tmp_path)
+    folder = Path("main/dep_front+seg_side/human/seed0")
+    for more in (["until=65"], ["until=128", "existing=resume"]):
+        run_train(monkeypatch, *words, *more)
+        said = capsys.readouterr().out
+        assert said.splitlines()[-1].startswith("paused; go on with: python train.py resume=main/")
+        manifest = json.loads((folder / "manifest.json").read_text())
+        assert (manifest["steps"], manifest["stopped"], manifest["finished"]) == (128, True, False)
+    # What is typed for one session binds no other.
+    run_train(monkeypatch, f"resume={folder}")
+    assert table(folder / "metrics.csv") == table(finished / "metrics.csv")
+    assert (folder / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
+    assert json.loads((folder / "manifest.json").read_text())["finished"]
+
+
+def test_a_sweep_pauses_all_its_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["-m", "cams=[seg_side]", "seed=0,1", *TINY, "results=results"]
+    run_train(monkeypatch, *words, "until=64")
+    assert "2 runs, 0 failed, 2 paused" in capsys.readouterr().out
+    folders = [Path(f"results/main/seg_side/human/seed{seed}") for seed in (0, 1)]
+    steps = [json.loads((one / "manifest.json").read_text())["steps"] for one in folders]
+    assert steps == [64, 64]
+
+
+def test_a_run_is_a_folder_of_plain_files(finished):
+    assert {path.name for path in finished.iterdir()} == {
+        "config.yaml",
+        "manifest.json",
+        "reward.txt",
+        "metrics.csv",
+        "evaluations.csv",
+        "evaluation.json",
+        "checkpoint.pt",
+        "policy.safetensors",
+        "video.mp4",
+    }
+    manifest = json.loads((finished / "manifest.json").read_text())
+    assert manifest["finished"] is True
+    assert manifest["steps"] == 192
+    assert manifest["versions"]["torch"] == torch.__version__
+    assert "class Human" in (finished / "reward.txt").read_text()
+    assert sorted(path.name for path in finished.parents[3].iterdir()) == ["main"]
+
+
+def test_the_metrics_have_every_promised_column(finished):
+    rows = table(finished / "metrics.csv")
+    assert [row["step"] for row in rows] == ["64", "128", "192"]
+    promised = "return success touched cheat grasped lifted length loss_policy loss_value kl"
+    promised += " clip_fraction explained_variance entropy learning_rate term_grasp term_lift"
+    promised += " term_hoop term_closed term_time"
+    assert [name for name in promised.split() if not rows[-1].get(name)] == []
+    terms = sum(float(value) for name, value in rows[-1].items() if name.startswith("term_"))
+    assert terms == pytest.approx(float(rows[-1]["return"]), abs=1e-5)
+    assert [row["step"] for row in table(finished / "evaluations.csv")] == ["128"]
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
+def test_nothing_in_the_repository_is_in_the_main_jobs_way():
+    default = yaml.safe_load((ROOT / "conf/job.yaml").read_text())
+    kept = subprocess.run(
+        ["git", "ls-files", default["results"]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert kept
+    study = f"{default['results']}/{default['study']}/"
+    assert not [name for name in kept if name.startswith(study)]
+
+
+def weights(run: Path) -> dict[str, torch.Tensor]:
+    return torch.load(run / "checkpoint.pt")["learner"]["ppo"]["agent"]
+
+
+def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["cams=dep_front,seg_side", "engine=dm_control", *TINY, "obs.frame_stack=2"]
+    run_train(monkeypatch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+    run = tmp_path / "main/dep_front+seg_side/human/seed0"
+    assert yaml.safe_load((run / "config.yaml").read_text())["engine"]["kind"] == "dm_control"
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert table(run / name) == table(finished / name)
+    assert (run / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
+    one, other = weights(run), weights(finished)
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize(
+    ("sent", "engine", "command"),
+    [
+        (signal.SIGINT, "cpu", ["-m", "needlehoop.cli.main", "train"]),
+        (signal.SIGKILL, "cpu", [str(ROOT / "train.py")]),
+        (signal.SIGKILL, "dm_control", [str(ROOT / "train.py")]),
+    ],
+)
+def test_a_stopped_run_goes_on_to_the_same_bits(
+    finished, tmp_path, monkeypatch, sent, engine, command
+):
+    values = (finished / "config.yaml").read_text().replace("kind: cpu", f"kind: {engine}")
+    folder = tmp_path / "main/dep_front+seg_side/human/seed0"
+    words = [f"engine={engine}", "cams=dep_front,seg_side", *TINY, "obs.frame_stack=2"]
+    words += ["obs.proprio=true", f"results={tmp_path}", "evaluation.video_episodes=1"]
+    process = subprocess.Popen(
+        [sys.executable, *command, *words],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # Stopped for good at the first checkpoint, however fast the machine.
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    while not (folder / "checkpoint.pt").exists() and process.poll() is None:
+        time.sleep(0.02)
+    process.send_signal(sent)
+    printed = process.communicate(timeout=120)[0].decode()
+    if sent == signal.SIGINT:
+        assert process.returncode == 0
+        assert f"go on with: needlehoop train resume={folder}" in printed
+    assert len(table(folder / "metrics.csv")) < 3
+
+    run_train(monkeypatch, f"resume={folder}")
+    assert (folder / "config.yaml").read_text() == values.replace(
+        "results: .", f"results: {tmp_path}"
+    )
+    for name in ("metrics.csv", "evaluations.csv"):
+        assert table(folder / name) == table(finished / name)
+    for name in ("evaluation.json", "video.mp4"):
+        assert (folder / name).read_bytes() == (finished / name).read_bytes()
+    whole, resumed = weights(finished), weights(folder)
+    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+
+
+def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
+    before = {path.name: path.read_bytes() for path in finished.iterdir()}
+    monkeypatch.chdir(finished.parents[3])
+    words = ["cams=dep_front,seg_side", *TINY, "results=."]
+    for wrong, said in (
+        (words, "resume="),
+        ([f"resume={finished}"], "finished"),
+        ([f"resume={finished}", "seed=1"], "own settings"),
+        ([f"resume={finished.parent}"], "no run"),
+    ):
+        with pytest.raises(SystemExit) as caught:
+            run_train(monkeypatch, *wrong)
+        assert said in str(caught.value.code)
+    assert {path.name: path.read_bytes() for path in finished.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["cams=dep_front,dep_front"], ["cams", "dep_front", "twice"]),
+        (["cams=[]"], ["cams", "at least one camera", "segdep"]),
+        ([], ["cams", "at least one camera"]),
+        (["cams=rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side", "segdep_side"]),
+        (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side"]),
+        (["cams=rgb_front", "reward=nope"], ["reward/nope", "human", "sparse"]),
+        (["cams=rgb_front", "stpes=9"], ["stpes", "unknown", "steps"]),
+        (["cams=rgb_front", "image_size=22"], ["image_size", "22", "strided_s4d"]),
+    ],
+)
+def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, *words)
+    message = str(caught.value.code)
+    assert [part for part in said if part not in message] == []
+    assert "\n" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "places"),
+    [
+        (
+            ["cams=[dep_front,seg_side],[rgb_front,rgb_side]", "seed=0,1"],
+            {
+                "dep_front+seg_side/human/seed0",
+                "dep_front+seg_side/human/seed1",
+                "rgb_front+rgb_side/human/seed0",
+                "rgb_front+rgb_side/human/seed1",
+            },
+        ),
+        (
+            ["cams=rgb_default,seg_side", "reward=sparse"],
+            {"rgb_default/sparse/seed0", "seg_side/sparse/seed0"},
+        ),
+    ],
+    ids=["combinations", "single cameras"],
+)
+def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, "-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
+    made = {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("evaluation.json")}
+    assert made == {f"results/main/{place}" for place in places}
+    found = read_study(tmp_path / "results" / "main")
+    assert {str(run.place) for run in found.runs} == places
+    assert found.left_out == ()
+    # A camera that stands alone, as a word, is one of a list in what is kept.
+    kept = [yaml.safe_load(path.read_text())["cams"] for path in tmp_path.rglob("config.yaml")]
+    assert all(isinstance(cams, list) for cams in kept)
+
+
+def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as caught:
+        run_train(monkeypatch, "--help")
+    assert caught.value.code == 0
+    said = capsys.readouterr().out
+    assert "python train.py cams=dep_front,seg_side reward=human" in said
+    assert "sweep over single cameras" in said
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("cams=dep", ["cams=dep_default", "cams=dep_front", "cams=dep_side"]),
+        ("seed=1 cams=segdep_f", ["cams=segdep_front"]),
+        ("cam", ["cameras.", "cams="]),
+    ],
+)
+def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
+    monkeypatch.setenv("COMP_LINE", f"python train.py {line}")
+    run_train(monkeypatch, "-sc", "query=bash")
+    assert capsys.readouterr().out.split() == offered
+
+
+def test_a_run_can_be_evaluated_again(finished, capsys):
+    earlier = json.loads((finished / "evaluation.json").read_text())
+    words = ["evaluate", str(finished), "episodes=5", "video=true", "video_episodes=2", "--json"]
+    assert cli.main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found == json.loads((finished / "evaluation.json").read_text())
+    assert found["episodes"] == 5
+    low, high = found["success_95"]
+    assert low <= found["success"] <= high
+    assert json.loads((finished / "evaluation.1.json").read_text()) == earlier
+    lengths = {}
+    for name in ("video.mp4", "video.1.mp4"):
+        with imageio.get_reader(finished / name) as video:
+            lengths[name] = video.count_frames()
+    assert lengths["video.mp4"] == 2 * lengths["video.1.mp4"]
+
+
+def test_evaluation_does_not_depend_on_how_many_fly(finished):
+    from dataclasses import replace
+
+    from needlehoop.learning.evaluate import evaluate, load_agent
+    from needlehoop.runs.run import Run
+
+    run = Run.open(finished)
+    job = typed_job(run.config())
+    agent = load_agent(run, job, torch.device("cpu"))
+    few, many = (evaluate(replace(job.env, seed=7), agent, n) for n in (2, 4))
+    assert torch.allclose(few.potential, many.potential[:2], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["episodes=0"], ["episodes", "at least 1"]),
+        (["seed=0"], ["seed", "trained on"]),
+        (["vidoe=true"], ["vidoe", "unknown", "video"]),
+        (["device=tpu"], ["device", "tpu", "cuda"]),
+    ],
+)
+def test_evaluate_refuses_what_it_does_not_know(finished, capsys, words, said):
+    before = (finished / "evaluation.json").read_bytes()
+    assert cli.main(["evaluate", str(finished), *words]) == 2
+    message = capsys.readouterr().err
+    assert [part for part in said if part not in message] == []
+    assert (finished / "evaluation.json").read_bytes() == before
+
+
+def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished, capsys):
+    words = ["episodes=3", "--json"]
+    assert cli.main(["evaluate", str(finished), *words]) == 0
+    own = json.loads(capsys.readouterr().out)
+    kept = (finished / "evaluation.json").read_text()
+    assert cli.main(["evaluate", str(finished), *words, "reward=sparse"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["return"] == found["success"]
+    assert found["return_human"] == pytest.approx(own["return_human"])
+    assert own["return_human"] == pytest.approx(own["return"])
+    assert (finished / "evaluation.json").read_text() == kept
+
+
+def test_the_papers_setting_trains(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    small = [word for word in TINY if not word.startswith(("num_envs", "algo.horizon", "encoder"))]
+    words = ["+experiment=paper", "cams=[seg_side]", *small, "steps=256", "algo.buffer=128"]
+    run_train(monkeypatch, *words, "algo.horizon=8", "results=.")
+    run = tmp_path / "main/seg_side/human/seed0"
+    rows = table(run / "metrics.csv")
+    assert [row["step"] for row in rows] == ["128", "256"]
+    assert {"success", "threaded", "touched", "cheat"} <= set(rows[0])
+    kept = typed_job(yaml.safe_load((run / "config.yaml").read_text()))
+    assert (kept.env.num_envs, kept.env.episode.success) == (8, "touch")
+    assert kept.algo.network.told == ()
+    assert kept.encoder.name == "resnet"
+    full = typed_job(composing.compose(["+experiment=paper", "cams=[seg_side]"], "config"))
+    assert full.buffer == 10_240
+
+
+def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "never.txt").write_text("reward = 20")
+    words = ["cams=[seg_side]", *TINY, "reward=file", "reward.path=never.txt", "results=."]
+    run_train(monkeypatch, *words)
+    said = capsys.readouterr().err
+    assert "reward: the gates on this program: refused, rises to 20.000" in said
+    manifest = json.loads((tmp_path / "main/seg_side/file/seed0/manifest.json").read_text())
+    assert "refused, rises to 20.000; the most allowed is 9 and a bonus of 2" in manifest["gates"]
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
+    tmp_path, monkeypatch, request, kind
+):
+    monkeypatch.chdir(tmp_path)
+    words = [word for word in TINY if not word.startswith("evaluation.video")]
+    frame = film._frame
+    # Whoever runs the tests in the background has Ctrl-C ignored, and so would the run.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
+    def stopped(*seen):
+        os.kill(os.getpid(), kind)
+        return frame(*seen)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(film, "_frame", stopped)
+        run_train(monkeypatch, "cams=[seg_side]", *words, "results=.")
+    run = tmp_path / "main/seg_side/human/seed0"
+    assert not list(run.glob("video*"))
+    manifest = json.loads((run / "manifest.json").read_text())
+    assert manifest["stopped"]
+    assert not manifest.get("finished")
+    run_train(monkeypatch, f"resume={run}")
+    assert (run / "video.mp4").exists()
+    assert json.loads((run / "manifest.json").read_text())["finished"]
+
+
+def test_evaluate_refuses_a_folder_that_is_no_run(tmp_path, capsys):
+    assert cli.main(["evaluate", str(tmp_path)]) == 2
+    assert "no run" in capsys.readouterr().err
+
+
+TAUGHT = ["cams=[seg_side]", "algo=dagger", *TINY, "algo.minibatches=3"]
+
+
+@pytest.fixture(scope="module")
+def imitated(tmp_path_factory) -> Path:
+    """The folder of a run that an expert taught."""
+    results = tmp_path_factory.mktemp("taught")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(results)
+        run_train(patch, *TAUGHT, "results=.")
+    return results / "main/seg_side/expert/seed0"
+
+
+def test_an_imitated_run_is_a_run_like_any_other(imitated):
+    (run,) = read_study(imitated.parents[2]).runs
+    assert str(run.place) == "seg_side/expert/seed0"
+    assert run.finished
+    assert run.evaluation["episodes"] == 3
+    rows = table(imitated / "metrics.csv")
+    assert [row["step"] for row in rows] == ["64", "128", "192"]
+    assert all(float(row["error"]) > 0 for row in rows)
+    # The expert flew all of the first buffer: the learner ended no episode.
+    assert rows[0]["episodes"] == "0"
+    assert rows[0]["success"] == ""
+    assert int(float(rows[-1]["episodes"])) > 0
+
+
+def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
+    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=3"]
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, *words, "results=.")
+    ours = weights(tmp_path / "main/seg_side/human/seed0")
+    theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
+    changed = {name for name in ours if not torch.equal(ours[name], theirs[name])}
+    # Warming up, the value head moves and nothing else.
+    assert changed
+    assert {name.split(".")[:3][-1] for name in changed} == {"2"}
+
+
+def test_after_the_warm_up_the_policy_moves(imitated, tmp_path, monkeypatch):
+    words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2", "algo.finetune=0.1"]
+    monkeypatch.chdir(tmp_path)
+    run_train(monkeypatch, *words, "results=.")
+    rates = [
+        float(row["learning_rate"]) for row in table(Path("main/seg_side/human/seed0/metrics.csv"))
+    ]
+    # The schedule's thirds; gently, once the policy moves.
+    assert rates == pytest.approx([3e-4, 2e-4, 1e-5])
+    ours = weights(tmp_path / "main/seg_side/human/seed0")
+    theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
+    mean = [name for name in ours if name.endswith("mean.weight")]
+    assert mean
+    assert not torch.equal(ours[mean[0]], theirs[mean[0]])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["cams=[rgb_side]"], "has cams=('seg_side',); this run has ('rgb_side',)"),
+        (["cams=[seg_side]", "algo.network.hidden=64"], "has algo.network="),
+        (["cams=[seg_side]", "image_size=64"], "has image_size=32; this run has 64"),
+    ],
+)
+def test_an_agent_of_other_networks_is_refused(imitated, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as refused:
+        run_train(monkeypatch, *TINY, *words, f"init={imitated}", "results=.")
+    assert message in str(refused.value)
+    assert not (tmp_path / "main").exists()
