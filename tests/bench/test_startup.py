@@ -46,7 +46,7 @@ WITH_TORCH = [
     ["train", "cams=dep_front", "image_size=22"],
     ["train", "-m", "+experiment=table2", "reward=vlm_img"],
     ["expert", "seed=-1"],
-    ["evaluate", str(ROOT / "results/reference/rgb_default/human/seed0"), "episods=1"],
+    ["evaluate", str(ROOT / "results/table2/rgb_default/human/seed0"), "episods=1"],
 ]
 
 SCRIPT = """

@@ -267,6 +267,8 @@ def _facts(run: Record) -> list[tuple[str, str]]:
 
 def _reward(run: Record, study: Path | None) -> str:
     path = run.folder / files.REWARD
+    if not (path.exists() or path.is_symlink()):
+        return f"{files.REWARD} is not kept; {files.CONFIG} has the reward's values and program"
     try:
         return read_text(path, within=study)
     except UnreadableError as error:
