@@ -41,13 +41,12 @@ class PpoConfig:
     """Whether a value may move no further than epsilon per buffer."""
     network: HeadConfig
     warmup: Number = 0
-    """Buffers, in a run that begins with another's agent, from which the value function alone
-    learns; runs older than it have none."""
+    """Buffers at the start of a run with ``init=`` in which only the value function learns."""
     finetune: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
-    """Share of the learning rate with which its policy learns afterwards; in older runs, all."""
+    """Share of the learning rate with which its policy learns afterwards."""
     buffer: Count | None = None
     """Steps of all environments that are collected before they are learnt from; ``None``: one
-    horizon of each. Runs older than it have none."""
+    horizon of each."""
 
 
 @dataclass(frozen=True)

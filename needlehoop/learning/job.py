@@ -83,9 +83,9 @@ class Job:
     checkpoint_every: Count
     """Buffers between checkpoints."""
     init: str | None = None
-    """Folder of the run whose agent this one begins with; runs older than it have none."""
+    """Folder of the run whose agent this one begins with."""
     weights: str = WEIGHTS[0]
-    """What ``policy.safetensors`` keeps its numbers in; runs older than it have none."""
+    """What ``policy.safetensors`` keeps its numbers in."""
 
     def __post_init__(self) -> None:
         if not self.env.cams and not self.env.obs.signals:

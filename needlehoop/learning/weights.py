@@ -27,7 +27,6 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
 from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import POLICY, write_whole
-from needlehoop.runs.older import completed
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
 from needlehoop.scene.cameras import Rendering, parse_cameras
 from needlehoop.task.episode import CONTROLS
@@ -188,7 +187,7 @@ def read_senses(path: Path) -> Senses:
     with _reading(path), safe_open(path, framework="pt") as file:
         found = file.metadata() or {}
     try:
-        values = completed(parse_json(found[_CONFIG]))
+        values = parse_json(found[_CONFIG])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} holds no policy of needlehoop: no config in it") from error
     try:

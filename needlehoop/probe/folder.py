@@ -19,7 +19,6 @@ from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.scores import QUANTITIES, Errors
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
-from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
@@ -59,7 +58,7 @@ class Folder:
         before: dict[str, Any] = {}
         if path.exists() and any(file.is_file() for file in path.iterdir()):
             try:
-                before = completed(read_yaml(held)) if held.is_file() else {}
+                before = read_yaml(held) if held.is_file() else {}
             except UnreadableError as error:
                 raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:

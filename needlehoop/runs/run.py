@@ -22,7 +22,6 @@ from needlehoop.runs.files import (
     set_aside,
     write_whole,
 )
-from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.table import Table
@@ -97,14 +96,14 @@ class Run:
         return cls(folder)
 
     def config(self) -> dict[str, Any]:
-        """The composed config that the run began with, completed by what is newer than it.
+        """The composed config that the run began with.
 
         Raises:
             ValueError: the file is damaged.
         """
         if self._config is None:
             try:
-                self._config = completed(read_yaml(self.folder / CONFIG))
+                self._config = read_yaml(self.folder / CONFIG)
             except UnreadableError as error:
                 raise _damaged(self.folder / CONFIG, error) from error
         return self._config

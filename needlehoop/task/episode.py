@@ -47,7 +47,7 @@ class Episode:
     """``threaded``: the tip is at least this far beyond the hoop's plane."""
     success: str = SUCCESSES[0]
     """``thread``: the needle is through the hoop. ``touch``: its tip is at the goal, as in the
-    paper. Runs older than it have none."""
+    paper."""
 
     def __post_init__(self) -> None:
         for key, value, valid in (

@@ -17,7 +17,6 @@ from needlehoop.learning.job import Job, recorded_job, typed_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
-from needlehoop.runs.older import completed
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.run import Run
 from needlehoop.training.missing_reward import ask_where_missing, objections
@@ -180,8 +179,7 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Settings that differ, and that results depend on."""
     keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
-    began = completed(before)
-    return sorted(key for key in keys if began.get(key) != _plain(now.get(key)))
+    return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
 
 
 def _plain(value: Any) -> Any:

@@ -197,8 +197,7 @@ def test_a_kept_run_is_read_as_it_was_written(path):
     values = Run.open(path.parent).config()
     job = typed_job(values)
     written = yaml.safe_load(path.read_text())
-    # Runs older than the choice were made with the tracer.
-    assert job.env.engine.renderer == written["engine"].get("renderer", "tracer")
+    assert job.env.engine.renderer == written["engine"]["renderer"]
     assert list(job.env.cams) == values["cams"]
     # It was a study of its own name when it was trained.
     assert path.parts[-4:-1] == tuple(job.place.split("/")[1:])

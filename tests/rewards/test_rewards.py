@@ -14,7 +14,6 @@ from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.rewards.human import Human
 from needlehoop.runs.files import reward_name
-from needlehoop.runs.older import completed
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.facts import is_terminated
@@ -131,17 +130,6 @@ def test_a_larger_scene_unit_makes_every_length_larger(human, values):
     for away in (0.001, 0.004, 0.03):
         near, far = ({"tool_midpoint": (x, 0, 0)} for x in (away, 2 * away))
         assert terms_of(larger, **far)["grasp"] == pytest.approx(terms_of(human, **near)["grasp"])
-
-
-def test_runs_older_than_scene_units_gave_metres(human, values):
-    metres = {**values["human"], "tolerance": 0.0025, "rate": 80.0, "reach": 5.0}
-    del metres["unit"]
-    before = rewards.load(completed({"reward": metres})["reward"])
-    # Theirs was half of today's.
-    human = replace(human, unit=0.05)
-    for away in (0.001, 0.01, 0.05):
-        given_ = {"tool_midpoint": (away, 0, 0)}
-        assert terms_of(before, **given_) == pytest.approx(terms_of(human, **given_))
 
 
 def test_what_is_grasped_or_lifted_is_paid_in_full_at_any_distance(human):

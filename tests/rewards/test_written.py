@@ -15,7 +15,6 @@ from needlehoop.learning.job import typed_job
 from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
-from needlehoop.runs.older import completed
 from needlehoop.training import loop as page
 from needlehoop.vlm.moments import random_signals
 
@@ -206,14 +205,13 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     assert rewards.pin(human) == human
 
 
-def test_a_run_from_before_there_were_samples_and_units_keeps_its_program(place):
+def test_a_pinned_program_needs_its_sample_and_unit(place):
     place("rewards/dep_front/image.txt", 3)
     values = composing.compose(["reward=vlm_img", "cams=[dep_front]"])
     values["reward"] = rewards.pin(values["reward"])
     del values["reward"]["sample"], values["reward"]["unit"]
     with pytest.raises(ValueError, match="sample, unit missing or unknown"):
         rewards.load(values["reward"])
-    assert worth(rewards.load(completed(values)["reward"])) == 5
 
 
 @pytest.mark.parametrize("flavour", ["text", "img"])

@@ -9,11 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from needlehoop.config import composing
-from needlehoop.engines.contract import EngineConfig
-from needlehoop.learning.job import typed_job
 from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, write_whole
-from needlehoop.runs.older import completed
 from needlehoop.runs.run import Run
 
 CPU = torch.device("cpu")
@@ -69,27 +65,13 @@ def go_on(folder: Path) -> Run:
 def test_a_new_run_writes_down_what_it_is(run, folder):
     assert {path.name for path in folder.iterdir()} == {CONFIG, MANIFEST, REWARD}
     assert (folder / REWARD).read_text() == "grasp: 2.0\n"
-    assert Run.open(folder).config() == completed(VALUES)
+    assert Run.open(folder).config() == VALUES
     manifest = json.loads((folder / MANIFEST).read_text())
     assert manifest == run.manifest()
     assert manifest["versions"]["torch"] == torch.__version__
     assert manifest["finished"] is False
     assert manifest["steps"] == 0
     assert {"commit", "python", "started"} <= manifest.keys()
-
-
-@pytest.mark.parametrize(
-    ("engine", "renderer"),
-    [({"threads": 0}, "tracer"), ({"threads": 0, "renderer": "rasteriser"}, "rasteriser")],
-)
-def test_a_run_older_than_the_choice_of_a_renderer_goes_on_with_the_tracer(
-    folder, engine, renderer
-):
-    # A whole config, so that what evaluates and resumes can read it.
-    values = {**composing.compose(["cams=seg_side"], "config"), "engine": engine}
-    Run.create(folder, values, "", overwrite=False)
-    read = typed_job(Run.open(folder).config())
-    assert read.env.engine == EngineConfig(threads=0, renderer=renderer)
 
 
 def test_a_run_may_begin_in_an_empty_folder(folder):

@@ -135,7 +135,7 @@ def test_settings_that_were_edited_are_refused(folder, changes, said):
 
 
 def test_settings_of_no_consequence_may_be_edited(folder, whole):
-    change(folder, engine={"threads": 2})
+    change(folder, engine={"threads": 2, "renderer": "rasteriser"})
     run_train(f"resume={folder}")
     assert outcome(folder) == whole
 
