@@ -74,8 +74,6 @@ HEAVY = (
     "needlehoop.envs.trials.run_trials",
     "needlehoop.probe.probing.probe",
     "needlehoop.bench.speed.measure",
-    "needlehoop.bench.stability.shake",
-    "needlehoop.bench.program.measure_program",
     "needlehoop.bench.training.measure_training",
     "needlehoop.demonstrations.export.new_folder",
     "needlehoop.vlm.inquiry.Inquiry",

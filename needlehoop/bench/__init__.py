@@ -1,1 +1,1 @@
-"""Measurements of this machine: the environment, training, a reward program, the physics."""
+"""How fast this machine is: the environment, training, and Stable-Baselines3 beside them."""

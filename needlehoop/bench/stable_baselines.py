@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 import gymnasium
-import mujoco
 import numpy as np
 import torch
 from stable_baselines3 import PPO
@@ -16,7 +15,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
-from needlehoop.bench.waiting import rounds_of
+from needlehoop.bench.speed import NO_OPENGL
+from needlehoop.bench.timing import rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold
@@ -131,19 +131,18 @@ def opengl_envs(settings: Settings) -> VecEnv:
     try:
         envs = DummyVecEnv(makers)
         envs.reset()
-    except (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError) as error:
-        # What a machine without OpenGL raises, by backend.
+    except NO_OPENGL as error:
         raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
     return envs
 
 
 def runner(job: Job, env: VecEnv) -> Callable[[], float]:
-    """A round of SB3's PPO, learning included, which returns its steps per second."""
+    """One round of SB3's PPO, learning included; calling it returns steps per second."""
     model, steps = _build(job, env), env.num_envs * STEPS
 
     def run() -> float:
-        # As a user of theirs has it: torch on all cores. Where others use them too, its threads
-        # mostly wait for each other, and engine.threads=1 says more.
+        # Its users have torch on all cores. Where other work uses them too, torch's threads
+        # mostly wait for each other; then engine.threads=1 tells more.
         before = torch.get_num_threads()
         torch.set_num_threads(job.env.engine.threads or available_cpus())
         began = time.perf_counter()

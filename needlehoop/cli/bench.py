@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
-from needlehoop.config.strict import Count, Range
+from needlehoop.config.strict import Range
 
 Rounds = Annotated[int, Range(1, 1_000_000)]
+WHAT = ("speed", "train", "sb3")
 
 
 def add_commands(commands: Any) -> None:
@@ -20,20 +20,21 @@ def add_commands(commands: Any) -> None:
         commands,
         "bench",
         _bench,
-        "Measure the environment's speed (the default), training's, Stable-Baselines3's on it, a"
-        " reward program's or that of small commands, or the physics' stability.",
-        "speed|train|sb3|stability|program|startup (a bare word, or what=…) rounds=5 steps=40"
-        " episodes=1000; with train: turns=3 against=<folder of another checkout>",
+        "Measure how fast the environment is on this machine (speed, the default), or training"
+        " (train), or Stable-Baselines3 on it (sb3).",
+        "speed|train|sb3 (a bare word, or what=…) rounds=5; with speed: steps=40; with train and"
+        " sb3: all of conf/job.yaml",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
 
 
 def _bench(options: argparse.Namespace) -> None:
     given = [f"what={word}" if "=" not in word else word for word in options.overrides]
-    # Training has a config of its own, in which there is nothing else to choose.
-    learning = [word for word in given if word in ("what=train", "what=sb3")]
-    rest = [word for word in given if word not in learning]
-    found = _measure_learning(learning[-1], rest) if learning else _measure(given)
+    chosen = [word.partition("=")[2] for word in given if word.startswith("what=")]
+    what, words = (chosen or ["speed"])[-1], [word for word in given if word[:5] != "what="]
+    if what not in WHAT:
+        raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(WHAT)}")
+    found = _measure(words) if what == "speed" else _measure_learning(what, words)
     if options.json:
         print(json.dumps(found))
     else:
@@ -46,26 +47,11 @@ def _measure(overrides: list[str]) -> dict[str, Any]:
     values = composing.compose(overrides, "bench")
     from needlehoop.envs.settings import settings_from
 
-    settings, what = settings_from(values), strict.value(values, "what", str)
-    if what == "speed":
-        from needlehoop.bench.speed import measure
+    settings = settings_from(values)
+    rounds, steps = (strict.value(values, key, Rounds) for key in ("rounds", "steps"))
+    from needlehoop.bench.speed import measure
 
-        rounds, steps = (strict.value(values, key, Rounds) for key in ("rounds", "steps"))
-        return measure(settings, rounds, steps)
-    if what == "stability":
-        from needlehoop.bench.stability import shake
-
-        return shake(settings, strict.value(values, "episodes", Count)).as_dict()
-    if what == "program":
-        from needlehoop.bench.program import measure_program
-
-        return measure_program(settings.num_envs, strict.value(values, "rounds", Rounds))
-    if what == "startup":
-        from needlehoop.bench.startup import measure_startup
-
-        return measure_startup(strict.value(values, "rounds", Rounds))
-    valid = "speed, train, sb3, stability, program, startup"
-    raise ValueError(f"what: {what!r} is unknown; choose from {valid}")
+    return measure(settings, rounds, steps)
 
 
 def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
@@ -75,19 +61,13 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     from needlehoop.learning.job import typed_job
 
     job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
-    if what == "what=sb3":
+    if what == "sb3":
         from needlehoop.bench.stable_baselines import measure_sb3
 
         return measure_sb3(job, rounds)
-    from needlehoop.bench.against import compare_training
     from needlehoop.bench.training import measure_training
 
-    against = strict.value(values, "against", str | None)
-    if against is None:
-        return measure_training(job, rounds, alone=strict.value(values, "alone", bool))
-    own = ("against=", "turns=")
-    words = [word for word in overrides if not word.startswith(own)]
-    return compare_training(Path(against).resolve(), words, strict.value(values, "turns", Rounds))
+    return measure_training(job, rounds)
 
 
 def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:

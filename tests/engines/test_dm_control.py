@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 import torch
+from stability import shake
 
-from needlehoop.bench.stability import shake
 from needlehoop.config import composing
 from needlehoop.engines.contract import KINDS
 from needlehoop.engines.dm_control import DmControlEngine

@@ -180,7 +180,7 @@ def test_a_needle_that_nobody_touches_stays_still():
 
 @pytest.mark.parametrize("grasp", ["weld", "friction"])
 def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
-    from needlehoop.bench.stability import shake
+    from stability import shake
 
     settings = compose_settings(["num_envs=40", f"episode.grasp={grasp}"])
     found = shake(settings, episodes=40)

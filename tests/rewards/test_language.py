@@ -11,9 +11,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import settings as tried
+from reward_program import PROGRAM
 
 from needlehoop import rewards
-from needlehoop.bench.program import PROGRAM
 from needlehoop.config import composing
 from needlehoop.rewards.language.functions import FUNCTIONS, describe_functions
 from needlehoop.rewards.language.grammar import ProgramError

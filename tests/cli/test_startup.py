@@ -7,10 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from needlehoop.bench.startup import CALLS, measure_startup
-
 ROOT = Path(__file__).parents[2]
 
 HEAVY = (
@@ -95,21 +91,3 @@ def test_what_is_refused_or_explained_needs_no_simulator_and_no_agent(tmp_path):
     assert {name: modules for name, (_, modules) in found.items() if modules} == {}
     assert [name for name, (status, _) in found.items() if status == "0"] == []
     assert [path.name for path in tmp_path.iterdir()] == ["bad.txt"]
-
-
-def test_startup_is_measured_in_turns():
-    torch, signals = CALLS["import torch"], CALLS["signals"]
-    found = measure_startup(1, {"import torch": torch, "signals": signals})
-    assert found["seconds"].keys() == {"import torch", "signals"}
-    assert found["ratio_to_import_torch"].keys() == {"signals"}
-    # Nowhere near the seconds that a simulator or an agent takes to import.
-    assert 0 < found["ratio_to_import_torch"]["signals"] < 2
-
-
-def test_a_call_that_ends_otherwise_is_no_measurement():
-    with pytest.raises(RuntimeError, match=r"exit status 3, not 0: gone"):
-        measure_startup(
-            1, {"gone": (("-c", "import sys; print('gone', file=sys.stderr); exit(3)"), 0)}
-        )
-    with pytest.raises(ValueError, match="rounds: 0"):
-        measure_startup(0)

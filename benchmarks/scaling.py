@@ -1,0 +1,48 @@
+"""What more cores would bring to training, by Amdahl's law.
+
+    python benchmarks/scaling.py rounds=3
+
+The words are settings of ``needlehoop bench train``. It is run with all threads and with one, in
+processes of their own; the ratio gives the share of the time that does not shrink with cores.
+"""
+
+import json
+import subprocess
+import sys
+
+CORES = (4, 8, 16, 64)
+
+
+def serial_share(ratio: float, threads: int) -> float:
+    """Share of the time on one thread that does not shrink, from a measured speed-up.
+
+    Args:
+        ratio: rate with ``threads`` over the rate with one.
+        threads: at least 2.
+    """
+    return min(1.0, max(0.0, (threads / ratio - 1.0) / (threads - 1.0)))
+
+
+def predict(rate: float, serial: float) -> dict[int, int]:
+    """Rates by number of cores, from the rate on one and the share that does not shrink."""
+    return {cores: round(rate / (serial + (1.0 - serial) / cores)) for cores in CORES}
+
+
+def measured(*words: str) -> dict:
+    """What ``needlehoop bench train`` says."""
+    command = [sys.executable, "-m", "needlehoop.cli.main", "bench", "train", "--json", *words]
+    return json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)
+
+
+if __name__ == "__main__":
+    whole = measured(*sys.argv[1:])
+    single = measured(*sys.argv[1:], "engine.threads=1")
+    threads = whole["threads"]
+    if threads == 1:
+        sys.exit("this machine has one core: nothing to compare")
+    ratio = whole["steps_per_second"] / single["steps_per_second"]
+    serial = serial_share(ratio, threads)
+    for count, found in ((threads, whole), (1, single)):
+        print(f"{count} threads: {found['steps_per_second']} steps/s, {found['share_of_time']}")
+    print(f"ratio {ratio:.2f}, serial share {serial:.3f}")
+    print("predicted:", predict(single["steps_per_second"], serial))
