@@ -1,7 +1,8 @@
-"""Links of the documentation to what lies outside ``docs/``, for mkdocs.
+"""What the site shows from outside ``docs/``, for mkdocs.
 
-A page is read in the repository as well, where ``../results/README.md`` leads somewhere. On the
-site, a picture out there is brought in, and any other link is left as its text.
+Pages are read in the repository as well, where ``../results/README.md`` leads somewhere. On the
+site, a picture out there is brought in, and any other link is left as its text. The home page is
+the first part of ``README.md``, so that it is written once.
 """
 
 from __future__ import annotations
@@ -12,17 +13,33 @@ from typing import Any
 
 from mkdocs.structure.files import File, Files
 
+HOME_ENDS = "<!-- The site's home page ends here. -->"
 _PICTURE = re.compile(r"(!\[[^]]*]\()\.\./([^)]+)\)")
 _LINK = re.compile(r"\[([^]]+)]\(\.\./[^)]+\)")
 
 
-def on_files(files: Files, config: Any) -> Files:
-    """Add the pictures that pages show from outside.
+def home(readme: str) -> str:
+    """The home page: the README as far as ``HOME_ENDS``, its links as ``docs/`` has them.
 
     Raises:
-        FileNotFoundError: one that is not there.
+        ValueError: the README does not say where the home page ends.
+    """
+    page, mark, _ = readme.partition(HOME_ENDS)
+    if not mark:
+        raise ValueError(f"README.md lacks the line {HOME_ENDS}")
+    return re.sub(r"]\((?!https?:)", "](../", page).replace("](../docs/", "](")
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the home page, and the pictures that pages show from outside.
+
+    Raises:
+        FileNotFoundError: a picture that is not there.
+        ValueError: as in ``home``.
     """
     root = Path(config.docs_dir).parent
+    content = home((root / "README.md").read_text())
+    files.append(File.generated(config, "index.md", content=content))
     for page in files.documentation_pages():
         for _, name in _PICTURE.findall(page.content_string):
             if not (root / name).is_file():

@@ -3,7 +3,7 @@
 Examples:
     >>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
     >>> dm = needlehoop.load(cams=["rgb_default"])
-    >>> policy = needlehoop.load_policy("results/main/dep_front+seg_side/human/seed0")
+    >>> policy = needlehoop.load_policy()
     >>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
 """
 
