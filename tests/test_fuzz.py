@@ -68,11 +68,11 @@ COMMANDS = {
 """By the name of their config: the words of a command, and what it needs."""
 
 HEAVY = (
-    "needlehoop.pictures.sheet.contact_sheet",
-    "needlehoop.pictures.portrait.portrait",
-    "needlehoop.pictures.viewer.view",
-    "needlehoop.envs.trials.run_trials",
-    "needlehoop.probe.probing.probe",
+    "needlehoop.pictures.stills.contact_sheet",
+    "needlehoop.pictures.stills.portrait",
+    "needlehoop.pictures.window.view",
+    "needlehoop.envs.controllers.run_trials",
+    "needlehoop.probe.measuring.probe",
     "needlehoop.bench.speed.measure",
     "needlehoop.bench.training.measure_training",
     "needlehoop.demonstrations.export.new_folder",

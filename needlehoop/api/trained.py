@@ -9,10 +9,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent
 from needlehoop.learning.job import Job, checked_job, pick_device
 from needlehoop.learning.policy import Policy
-from needlehoop.learning.weights import Actor, Senses, actor_of, read_actor, read_senses
+from needlehoop.learning.weights import Senses, read_actor, read_senses
 from needlehoop.runs.files import POLICY
 from needlehoop.runs.run import Run
 
@@ -71,7 +72,7 @@ def actor_in(run: str | Path, device: str, precision: str | None = None) -> tupl
         opened = Run.open(where)
         job = checked_job(opened.config())
         job = job if precision is None else replace(job, precision=precision)
-        return Senses.of(job), actor_of(load_agent(opened, job, chosen))
+        return Senses.of(job), load_agent(opened, job, chosen).actor
     senses = read_senses(weights)
     senses = senses if precision is None else replace(senses, precision=precision)
     return senses, read_actor(weights, senses, chosen)

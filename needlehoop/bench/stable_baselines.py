@@ -19,9 +19,8 @@ from needlehoop.bench.speed import NO_OPENGL
 from needlehoop.bench.timing import rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
-from needlehoop.learning.encoder import Encoder, Fold
+from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype
 from needlehoop.learning.job import Job
-from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.machine import available_cpus, machine
 
 DM_CONTROL_ENVS = 8

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
 
 if TYPE_CHECKING:
-    from needlehoop.demonstrations.flights import Flight, Pilot
+    from needlehoop.demonstrations.episodes import Demonstration
+    from needlehoop.envs.rollout import MakeController
     from needlehoop.envs.settings import Settings
 
 _OWN = (
@@ -35,10 +37,9 @@ def add_commands(commands: Any) -> None:
 
 
 def _demonstrations(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
-    from needlehoop.demonstrations.about import About
+    from needlehoop.config import composing
+    from needlehoop.demonstrations.episodes import About, demonstrate
     from needlehoop.demonstrations.export import layout, new_folder
-    from needlehoop.demonstrations.flights import fly
     from needlehoop.runs.provenance import provenance
 
     words = options.overrides
@@ -49,25 +50,23 @@ def _demonstrations(options: argparse.Namespace) -> None:
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
-    who, settings, pilot = _demonstrator(values, words)
+    who, settings, make = _demonstrator(values, words)
     with new_folder(out, strict.value(values, "overwrite", bool)) as folder:
-        flown = _Shown(fly(settings, pilot, episodes), episodes)
-        write(folder, flown, About(who, settings, provenance()))
-    print(f"{out}: {episodes} episodes, {flown.steps} steps, {flown.succeeded} successful")
+        shown = _Shown(demonstrate(settings, make, episodes), episodes)
+        write(folder, shown, About(who, settings, provenance()))
+    print(f"{out}: {episodes} episodes, {shown.steps} steps, {shown.succeeded} successful")
 
 
-def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, Pilot]:
-    """Its name, the environment, and who flies."""
-    from needlehoop.config import strict
-    from needlehoop.demonstrations.demonstrators import scripted
-    from needlehoop.learning.evaluate import load_agent, pilots
-    from needlehoop.learning.job import pick_device
+def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, MakeController]:
+    """Its name, the environment, and what acts in it."""
+    from needlehoop.demonstrations.episodes import scripted
+    from needlehoop.envs.settings import settings_from
+    from needlehoop.learning.evaluate import acting, load_agent
+    from needlehoop.learning.job import pick_device, recorded_job
     from needlehoop.runs.run import Run
 
     who, where = strict.value(values, "demonstrator", str), strict.value(values, "device", str)
     if not Path(who).is_dir():
-        from needlehoop.envs.settings import settings_from
-
         return who, settings_from(values), scripted(who)
     given = [word.partition("=")[0].lstrip("+~") for word in words]
     foreign = [key for key in given if key.partition(".")[0] not in _OWN]
@@ -77,30 +76,26 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
             f" {', '.join(_OWN)}"
         )
     run = Run.open(Path(who))
-    from needlehoop.learning.job import recorded_job
-
     job = recorded_job(run.config(), strict.value(values, "trust", bool))
     device = pick_device(where)
     seed = strict.value(values, "seed", Seed)
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    from needlehoop.envs.settings import settings_from
-
     settings = replace(job.env, seed=seed, engine=settings_from(values).engine)
-    return who, settings, pilots(load_agent(run, job, device))
+    return who, settings, acting(load_agent(run, job, device))
 
 
 class _Shown:
     """Episodes with a progress bar, counted."""
 
-    def __init__(self, flights: Iterable[Flight], total: int):
-        self._flights, self._total = flights, total
+    def __init__(self, episodes: Iterable[Demonstration], total: int):
+        self._episodes, self._total = episodes, total
         self.steps = self.succeeded = 0
 
-    def __iter__(self) -> Iterator[Flight]:
+    def __iter__(self) -> Iterator[Demonstration]:
         from tqdm import tqdm
 
-        for flight in tqdm(self._flights, total=self._total, unit="episode", dynamic_ncols=True):
-            self.steps += len(flight)
-            self.succeeded += flight.success
-            yield flight
+        for one in tqdm(self._episodes, total=self._total, unit="episode", dynamic_ncols=True):
+            self.steps += len(one)
+            self.succeeded += one.success
+            yield one

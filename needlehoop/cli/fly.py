@@ -1,4 +1,4 @@
-"""Commands that fly a trained agent: ``needlehoop evaluate``, ``watch``."""
+"""Commands that let a trained agent act: ``needlehoop evaluate``, ``watch``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
 
 
@@ -26,7 +27,7 @@ def add_commands(commands: Any) -> None:
     watched = commands.add_parser(
         "watch",
         help="Watch a trained agent: a few fresh episodes, in a window or as a film.",
-        description="Fly a few episodes that the agent has never met, say what came of them, and"
+        description="Run a few episodes that the agent has never met, say what came of them, and"
         " show some in a window, or write a film where there is no display. Nothing is written"
         " into the run's folder; a film that is there is kept under a number.",
         epilog="Keys: episodes=10 seed=… video_episodes=3 window=… out=watch.mp4 device=auto"
@@ -43,14 +44,12 @@ def add_commands(commands: Any) -> None:
 
 def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop import rewards
-    from needlehoop.config import composing, strict
-    from needlehoop.learning.job import pick_device
+    from needlehoop.config import composing
+    from needlehoop.learning.job import checked_job, pick_device
     from needlehoop.runs.files import VIDEO
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    from needlehoop.learning.job import checked_job
-
     job = checked_job(run.config())
     # Programs are found by the cameras.
     values = composing.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
@@ -75,8 +74,8 @@ def _evaluate(options: argparse.Namespace) -> None:
 
 
 def _watch(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
-    from needlehoop.learning.job import pick_device
+    from needlehoop.config import composing
+    from needlehoop.learning.job import pick_device, recorded_job
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
@@ -87,8 +86,6 @@ def _watch(options: argparse.Namespace) -> None:
         named, words = None, [named, *words]
     run = Run.open(AGENT if named is None else Path(named))
     values = composing.compose(words, "watch")
-    from needlehoop.learning.job import recorded_job
-
     job = recorded_job(run.config(), strict.value(values, "trust", bool))
     episodes, shown = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))
     given = strict.value(values, "seed", Seed | None)
@@ -101,14 +98,12 @@ def _watch(options: argparse.Namespace) -> None:
     device = pick_device(strict.value(values, "device", str))
     if out.suffix.lower() != ".mp4":
         raise ValueError(f"out: {str(out)!r} must end in .mp4")
-    from needlehoop.learning.evaluate import film, load_agent, report, try_out
+    from needlehoop.learning.evaluate import film, load_agent, report, show, try_out
 
     agent = load_agent(run, job, device)
     found = {"run": str(run.folder), **try_out(agent, job, episodes, seed)}
     print(json.dumps(found) if options.json else f"run          {run.folder}\n{report(found)}")
     if window:
-        from needlehoop.learning.evaluate import show
-
         show(job.env, agent, shown, seed)
         return
     set_aside(out)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.config import strict
 from needlehoop.config.strict import Count, Range
 
 Pixels = Annotated[int, Range(1, 4096)]
@@ -50,7 +51,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _snapshot(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
+    from needlehoop.config import composing
 
     values = composing.compose(options.overrides, "snapshot")
     from needlehoop.envs.settings import settings_from
@@ -61,41 +62,37 @@ def _snapshot(options: argparse.Namespace) -> None:
         return
     out = _png(values)
     size, raw = strict.value(values, "size", Pixels), strict.value(values, "raw", bool)
-    from needlehoop.pictures.sheet import contact_sheet
+    from needlehoop.pictures.stills import contact_sheet
 
     _save(contact_sheet(settings, size, raw), out)
 
 
 def _tiles(settings: Any, values: dict[str, Any]) -> None:
     """A folder with a file for each camera."""
-    from needlehoop.config import strict
-
     out = Path(strict.value(values, "out", str))
     if out.suffix:
         raise ValueError(f"out: {str(out)!r}; tiles=true writes a folder")
     _spare(out, values, "out")
-    from needlehoop.pictures.sheet import tiles
+    from needlehoop.pictures.stills import tiles
 
     for name, image in tiles(settings).items():
         _save(image, out / f"{name}.png")
 
 
 def _picture(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
+    from needlehoop.config import composing
 
     values = composing.compose(options.overrides, "picture")
     from needlehoop.envs.settings import settings_from
 
     settings, out = settings_from(values), _png(values)
     size = strict.value(values, "size", Pixels)
-    from needlehoop.pictures.portrait import portrait
+    from needlehoop.pictures.stills import portrait
 
     _save(portrait(settings, size), out)
 
 
 def _png(values: dict[str, Any]) -> Path:
-    from needlehoop.config import strict
-
     out = Path(strict.value(values, "out", str))
     if out.suffix.lower() != ".png":
         raise ValueError(f"out: {str(out)!r} must end in .png")
@@ -105,8 +102,6 @@ def _png(values: dict[str, Any]) -> Path:
 
 def _spare(out: Path, values: dict[str, Any], key: str) -> None:
     """Refuse to write over a file unless told to."""
-    from needlehoop.config import strict
-
     overwrite = strict.value(values, "overwrite", bool)
     if out.exists() and not overwrite:
         raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
@@ -119,7 +114,7 @@ def _save(image: Any, out: Path) -> None:
 
 
 def _expert(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
+    from needlehoop.config import composing
 
     values = composing.compose(options.overrides, "expert")
     from needlehoop.envs.settings import settings_from
@@ -131,7 +126,7 @@ def _expert(options: argparse.Namespace) -> None:
         if options.video.suffix.lower() != ".mp4":
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
         _spare(options.video, values, "--video")
-    from needlehoop.envs.trials import run_trials
+    from needlehoop.envs.controllers import run_trials
 
     summaries = {}
     for grasp in grasps:
@@ -160,19 +155,18 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
 
 
 def _view(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
+    from needlehoop.config import composing
 
     values = composing.compose(options.overrides, "view")
     from needlehoop.envs.settings import settings_from
 
     settings, who = settings_from(values), strict.value(values, "controller", str)
-    from needlehoop.pictures.viewer import view
+    from needlehoop.pictures.window import view
 
     view(settings, who)
 
 
 def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
-    from needlehoop.config import strict
     from needlehoop.task.episode import GRASPS
 
     grasps = strict.value(values, "grasps", tuple[str, ...])

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
+from needlehoop.config import strict
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
-    from needlehoop.probe.findings import Findings
-    from needlehoop.probe.grid import Grid
-    from needlehoop.probe.plan import Plan
+    from needlehoop.probe.folder import ProbeResults
+    from needlehoop.probe.plan import Grid, Plan
     from needlehoop.scene.cameras import View
 
 
@@ -37,22 +37,19 @@ def add_commands(commands: Any) -> None:
 
 
 def _probe(options: argparse.Namespace) -> int:
-    from needlehoop.config import strict
-
     values = _values(options.overrides)
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})
-    from needlehoop.probe.findings import read_findings
-    from needlehoop.probe.folder import Folder
-    from needlehoop.probe.grid import Grid
-    from needlehoop.probe.probing import missing, probe
-    from needlehoop.probe.tables import PHASES_TABLE, all_tables
+    from needlehoop.probe.folder import Folder, read_results
+    from needlehoop.probe.measuring import missing, probe
+    from needlehoop.probe.plan import Grid
+    from needlehoop.probe.report import PHASES_TABLE, all_tables
 
     asked = strict.as_type(values["grid"], Grid, "grid")
     grid = asked if options.grid else None
     plan = _plan(values, standing, grid)
-    place = Path(plan.scope.results) / plan.scope.study
+    place = Path(plan.effort.results) / plan.effort.study
     if grid:
         place /= f"views_{grid.rendering}"
     flags = ["--grid", options.grid] if options.grid else []
@@ -64,19 +61,19 @@ def _probe(options: argparse.Namespace) -> int:
             f" compute=true` makes them, in about {_minutes(plan, lacking)} on two cores"
         )
     command = ["needlehoop", "probe", *flags, *options.overrides]
-    folder = Folder(place, _noted(values, grid), plan.scope.overwrite, command)
+    folder = Folder(place, _noted(values, grid), plan.effort.overwrite, command)
     try:
         probe(plan, folder)
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    findings = read_findings(folder, plan.scope.seeds)
-    for table in all_tables(findings):
+    results = read_results(folder, plan.effort.seeds)
+    for table in all_tables(results):
         table.write(folder.path)
         # Hundreds of rows are for files.
         if table.name != PHASES_TABLE:
             print(table.text())
-    _draw(findings, folder.path, grid, standing.views)
+    _draw(results, folder.path, grid, standing.views)
     print(f"files        {folder.path}")
     return 0
 
@@ -88,9 +85,9 @@ def _minutes(plan: Plan, measurements: int) -> str:
 
 
 def _values(overrides: list[str]) -> dict[str, Any]:
-    """The composed config, its ``cams`` the combinations.
+    """The composed config; its ``cams`` are camera sets.
 
-    To Hydra ``cams`` are the options of one environment, which combinations are not.
+    Hydra knows ``cams`` as the options of one environment, so they go by another name there.
     """
     from needlehoop.config import composing
 
@@ -101,25 +98,24 @@ def _values(overrides: list[str]) -> dict[str, Any]:
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
-    from needlehoop.config import strict
     from needlehoop.learning.encoder import EncoderConfig
     from needlehoop.learning.hyperparameters import PpoConfig
-    from needlehoop.probe.plan import Episodes, Plan, Scope, combinations
-    from needlehoop.probe.regression import Fit
+    from needlehoop.probe.plan import Effort, Episodes, Plan, camera_sets
+    from needlehoop.probe.reader import Fit
 
     settings, given = standing, values["cams"]
     if grid:
         settings = replace(standing, views=grid.views(standing.views))
         given = [f"{grid.rendering}_{name}" for name in grid.names().values()]
-    asked = combinations(given, settings)
+    asked = camera_sets(given, settings)
     return Plan(
         env=settings,
-        combinations=asked,
+        camera_sets=asked,
         encoder=strict.as_type(values["encoder"], EncoderConfig, "encoder"),
         heads=strict.as_type(values["algo"], PpoConfig, "algo").network,
         episodes=strict.as_type(values["episodes"], Episodes, "episodes"),
         fit=strict.as_type(values["fit"], Fit, "fit"),
-        scope=strict.as_type(values, Scope),
+        effort=strict.as_type(values, Effort),
     )
 
 
@@ -133,20 +129,20 @@ def _noted(values: dict[str, Any], grid: Grid | None) -> dict[str, Any]:
 
 
 def _draw(
-    findings: Findings, folder: Path, grid: Grid | None, standing: Mapping[str, View]
+    results: ProbeResults, folder: Path, grid: Grid | None, standing: Mapping[str, View]
 ) -> None:
     """The figure: the ranking, or the map of a grid."""
-    from needlehoop.probe import charts
+    from needlehoop.probe.report import ranking_figure, view_map
     from needlehoop.study.render.style import save, styled
 
     with styled():
         if not grid:
-            save(charts.ranking(findings), folder / "ranking")
+            save(ranking_figure(results), folder / "ranking")
             return
         scores = {
-            at: findings.scores[f"{grid.rendering}_{name}"].value
+            at: results.scores[f"{grid.rendering}_{name}"].value
             for at, name in grid.names().items()
         }
         what = f"score of one {grid.rendering} camera"
-        figure = charts.view_map(scores, grid.azimuths, grid.elevations, standing, what)
+        figure = view_map(scores, grid.azimuths, grid.elevations, standing, what)
         save(figure, folder / "map")

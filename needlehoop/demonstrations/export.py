@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from needlehoop.demonstrations.about import About
-from needlehoop.demonstrations.flights import Flight
+from needlehoop.demonstrations.episodes import About, Demonstration
 
 FORMATS = ("minari", "lerobot")
 
@@ -17,8 +16,8 @@ FORMATS = ("minari", "lerobot")
 class Layout(Protocol):
     """Writes a dataset."""
 
-    def __call__(self, folder: Path, flights: Iterable[Flight], about: About) -> None:
-        """Write all of ``flights`` into ``folder``, which is empty."""
+    def __call__(self, folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
+        """Write all of ``episodes`` into ``folder``, which is empty."""
         ...
 
 

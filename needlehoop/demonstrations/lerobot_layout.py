@@ -18,9 +18,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from needlehoop.demonstrations.about import About
-from needlehoop.demonstrations.flights import Flight
-from needlehoop.demonstrations.spread import of_images, of_rows
+from needlehoop.demonstrations.episodes import About, Demonstration
 from needlehoop.robot.psm import JOINT_NAMES
 
 TASK = "Pick up the needle and pass it through the hoop."
@@ -42,11 +40,14 @@ _ACTIONS = {
     7: ("x", "y", "z", "turn_x", "turn_y", "turn_z", "jaw"),
 }
 
+_QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+"""Among the statistics that LeRobot's policies normalise by."""
+
 _SAMPLED = 8
 """Frames of an episode, at most, that statistics of its images are taken over."""
 
 
-def write(folder: Path, flights: Iterable[Flight], about: About) -> None:
+def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
     """Write a dataset; a frame is what was seen, and the action that was then taken.
 
     A camera with depth gives two films, ``<camera>`` and ``<camera>_depth`` (grey).
@@ -56,8 +57,8 @@ def write(folder: Path, flights: Iterable[Flight], about: About) -> None:
         raise ValueError(f"episode.substeps: {about.rate} steps a second; LeRobot wants whole ones")
     writer = _Writer(folder, rate)
     with ExitStack() as open_files:
-        for flight in flights:
-            writer.add(flight, open_files)
+        for episode in episodes:
+            writer.add(episode, open_files)
     writer.close(about)
 
 
@@ -73,22 +74,22 @@ class _Writer:
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._total = 0
 
-    def add(self, flight: Flight, open_files: ExitStack) -> None:
-        streams = {f"observation.images.{name}": rows for name, rows in _streams(flight)}
+    def add(self, episode: Demonstration, open_files: ExitStack) -> None:
+        streams = {f"observation.images.{name}": rows for name, rows in _streams(episode)}
         for key, images in streams.items():
             if key not in self._films:
                 self._films[key] = open_files.enter_context(self._film(key))
                 self._shapes[key] = images.shape[1:]
             for image in images:
                 self._films[key].append_data(image)
-        rows = self._rows(flight)
+        rows = self._rows(episode)
         table = pa.table({key: _column(values) for key, values in rows.items()})
         if self._frames is None:
             path = self._path("data", "parquet")
             self._frames = open_files.enter_context(pq.ParquetWriter(path, table.schema))
             self._shapes |= {key: values.shape[1:] or (1,) for key, values in rows.items()}
         self._frames.write_table(table)
-        self._note(flight, rows, streams)
+        self._note(episode, rows, streams)
 
     def close(self, about: About) -> None:
         """Write what is known only now: episodes, task, statistics, and what it all is."""
@@ -111,20 +112,20 @@ class _Writer:
             macro_block_size=1,
         )
 
-    def _rows(self, flight: Flight) -> dict[str, np.ndarray]:
-        n = len(flight)
+    def _rows(self, episode: Demonstration) -> dict[str, np.ndarray]:
+        n = len(episode)
         last = np.arange(n) == n - 1
         return {
-            "observation.state": flight.vectors["proprio"][:-1],
+            "observation.state": episode.vectors["proprio"][:-1],
             **{
                 f"observation.{name}": rows[:-1]
-                for name, rows in flight.vectors.items()
+                for name, rows in episode.vectors.items()
                 if name != "proprio"
             },
-            "action": flight.actions,
-            "next.reward": flight.rewards,
+            "action": episode.actions,
+            "next.reward": episode.rewards,
             "next.done": last,
-            "next.success": last & flight.success,
+            "next.success": last & episode.success,
             "timestamp": (np.arange(n) / self._rate).astype(np.float32),
             "frame_index": np.arange(n),
             "episode_index": np.full(n, len(self._episodes)),
@@ -133,13 +134,13 @@ class _Writer:
         }
 
     def _note(
-        self, flight: Flight, rows: dict[str, np.ndarray], streams: dict[str, np.ndarray]
+        self, episode: Demonstration, rows: dict[str, np.ndarray], streams: dict[str, np.ndarray]
     ) -> None:
-        begin, end = self._total, self._total + len(flight)
+        begin, end = self._total, self._total + len(episode)
         row: dict[str, Any] = {
             "episode_index": len(self._episodes),
             "tasks": [TASK],
-            "length": len(flight),
+            "length": len(episode),
             "dataset_from_index": begin,
             "dataset_to_index": end,
         }
@@ -148,7 +149,7 @@ class _Writer:
         for key in streams:
             row[f"videos/{key}/from_timestamp"] = begin / self._rate
             row[f"videos/{key}/to_timestamp"] = end / self._rate
-        step = -(-len(flight) // _SAMPLED)
+        step = -(-len(episode) // _SAMPLED)
         kept = {**rows, **{key: images[::step] for key, images in streams.items()}}
         for key, values in kept.items():
             self._kept.setdefault(key, []).append(values)
@@ -214,9 +215,9 @@ class _Writer:
         (self._folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
 
 
-def _streams(flight: Flight) -> Iterator[tuple[str, np.ndarray]]:
+def _streams(episode: Demonstration) -> Iterator[tuple[str, np.ndarray]]:
     """Films ``(t, h, w, 3)`` by name; what was seen after the last step is left out."""
-    for name, images in flight.images.items():
+    for name, images in episode.images.items():
         seen = images[:-1]
         if seen.shape[-1] == 1:
             yield name, seen.repeat(3, -1)
@@ -242,3 +243,25 @@ def _tasks() -> pa.Table:
     ]
     told = {"index_columns": ["task"], "column_indexes": [], "columns": columns}
     return table.replace_schema_metadata({"pandas": json.dumps(told)})
+
+
+def of_rows(values: np.ndarray) -> dict[str, Any]:
+    """Over the rows of ``values`` ``(m,)`` or ``(m, k)``: lists of one or ``k`` numbers."""
+    return _statistics(values.reshape(len(values), -1).astype(np.float64), len(values), (-1,))
+
+
+def of_images(images: np.ndarray) -> dict[str, Any]:
+    """Over the pixels of ``images`` ``(m, h, w, c)`` uint8, 0 to 1: by channel, ``(c, 1, 1)``."""
+    pixels = images.reshape(-1, images.shape[-1]) / 255.0
+    return _statistics(pixels, len(images), (-1, 1, 1))
+
+
+def _statistics(rows: np.ndarray, count: int, shape: tuple[int, ...]) -> dict[str, Any]:
+    found = {
+        "min": rows.min(0),
+        "max": rows.max(0),
+        "mean": rows.mean(0),
+        "std": rows.std(0),
+        **{name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()},
+    }
+    return {**{name: row.reshape(shape).tolist() for name, row in found.items()}, "count": [count]}

@@ -13,8 +13,7 @@ from gymnasium import spaces
 from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
-from needlehoop.demonstrations.about import About
-from needlehoop.demonstrations.flights import Flight
+from needlehoop.demonstrations.episodes import About, Demonstration
 
 
 def check_name(name: str) -> None:
@@ -25,7 +24,7 @@ def check_name(name: str) -> None:
         )
 
 
-def write(folder: Path, flights: Iterable[Flight], about: About) -> None:
+def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
     """Write a dataset whose id is its folder's name: ``demos/smooth-v0`` is ``smooth-v0``.
 
     Images are kept as they are (``jpeg_encoding=False``): Minari's default loses depth.
@@ -34,8 +33,8 @@ def write(folder: Path, flights: Iterable[Flight], about: About) -> None:
     """
     import minari
 
-    flights = iter(flights)
-    first = next(flights)
+    episodes = iter(episodes)
+    first = next(episodes)
     storage = MinariStorage.new(
         # Absolute: Minari joins a relative path to itself when it adds up the files' sizes.
         folder.resolve() / "data",
@@ -53,32 +52,32 @@ def write(folder: Path, flights: Iterable[Flight], about: About) -> None:
             "provenance": dict(about.provenance),
         }
     )
-    for flight in chain([first], flights):
-        storage.update_episodes([_episode(flight)])
+    for episode in chain([first], episodes):
+        storage.update_episodes([_episode(episode)])
 
 
-def _observed(flight: Flight) -> spaces.Dict:
+def _observed(episode: Demonstration) -> spaces.Dict:
     images = {
-        name: spaces.Box(0, 255, rows.shape[1:], np.uint8) for name, rows in flight.images.items()
+        name: spaces.Box(0, 255, rows.shape[1:], np.uint8) for name, rows in episode.images.items()
     }
     vectors = {
         name: spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float32)
-        for name, rows in flight.vectors.items()
+        for name, rows in episode.vectors.items()
     }
     return spaces.Dict({**images, **vectors})
 
 
-def _episode(flight: Flight) -> EpisodeBuffer:
-    last = np.arange(len(flight)) == len(flight) - 1
+def _episode(episode: Demonstration) -> EpisodeBuffer:
+    last = np.arange(len(episode)) == len(episode) - 1
     # Minari has a row of infos for each observation, the one after the reset included.
-    success = np.append(False, last & flight.success)
-    observations: Any = {**flight.images, **flight.vectors}
+    success = np.append(False, last & episode.success)
+    observations: Any = {**episode.images, **episode.vectors}
     rows: dict[str, Any] = {
         "observations": observations,
-        "actions": flight.actions,
-        "rewards": flight.rewards,
-        "terminations": last & flight.terminated,
-        "truncations": last & (not flight.terminated),
+        "actions": episode.actions,
+        "rewards": episode.rewards,
+        "terminations": last & episode.terminated,
+        "truncations": last & (not episode.terminated),
         "infos": {"success": success},
     }
     return EpisodeBuffer(**rows)

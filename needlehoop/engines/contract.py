@@ -105,6 +105,13 @@ class Engine(Protocol):
         """Advance all by one control step under ``control`` ``(n, 7)``, then forward."""
         ...
 
+    def diverged(self) -> Tensor:
+        """Environments ``(n,)`` bool whose physics broke down since their reset.
+
+        MuJoCo puts such a scene back to where it was compiled, and goes on.
+        """
+        ...
+
     def weld(self, weld: Weld) -> None:
         """Switch the grasp's weld; it acts from the next step on."""
         ...

@@ -6,7 +6,8 @@ Slow, and the oracle of the CPU engine: the same bits by another road.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from copy import copy
 from typing import Any
 
@@ -21,14 +22,23 @@ from torch import Tensor
 
 from needlehoop.engines.addresses import STATE, Addresses, weld_data, weld_index
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
 from needlehoop.task.facts import Weld
 from needlehoop.task.start import Start
 
+mujoco.set_mju_user_warning(None)  # dm_control's prints.
+silence_mujoco()
+
 
 class Physics(dm_mujoco.Physics):
-    """dm_control's, which says what to do where its own renderer finds no OpenGL."""
+    """dm_control's physics, with a hint where it finds no OpenGL, and no error when it diverges."""
+
+    @contextmanager
+    def check_invalid_state(self) -> Iterator[None]:
+        """Nothing is raised; the engine's ``diverged`` tells."""
+        yield
 
     def render(self, *args: Any, **kwargs: Any) -> Any:
         """See dm_control; not what agents' cameras are drawn with.
@@ -144,6 +154,10 @@ class DmControlEngine:
     def step(self, control: Tensor) -> None:
         for environment, action in zip(self.environments, control.numpy(), strict=True):
             environment.step(action)
+
+    def diverged(self) -> Tensor:
+        counts = [self._inside(env)[1].warning.number for env in range(self.num_envs)]
+        return torch.from_numpy(np.stack(counts).any(1))
 
     def weld(self, weld: Weld) -> None:
         if self._weld is None or not bool(weld.changed.any()):

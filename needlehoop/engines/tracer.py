@@ -14,9 +14,7 @@ import torch
 import warp as wp
 
 from needlehoop.engines.contract import FIELDS, Channels, Frame
-
-# Warp would report every kernel that it loads.
-wp.config.log_level = wp.LOG_WARNING
+from needlehoop.engines.quiet_start import start_warp
 
 _GROUPS = [0, 1]
 """Geom groups that are drawn; collision shapes are in group 3."""
@@ -53,6 +51,7 @@ class Tracer:
         for key, value in (("image_size", size), ("quality", quality)):
             if value < 1:
                 raise ValueError(f"{key}: {value} must be at least 1")
+        start_warp()
         self.views = dict(views)
         self._num_envs = num_envs
         edges = np.linspace(0, num_envs, min(threads, num_envs) + 1).astype(int).tolist()

@@ -1,15 +1,26 @@
-"""Controllers by name, for commands that let somebody act."""
+"""Controllers by name, noise on their actions, and trials of them."""
 
 from __future__ import annotations
 
-from needlehoop.envs.rollout import Controller, random_controller
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from needlehoop.envs.rollout import Controller, Outcome, run_batches
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.signals import Signals
 from needlehoop.task.expert import cheat, expert
 from needlehoop.task.smooth import smooth
 
 _SCRIPTS = {"expert": expert, "smooth": smooth, "cheat": cheat}
 
 CONTROLLERS = (*_SCRIPTS, "random")
+
+NOISE_MEMORY = 0.7
+"""Share of the noise that stays from step to step. It makes the noise lead somewhere."""
+
+_BATCH = 200
 
 
 def controller(name: str, settings: Settings) -> Controller:
@@ -23,3 +34,70 @@ def controller(name: str, settings: Settings) -> Controller:
     if name not in CONTROLLERS:
         raise ValueError(f"controller: {name!r} is unknown; choose from {', '.join(CONTROLLERS)}")
     return _SCRIPTS[name](settings.task, settings.episode)
+
+
+def random_controller(action_size: int, seed: int) -> Controller:
+    """Uniform actions over the whole range."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def act(signals: Signals) -> Tensor:
+        shape = (len(signals.jaw), action_size)
+        return 2.0 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1.0
+
+    return act
+
+
+class Perturbation:
+    """Correlated noise on actions, of another strength in every episode.
+
+    It leads an expert astray. The expert then shows how to come back.
+
+    Args:
+        num_envs: environments.
+        size: length of the action.
+        strongest: strengths are uniform up to this, in units of the action.
+        generator: draws it.
+    """
+
+    def __init__(self, num_envs: int, size: int, strongest: float, generator: torch.Generator):
+        self._strongest, self._generator = strongest, generator
+        self._drift = torch.zeros(num_envs, size, dtype=torch.float64)
+        self._strength = torch.zeros(num_envs, 1, dtype=torch.float64)
+        self.begin(torch.ones(num_envs, dtype=torch.bool))
+
+    def begin(self, mask: Tensor) -> None:
+        """Draw a new strength, and forget the noise, where ``mask`` ``(n,)`` is true."""
+        fresh = self._strongest * self._draw(*self._strength.shape)
+        self._strength = torch.where(mask.unsqueeze(-1), fresh, self._strength)
+        self._drift = torch.where(mask.unsqueeze(-1), 0.0, self._drift)
+
+    def __call__(self) -> Tensor:
+        """This step's noise ``(n, size)``, float64."""
+        self._drift = NOISE_MEMORY * self._drift + 2.0 * self._draw(*self._drift.shape) - 1.0
+        return self._strength * self._drift
+
+    def snapshot(self) -> dict[str, Tensor]:
+        """What decides the next noise, but for the generator."""
+        return {"drift": self._drift, "strength": self._strength}
+
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        """Go on from a ``snapshot``."""
+        self._drift, self._strength = snapshot["drift"], snapshot["strength"]
+
+    def _draw(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._generator, dtype=torch.float64)
+
+
+def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
+    """What comes of a controller, in one episode of each of ``episodes`` environments.
+
+    Args:
+        settings: environment; ``num_envs`` and cameras are ignored.
+        who: a name from ``CONTROLLERS``.
+        episodes: how many; episode ``i`` is the same however many there are.
+
+    Raises:
+        ValueError: fewer than one episode, or an unknown controller.
+    """
+    blind = replace(settings, cams=())
+    return run_batches(blind, episodes, _BATCH, lambda own, *_: controller(who, own))

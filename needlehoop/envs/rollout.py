@@ -1,8 +1,8 @@
-"""Whole episodes under a controller, and what came of them."""
+"""Rolls an environment out: whole episodes under a controller, and what came of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -11,11 +11,101 @@ from torch import Tensor
 from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
+from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.rewards import potential, yardstick
 from needlehoop.scene.signals import Signals
 
 Controller = Callable[[Signals], Tensor]
+"""Signals of ``n`` environments to actions ``(n, action_size)``."""
+
+MakeController = Callable[[Settings, Simulation, Imager], Controller]
+"""Makes the controller of a batch from its settings, simulation and imager."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of ``n`` environments.
+
+    ``action`` ``(n, action_size)`` led to ``moment``; there is none at the start. ``alive``
+    ``(n,)`` bool: the moment belongs to an episode. The last moment of an episode still does.
+    """
+
+    moment: Moment
+    action: Tensor | None
+    alive: Tensor
+    _simulation: Simulation
+    _imager: Imager | None
+
+    @property
+    def signals(self) -> Signals:
+        """Of this moment."""
+        return self.moment.signals
+
+    @property
+    def goes_on(self) -> Tensor:
+        """Episodes ``(n,)`` bool that have a step after this one."""
+        return self.alive & ~(self.moment.terminated | self.moment.truncated)
+
+    def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """Images ``(k, c, h, w)`` uint8 of environments ``ids`` (all by default), by camera.
+
+        They are rendered now, so ask before the next step.
+        """
+        assert self._imager is not None, "roll out with an imager"
+        return self._imager(self._simulation.engine.render(ids))
+
+
+def rollout(
+    simulation: Simulation, controller: Controller, imager: Imager | None = None
+) -> Iterator[Step]:
+    """The next episode of every environment, step by step, from its start until all are over.
+
+    Args:
+        simulation: reset by this call.
+        controller: acts.
+        imager: makes the images that a caller asks for.
+    """
+    moment, action = simulation.reset(), None
+    alive = torch.ones(simulation.num_envs, dtype=torch.bool)
+    while True:
+        step = Step(moment, action, alive, simulation, imager)
+        yield step
+        alive = step.goes_on
+        if not bool(alive.any()):
+            return
+        action = controller(moment.signals)
+        moment = simulation.step(action)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Some environments of a seed, ready to be rolled out."""
+
+    settings: Settings
+    first: int
+    """Index of the batch's first environment among all of the seed."""
+    simulation: Simulation
+    imager: Imager
+
+    def rollout(self, make: MakeController) -> Iterator[Step]:
+        """See ``rollout``."""
+        controller = make(self.settings, self.simulation, self.imager)
+        return rollout(self.simulation, controller, self.imager)
+
+
+def batches(settings: Settings, episodes: int, size: int) -> Iterator[Batch]:
+    """The first ``episodes`` environments of the settings' seed, ``size`` at a time.
+
+    Episode ``i`` is the same however many there are. ``settings.num_envs`` is ignored.
+
+    Raises:
+        ValueError: fewer than one episode.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes: {episodes} must be at least 1")
+    for first in range(0, episodes, size):
+        own = replace(settings, num_envs=min(size, episodes - first))
+        yield Batch(own, first, *build(own, first_env=first))
 
 
 @dataclass(frozen=True)
@@ -31,6 +121,8 @@ class Outcome:
     touched: Tensor
     grasped: Tensor
     lifted: Tensor
+    diverged: Tensor
+    """The physics broke down."""
     potential: Tensor
     human: Tensor
     """The potential of the human reward with its default values."""
@@ -38,13 +130,12 @@ class Outcome:
 
     def summary(self) -> dict[str, float | int]:
         """Rates over episodes, mean final potential (the return) and mean length."""
-        n = len(self.steps)
         rates = {
-            name: float(getattr(self, name).double().mean())
-            for name in ("success", "threaded", "cheat", "touched", "grasped", "lifted")
+            field.name: float(getattr(self, field.name).double().mean())
+            for field in fields(Outcome)[:7]
         }
         return {
-            "episodes": n,
+            "episodes": len(self.steps),
             **rates,
             "return": float(self.potential.mean()),
             "return_min": float(self.potential.min()),
@@ -54,68 +145,27 @@ class Outcome:
         }
 
 
-def run_batches(
-    settings: Settings,
-    episodes: int,
-    batch: int,
-    pilot: Callable[[Settings, Simulation, Imager], Controller],
-) -> Outcome:
-    """One first episode in each of ``episodes`` environments of the settings' seed.
-
-    Args:
-        settings: environment; ``num_envs`` is ignored.
-        episodes: how many; episode ``i`` is the same however many there are.
-        batch: environments at once.
-        pilot: makes the controller of a batch from its settings, simulation and imager.
-
-    Raises:
-        ValueError: fewer than one episode.
-    """
-    if episodes < 1:
-        raise ValueError(f"episodes: {episodes} must be at least 1")
-    outcomes = []
-    for first in range(0, episodes, batch):
-        chunk = replace(settings, num_envs=min(batch, episodes - first))
-        simulation, imager = build(chunk, first_env=first)
-        outcomes.append(run_episodes(simulation, pilot(chunk, simulation, imager)))
-    return _join(outcomes)
-
-
-def _join(outcomes: Sequence[Outcome]) -> Outcome:
-    """Outcomes of several batches as one."""
-    return Outcome(
-        **{
-            field.name: torch.cat([getattr(outcome, field.name) for outcome in outcomes])
-            for field in fields(Outcome)
-        }
-    )
-
-
-def random_controller(action_size: int, seed: int) -> Controller:
-    """Uniform actions over the whole range."""
-    generator = torch.Generator().manual_seed(seed)
-
-    def act(signals: Signals) -> Tensor:
-        shape = (len(signals.jaw), action_size)
-        return 2.0 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1.0
-
-    return act
+def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
+    """What came of one episode in each of ``episodes`` environments; see ``batches``."""
+    outcomes = [outcome_of(batch.rollout(make)) for batch in batches(settings, episodes, size)]
+    joined = {
+        field.name: torch.cat([getattr(outcome, field.name) for outcome in outcomes])
+        for field in fields(Outcome)
+    }
+    return Outcome(**joined)
 
 
 def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
-    """One episode in every environment.
+    """What came of one episode in every environment; arguments as in ``rollout``."""
+    return outcome_of(rollout(simulation, controller))
 
-    Args:
-        simulation: reset by this call.
-        controller: signals to actions.
-    """
-    moment = simulation.reset()
+
+def outcome_of(steps: Iterator[Step]) -> Outcome:
+    """What came of the episodes of a rollout."""
     human = yardstick()
-    n = simulation.num_envs
-    open_ = torch.ones(n, dtype=torch.bool)
     last: dict[str, Tensor] = {}
-    for step in range(1, simulation.episode.max_steps + 1):
-        moment = simulation.step(controller(moment.signals))
+    for step in steps:
+        moment = step.moment
         now = {
             "success": moment.success,
             "threaded": moment.signals.threaded,
@@ -123,12 +173,10 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
             "touched": moment.has_touched,
             "grasped": moment.has_grasped,
             "lifted": moment.signals.lifted,
+            "diverged": moment.diverged,
             "potential": moment.potential,
             "human": potential(human(moment.signals)),
-            "steps": torch.full((n,), step),
+            "steps": moment.steps,
         }
-        last = {k: torch.where(open_, v, last[k]) if last else v.clone() for k, v in now.items()}
-        open_ &= ~(moment.terminated | moment.truncated)
-        if not bool(open_.any()):
-            break
+        last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
     return Outcome(**last)

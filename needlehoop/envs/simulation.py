@@ -27,7 +27,9 @@ class Moment:
     ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
     (the potential's rise; the first step pays it whole). ``success``: the task is done now, as
     ``episode.success`` has it. ``has_grasped`` and
-    ``has_touched``: at some time in this episode. ``steps``: taken in it.
+    ``has_touched``: at some time in this episode. ``steps``: taken in it. ``diverged``: the
+    physics broke down. Then the episode is truncated, and ``signals`` are read from the last
+    moment before.
     """
 
     signals: Signals
@@ -39,6 +41,7 @@ class Moment:
     truncated: Tensor
     has_grasped: Tensor
     has_touched: Tensor
+    diverged: Tensor
     steps: Tensor
 
     @property
@@ -58,6 +61,7 @@ class Moment:
             "cheat": self.cheat,
             "has_grasped": self.has_grasped,
             "has_touched": self.has_touched,
+            "diverged": self.diverged,
         }
 
 
@@ -87,6 +91,7 @@ class Simulation:
     ):
         self.engine, self.layout, self.episode, self.reward = engine, layout, episode, reward
         self._readings = Readings(engine.model)
+        self._before = engine.sensordata()
         self._first_env = first_env
         self.reseed(seed)
 
@@ -138,6 +143,7 @@ class Simulation:
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, 7)``."""
         self.state, control = act(self.layout, self.episode, self._begun(), action)
+        self._before = self.engine.sensordata()
         return control
 
     def observe(self) -> Moment:
@@ -175,7 +181,10 @@ class Simulation:
         self.engine.restore(snapshot["engine"])
 
     def _moment(self, pays: bool) -> Moment:
-        readings = self._readings(self.engine.sensordata())
+        data, diverged = self.engine.sensordata(), self.engine.diverged()
+        if bool(diverged.any()):
+            data[diverged] = self._before[diverged]
+        readings = self._readings(data)
         self.state, signals, weld = observe(self.layout, self.episode, self._begun(), readings)
         self.engine.weld(weld)
         terms = self.reward(signals)
@@ -183,16 +192,19 @@ class Simulation:
         reward = total - self._potential
         if pays:
             self._potential = total
+        terminated = is_terminated(self.episode, signals)
+        truncated = is_truncated(self.episode, self.state, signals) | (diverged & ~terminated)
         return Moment(
             signals=signals,
             terms=terms,
             potential=total,
             reward=reward,
             success=is_successful(self.episode, signals),
-            terminated=is_terminated(self.episode, signals),
-            truncated=is_truncated(self.episode, self.state, signals),
+            terminated=terminated,
+            truncated=truncated,
             has_grasped=self.state.has_grasped,
             has_touched=self.state.has_touched,
+            diverged=diverged,
             steps=self.state.steps,
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from needlehoop.envs.simulation import Simulation
-from needlehoop.pictures.portrait import Photographer
+from needlehoop.pictures.stills import Photographer
 
 MODES = ("human", "rgb_array")
 

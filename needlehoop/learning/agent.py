@@ -1,4 +1,14 @@
-"""The agent: TorchRL's policy and value operators on our networks."""
+"""The agent's networks, put together: policy and value function.
+
+There are three ways to run them:
+
+- ``Agent``: everything in one piece, from prepared observations to mean, deviation and value.
+  ``parallel.ParallelAgent`` does the same in parts on threads, with gradients. Training uses it.
+- ``Actor``: the policy alone, from observations to the mean action. Evaluations use it, and it is
+  what ``policy.safetensors`` holds.
+- ``policy.Policy``: an ``Actor`` for users. It takes named observations, in NumPy or torch, and
+  checks them.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +17,37 @@ from copy import deepcopy
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.data import Composite
-from torchrl.modules import (
-    ActorValueOperator,
-    IndependentNormal,
-    ProbabilisticActor,
-    ValueOperator,
-)
 
 from needlehoop.envs.observer import VECTORS
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
 
 
-class Agent(TensorDictModuleBase):
-    """Policy and value function over a shared trunk.
+class Actor(nn.Module):
+    """The policy's part of an agent: observations to the mean action, on plain tensors.
 
-    Called with a TensorDict of observations, it writes the folded images, ``action`` (sampled or
-    the mean, as TorchRL's exploration type says), its log-probability and ``state_value``.
-    ``actor`` does the same without the value, for which nothing but observations is needed.
+    Args:
+        fold: of images.
+        trunk: of all observations.
+        head: the Gaussian on it.
+    """
+
+    def __init__(self, fold: Fold, trunk: Trunk, head: Gaussian):
+        super().__init__()
+        self._images = len(trunk.encoders)
+        self.fold, self.trunk, self.head = fold, trunk, head
+
+    def forward(self, *observed: Tensor) -> Tensor:
+        """The mean ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors."""
+        images, vectors = observed[: self._images], observed[self._images :]
+        loc, _ = self.head(self.trunk(*(self.fold(image) for image in images), *vectors))
+        return loc
+
+
+class Agent(nn.Module):
+    """Policy and value function over a shared trunk.
 
     Args:
         observed: the environment's observation spec, batch size ``(n,)``.
@@ -54,49 +73,30 @@ class Agent(TensorDictModuleBase):
         pixels = observed["pixels"] if "pixels" in keys else Composite()
         images = {str(name): spec.shape[1:] for name, spec in pixels.items()}
         vectors = {name: observed[name].shape[-1] for name in VECTORS if name in keys}
-        fold = Fold(encoder.stem)
-        folds: list[Any] = [
-            TensorDictModule(fold, [("pixels", name)], [("folded", name)]) for name in images
-        ]
-        self.fold: Any = TensorDictSequential(*folds)
-        hidden = ("hidden",) if heads.shared else ("hidden", "hidden_value")
-        seen = [*(("folded", name) for name in images), *vectors]
-        trunks = [Trunk(images, vectors, encoder, heads, dtype) for _ in hidden]
-        trunk_modules: list[Any] = [
-            TensorDictModule(one, in_keys=seen, out_keys=[key])
-            for one, key in zip(trunks, hidden, strict=True)
-        ]
-        trunk = TensorDictSequential(*trunk_modules)
-        gaussian = Gaussian(heads.hidden, actions, heads.sigma)
-        policy = ProbabilisticActor(
-            TensorDictModule(gaussian, in_keys=["hidden"], out_keys=["loc", "scale"]),
-            in_keys=["loc", "scale"],
-            distribution_class=IndependentNormal,
-            return_log_prob=True,
-        )
-        facts = [("facts", name) for name in heads.told]
-        known = sorted(map(str, observed["facts"].keys())) if facts else []
+        known = sorted(map(str, observed["facts"].keys())) if heads.told else []
         for name in heads.told:
             if name not in known:
                 raise ValueError(
                     f"algo.network.told: {name!r} is unknown; choose from {', '.join(known)}"
                 )
-        value = Value(heads.hidden, len(facts))
-        self.operator = ActorValueOperator(
-            trunk, policy, ValueOperator(value, in_keys=[hidden[-1], *facts])
+        self.fold = Fold(encoder.stem)
+        self.trunks = nn.ModuleList(
+            Trunk(images, vectors, encoder, heads, dtype) for _ in range(1 if heads.shared else 2)
         )
-        # The same modules once more, in a tuple so that they are not registered twice.
-        self._plain = (fold, trunks, gaussian, value)
+        self.gaussian = Gaussian(heads.hidden, actions, heads.sigma)
+        self.value = Value(heads.hidden, len(heads.told))
         self._images, self._vectors = len(images), len(vectors)
-        self.seen_keys = [*seen, *facts]
-        self.in_keys = [*(("pixels", name) for name in images), *vectors, *facts]
-        self.out_keys = [*self.fold.out_keys, *self.operator.out_keys]
+        rest: list[Any] = [*vectors, *(("facts", name) for name in heads.told)]
+        self.in_keys = [*(("pixels", name) for name in images), *rest]
+        """Of what an environment reports, in the order in which it is read."""
+        self.seen_keys = [*(("folded", name) for name in images), *rest]
+        """The same, of what a buffer keeps: images are folded."""
 
     @property
-    def actor(self) -> TensorDictModuleBase:
-        """The policy alone, from the same weights."""
-        policy: Any = self.operator.get_policy_operator()
-        return TensorDictSequential(self.fold, policy)
+    def actor(self) -> Actor:
+        """The policy alone: the same modules, so loading weights into it loads them here too."""
+        trunk: Any = self.trunks[0]
+        return Actor(self.fold, trunk, self.gaussian)
 
     def computing(self) -> Agent:
         """A copy with the encoders' weights in the type that they compute in.
@@ -111,7 +111,7 @@ class Agent(TensorDictModuleBase):
 
     @torch.no_grad()
     def follow(self, agent: Agent) -> None:
-        """Take over another agent's weights and statistics, in the types of one's own."""
+        """Take over another agent's weights and statistics; types of numbers stay."""
         pairs = zip(
             (*self.parameters(), *self.buffers()),
             (*agent.parameters(), *agent.buffers()),
@@ -123,34 +123,32 @@ class Agent(TensorDictModuleBase):
     @property
     def encoders(self) -> list[Encoder]:
         """One per camera; those of the value function's own trunk after the policy's."""
-        _, trunks, *_ = self._plain
-        found: list[Any] = [encoder for trunk in trunks for encoder in trunk.encoders.values()]
-        return found
+        trunks: Any = self.trunks
+        return [encoder for trunk in trunks for encoder in trunk.encoders.values()]
 
     def prepare(self, *observed: Tensor) -> list[Tensor]:
         """Observations in the order of ``in_keys``, images folded: that of ``seen_keys``."""
-        fold, *_ = self._plain
-        return [*map(fold, observed[: self._images]), *observed[self._images :]]
+        return [*map(self.fold, observed[: self._images]), *observed[self._images :]]
+
+    def forward(self, *seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``loc``, ``scale`` and ``state_value`` of what ``prepare`` gives."""
+        images, rest = seen[: self._images], seen[self._images :]
+        features = [encoder(images[at % self._images]) for at, encoder in enumerate(self.encoders)]
+        return self.conclude(features, rest)
 
     def conclude(
         self, features: Sequence[Tensor], rest: Sequence[Tensor]
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """``loc``, ``scale`` and ``state_value`` from what the encoders make of images.
-
-        The same as in ``forward``, of plain tensors: threads with a few rows each would mostly
-        wait for one another's TensorDicts.
+        """The part of ``forward`` after the encoders.
 
         Args:
-            features: in the order of ``encoders``.
-            rest: of ``seen_keys``, what are not images.
+            features: outputs of the ``encoders``, in their order.
+            rest: what follows the images in ``seen_keys``.
         """
-        _, trunks, gaussian, value = self._plain
         vectors, facts = rest[: self._vectors], rest[self._vectors :]
+        trunks: Any = self.trunks
         hidden = [
             trunk.merge(features[i * self._images : (i + 1) * self._images], vectors)
             for i, trunk in enumerate(trunks)
         ]
-        return *gaussian(hidden[0]), value(hidden[-1], *facts)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        return self.operator(self.fold(tensordict))
+        return *self.gaussian(hidden[0]), self.value(hidden[-1], *facts)

@@ -12,10 +12,10 @@ from torch import Tensor
 
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.collectors import LabellingCollector
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.job import Job
-from needlehoop.learning.lessons import Lessons
 from needlehoop.learning.ppo import Ppo
 
 _PPO, _DAGGER = "ppo", "dagger"
@@ -71,11 +71,13 @@ def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> Non
     check_like("learner.rng", state["rng"], torch.get_rng_state())
 
 
-def check_lessons(state: Mapping[str, Any], dagger: Dagger, lessons: Lessons) -> None:
-    """The same of imitation; errors as in ``check_learner``."""
+def check_imitation(
+    state: Mapping[str, Any], dagger: Dagger, collector: LabellingCollector
+) -> None:
+    """The same for imitation; errors as in ``check_learner``."""
     check_like("learner.dagger", state["dagger"], dagger.moved_state())
-    flown = lessons.blank(state["dagger"]["done_updates"])
-    check_like("learner.lessons", state["lessons"], {**lessons.state_dict(), "flown": flown})
+    flown = collector.blank(state["dagger"]["done_updates"])
+    check_like("learner.lessons", state["lessons"], {**collector.state_dict(), "flown": flown})
     check_like("learner.rng", state["rng"], torch.get_rng_state())
 
 

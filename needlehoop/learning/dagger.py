@@ -1,4 +1,4 @@
-"""Imitation: the policy is fitted to what an expert would have done."""
+"""Imitation (DAgger): fits the policy to what an expert would have done."""
 
 from __future__ import annotations
 
@@ -15,25 +15,23 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
+from needlehoop.learning.collectors import LABEL
 from needlehoop.learning.hyperparameters import DaggerConfig
-from needlehoop.learning.pupil import Pupil
-
-LABEL = "label"
-"""What the expert would have done, among a frame's keys."""
+from needlehoop.learning.trainer import Trainer
 
 _RAMP = 30
 """Minibatches over which the learning rate rises at the very start."""
 
 
-class Dagger(Pupil):
+class Dagger(Trainer):
     """Learns from all frames so far, after each new buffer of them.
 
-    The mean action is fitted by a smooth L1 loss, which a few frames where the expert switches
-    do not rule; the deviation to what is left of the error, so that the policy is the Gaussian
-    that explains the expert best. The value function is left as it is.
+    The mean action is fitted by a smooth L1 loss: the few frames in which the expert switches then
+    count for less. The deviation is fitted to the error that is left. The policy becomes the
+    Gaussian that explains the expert best. The value function does not change.
 
     Args:
-        agent: updated in place. ``running`` is a copy to fly with.
+        agent: updated in place. ``running`` is a copy to act with.
         config: hyperparameters.
         updates: buffers until the schedule ends.
         seed: decides the minibatches.

@@ -1,4 +1,4 @@
-"""An encoder: one camera's image to a feature vector."""
+"""An encoder: one camera's image to a feature vector, in the numbers that suit the processor."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from needlehoop.config.strict import Range
 from needlehoop.runs.files import check_name
 
 HALVINGS = ("pool", "stride")
+
+DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
+"""What convolutions compute in, by name."""
 
 _STACKS = 12
 """More would halve any image to nothing."""
@@ -162,3 +165,26 @@ def linear(inner: int, out: int, gain: float = 1.0) -> nn.Linear:
     with torch.no_grad():
         layer.weight *= gain
     return layer
+
+
+def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
+    """What ``precision`` means on a device.
+
+    ``auto``: bfloat16 where the processor computes in it, float32 elsewhere.
+
+    Raises:
+        ValueError: an unknown precision.
+    """
+    if precision == "auto":
+        return torch.bfloat16 if _has_bfloat16(device) else torch.float32
+    if precision not in DTYPES:
+        raise ValueError(
+            f"precision: {precision!r} is unknown; choose from auto, {', '.join(DTYPES)}"
+        )
+    return DTYPES[precision]
+
+
+def _has_bfloat16(device: torch.device) -> bool:
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    return torch.cpu._is_avx512_bf16_supported()

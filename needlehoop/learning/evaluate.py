@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from scipy.stats import binomtest
-from tensordict import TensorDict
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer
-from needlehoop.envs.rollout import Outcome, run_batches
+from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import build_agent
-from needlehoop.learning.methods import agent_state
-from needlehoop.learning.weights import actor_of, read_weights
+from needlehoop.learning.learner import agent_state, build_agent
+from needlehoop.learning.weights import read_weights
 from needlehoop.pictures.film import record
-from needlehoop.pictures.viewer import play
-from needlehoop.pictures.window import Window
+from needlehoop.pictures.window import Window, play
 from needlehoop.rewards import NONE, yardstick
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
@@ -39,37 +34,26 @@ from needlehoop.scene.signals import Signals
 _BATCH = 50
 
 
-class Pilot:
-    """A policy as a controller: looks at the simulation and acts on the mean.
+def acting(agent: Agent) -> MakeController:
+    """Makes the agent, acting on its mean, the controller of any simulation it was made for."""
+    actor, device = agent.actor, _device(agent)
 
-    Args:
-        policy: observations to ``action``.
-        observer: of the simulation that it flies.
-        device: of the policy.
-    """
+    def make(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
+        observer = Observer(settings, simulation, imager)
 
-    def __init__(self, policy: TensorDictModuleBase, observer: Observer, device: torch.device):
-        self._policy, self._observer, self._device = policy, observer, device
+        def act(signals: Signals) -> Tensor:
+            seen = observer(signals)
+            images: Any = seen.pop("pixels", {})
+            with torch.no_grad():
+                return actor(*(x.to(device) for x in (*images.values(), *seen.values()))).cpu()
 
-    def __call__(self, signals: Signals) -> Tensor:
-        """The action ``(n, action_size)`` at this moment."""
-        seen: Any = self._observer(signals)
-        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-            flown = self._policy(TensorDict(seen, [len(signals.jaw)]).to(self._device))
-        return flown["action"].cpu()
+        return act
 
-
-def pilots(agent: Agent) -> Callable[[Settings, Simulation, Imager], Pilot]:
-    """Makes the agent a pilot of any simulation of the environment that it was made for."""
-
-    def pilot(settings: Settings, simulation: Simulation, imager: Imager) -> Pilot:
-        return Pilot(agent.actor, Observer(settings, simulation, imager), _device(agent))
-
-    return pilot
+    return make
 
 
 def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
-    """Fly the first episode of ``episodes`` environments of the settings' seed.
+    """Run the first episode of ``episodes`` environments of the settings' seed.
 
     Args:
         settings: the environment that the agent was made for, with the evaluation's seed.
@@ -79,8 +63,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
     Raises:
         ValueError: fewer than one episode.
     """
-
-    return run_batches(settings, episodes, _BATCH, pilots(agent))
+    return run_batches(settings, episodes, _BATCH, acting(agent))
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -157,7 +140,7 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     alone = replace(job.env, num_envs=1, reward=NONE)
     agent = build_agent(job, NeedleHoopEnv(alone), device)
     if state is None:
-        read_weights(weights, actor_of(agent))
+        read_weights(weights, agent.actor)
     else:
         check_agent(state["learner"], agent)
         agent.load_state_dict(agent_state(state["learner"]))
@@ -200,11 +183,11 @@ def report(found: Mapping[str, Any]) -> str:
 
 def _alone(
     job_env: Settings, agent: Agent, seed: int
-) -> tuple[Settings, Simulation, Imager, Pilot]:
-    """One environment, and an agent that flies it."""
+) -> tuple[Settings, Simulation, Imager, Controller]:
+    """One environment, and the agent as its controller."""
     alone = replace(job_env, num_envs=1, seed=seed)
     simulation, imager = build(alone)
-    return alone, simulation, imager, pilots(agent)(alone, simulation, imager)
+    return alone, simulation, imager, acting(agent)(alone, simulation, imager)
 
 
 def _device(agent: Agent) -> torch.device:

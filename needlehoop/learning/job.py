@@ -13,9 +13,8 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, Range, Seed
 from needlehoop.envs.settings import Settings
-from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
-from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import EXPERT, check_folder, check_name, reward_name, seen
 
 LOGGERS = ("csv", "wandb")

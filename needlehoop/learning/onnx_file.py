@@ -13,7 +13,8 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.envs.observer import vectors
-from needlehoop.learning.weights import Actor, Senses
+from needlehoop.learning.agent import Actor
+from needlehoop.learning.weights import Senses
 
 PRECISION = "fp32"
 """What the policy computes in: bfloat16 is what few runtimes have on a CPU."""

@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.observer import vectors
-from needlehoop.learning.weights import Actor, Senses
+from needlehoop.learning.agent import Actor
+from needlehoop.learning.weights import Senses
 
 
 class Policy:

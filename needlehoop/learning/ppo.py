@@ -17,7 +17,7 @@ from torchrl.objectives.value import GAE
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.hyperparameters import PpoConfig
-from needlehoop.learning.pupil import Pupil
+from needlehoop.learning.trainer import Trainer
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
@@ -40,7 +40,7 @@ LOGGED = {
 """Our names of what TorchRL's loss reports."""
 
 
-class Ppo(Pupil):
+class Ppo(Trainer):
     """Learns from one buffer after the other.
 
     Args:

@@ -1,7 +1,8 @@
 """``policy.safetensors``: a trained policy's weights and its run's config, in one file.
 
-What an agent needs to act, without what it learns with (value head, optimiser, environments).
-Nothing in it is unpickled, and of its config only what ``Senses`` names is read.
+It holds what an agent needs to act, and not what it learns with (value head, optimiser,
+environments). Nothing in it is unpickled. Only the keys of its config that ``Senses`` names are
+read.
 """
 
 from __future__ import annotations
@@ -16,16 +17,14 @@ from typing import Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
-from torch import Tensor, nn
 
 from needlehoop.config import strict
 from needlehoop.envs.observer import vectors
 from needlehoop.envs.settings import ImageSize, Observations
-from needlehoop.learning.agent import Agent
-from needlehoop.learning.encoder import EncoderConfig, Fold
+from needlehoop.learning.agent import Actor
+from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
-from needlehoop.learning.precision import convolution_dtype
 from needlehoop.runs.files import POLICY, write_whole
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
 from needlehoop.scene.cameras import Rendering, parse_cameras
@@ -40,62 +39,15 @@ _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64:
 
 @dataclass(frozen=True)
 class Senses:
-    """What a policy sees, and its networks: all of a run's config that a policy needs."""
+    """What a policy sees, and its networks: the part of a run's config that a policy needs.
 
-    cams: tuple[str, ...]
-    channels: Mapping[str, int]
-    """Of each camera's image, stacked frames included."""
-    image_size: int
-    obs: Observations
-    encoder: EncoderConfig
-    network: HeadConfig
-    control: str
-    precision: str
-
-    @classmethod
-    def of(cls, job: Job) -> Senses:
-        """Those of a job."""
-        env, network = job.env, job.algo.network
-        seen = (env.cams, env.image_channels, env.image_size, env.obs)
-        return cls(*seen, job.encoder, network, env.episode.control, job.precision)
-
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> Senses:
-        """Those of a run's config, of which nothing else is looked at.
-
-        Raises:
-            ValueError: a key is missing or wrong.
-        """
-        found = strict.structure(_picked(values), _Picked, "")
-        cameras = parse_cameras(found.cams, found.views, found.renderings)
-        stacked = found.obs.frame_stack
-        channels = {c.name: found.renderings[c.rendering].channels * stacked for c in cameras}
-        if found.control not in CONTROLS:
-            valid = ", ".join(CONTROLS)
-            raise ValueError(f"episode.control: {found.control!r} is unknown; choose from {valid}")
-        return cls(
-            found.cams,
-            channels,
-            found.image_size,
-            found.obs,
-            found.encoder,
-            found.network,
-            found.control,
-            found.precision,
-        )
-
-    @property
-    def actions(self) -> int:
-        """Length of the action."""
-        return CONTROLS[self.control]
-
-
-@dataclass(frozen=True)
-class _Picked:
-    """The part of a config that ``Senses.read`` looks at."""
+    Raises:
+        ValueError: an unknown camera or control mode.
+    """
 
     cams: tuple[str, ...]
     views: tuple[str, ...]
+    """Names of those that the cameras choose from."""
     renderings: Mapping[str, Rendering]
     image_size: ImageSize
     obs: Observations
@@ -104,51 +56,50 @@ class _Picked:
     control: str
     precision: str
 
+    def __post_init__(self) -> None:
+        parse_cameras(self.cams, self.views, self.renderings)
+        if self.control not in CONTROLS:
+            valid = ", ".join(CONTROLS)
+            raise ValueError(f"episode.control: {self.control!r} is unknown; choose from {valid}")
 
-def _picked(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Raises ``ValueError`` for a config that lacks a key or a group."""
-    try:
-        own = {key: values[key] for key in ("cams", "renderings", "image_size", "obs", "encoder")}
-        own |= {"views": [*values["views"]], "precision": values["precision"]}
+    @classmethod
+    def of(cls, job: Job) -> Senses:
+        """Those of a job."""
+        env, network = job.env, job.algo.network
+        seen = (env.cams, tuple(env.views), env.renderings, env.image_size, env.obs)
+        return cls(*seen, job.encoder, network, env.episode.control, job.precision)
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> Senses:
+        """Those of a run's config; its other keys are ignored.
+
+        Raises:
+            ValueError: a key is missing or wrong.
+        """
+        own = ("cams", "renderings", "image_size", "obs", "encoder", "precision")
+        try:
+            picked = {
+                **{key: values[key] for key in own},
+                "views": [*values["views"]],
+                "network": values["algo"]["network"],
+                "control": values["episode"]["control"],
+            }
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"config: {error} is missing or no group") from error
+        return strict.structure(picked, cls, "")
+
+    @property
+    def channels(self) -> dict[str, int]:
+        """Of each camera's image, stacked frames included."""
+        cameras = parse_cameras(self.cams, self.views, self.renderings)
         return {
-            **own,
-            "network": values["algo"]["network"],
-            "control": values["episode"]["control"],
+            c.name: self.renderings[c.rendering].channels * self.obs.frame_stack for c in cameras
         }
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"config: {error} is missing or no group") from error
 
-
-class Actor(nn.Module):
-    """The policy's part of an agent: observations to the mean action, on plain tensors.
-
-    Args:
-        fold: of images.
-        trunk: of all observations.
-        head: the Gaussian on it.
-        images: how many of the observations are images; they come first.
-    """
-
-    def __init__(self, fold: Fold, trunk: Trunk, head: Gaussian, images: int):
-        super().__init__()
-        self._images = images
-        self.fold, self.trunk, self.head = fold, trunk, head
-
-    def forward(self, *observed: Tensor) -> Tensor:
-        """The mean ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors."""
-        images, vectors = observed[: self._images], observed[self._images :]
-        loc, _ = self.head(self.trunk(*(self.fold(image) for image in images), *vectors))
-        return loc
-
-
-def actor_of(agent: Agent) -> Actor:
-    """An agent's policy: the same modules, so what is loaded into one is in the other."""
-    modules = [*agent.modules()]
-    # A value function with a trunk of its own has the second.
-    trunk = next(module for module in modules if isinstance(module, Trunk))
-    head = next(module for module in modules if isinstance(module, Gaussian))
-    folds = [module for module in modules if isinstance(module, Fold)]
-    return Actor(folds[0] if folds else Fold(1), trunk, head, len(trunk.encoders))
+    @property
+    def actions(self) -> int:
+        """Length of the action."""
+        return CONTROLS[self.control]
 
 
 def build_actor(senses: Senses, device: torch.device) -> Actor:
@@ -158,7 +109,7 @@ def build_actor(senses: Senses, device: torch.device) -> Actor:
     images = {name: torch.Size((c, size, size)) for name, c in senses.channels.items()}
     trunk = Trunk(images, vectors(senses.obs), senses.encoder, heads, dtype)
     head = Gaussian(heads.hidden, senses.actions, heads.sigma)
-    return Actor(Fold(senses.encoder.stem), trunk, head, len(images))
+    return Actor(Fold(senses.encoder.stem), trunk, head)
 
 
 def write_weights(folder: Path, actor: Actor, values: Mapping[str, Any], dtype: str) -> None:
@@ -198,9 +149,9 @@ def read_senses(path: Path) -> Senses:
 
 def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_senses``."""
-    # On no device: what the config describes costs no memory until the file is known to hold it.
+    # Built without memory first: a config may describe more than the file holds.
     with torch.device("meta"):
-        # Of bfloat16 there is no automatic casting on no device; shapes are the same.
+        # The meta device has no automatic casting to bfloat16. The shapes are the same.
         described = build_actor(replace(senses, precision="fp32"), torch.device("meta"))
     check_weights(path, described)
     actor = build_actor(senses, device)

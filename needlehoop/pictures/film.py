@@ -10,11 +10,10 @@ from PIL import Image, ImageDraw, ImageFont
 from tqdm import tqdm
 
 from needlehoop.envs.images import Imager
-from needlehoop.envs.rollout import Controller
+from needlehoop.envs.rollout import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.pictures.portrait import Photographer
-from needlehoop.pictures.sheet import to_rgb
+from needlehoop.pictures.stills import Photographer, to_rgb
 
 
 def record(
@@ -43,9 +42,6 @@ def record(
     rate = 1.0 / settings.period
     out.parent.mkdir(parents=True, exist_ok=True)
 
-    def look() -> np.ndarray:
-        return _frame(settings, photographer(engine.data(0)), imager(engine.render()))
-
     try:
         with (
             imageio.get_writer(partial, fps=rate / 2, macro_block_size=16) as video,
@@ -53,15 +49,12 @@ def record(
             tqdm(desc="film", unit="frame", leave=False, disable=None) as bar,
         ):
             for _ in range(episodes):
-                moment, over = simulation.reset(), False
-                while not over:
-                    video.append_data(look())
+                for step in rollout(simulation, controller, imager):
+                    frame = _frame(settings, photographer(engine.data(0)), step.images())
                     bar.update()
-                    moment = simulation.step(controller(moment.signals))
-                    over = bool(moment.terminated[0] | moment.truncated[0])
-                last = look()
-                for _ in range(round(rate / 4)):
-                    video.append_data(last)
+                    # An episode's last frame stands for half a second.
+                    for _ in range(1 if bool(step.goes_on.any()) else round(rate / 4)):
+                        video.append_data(frame)
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)

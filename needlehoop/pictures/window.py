@@ -1,4 +1,4 @@
-"""MuJoCo's own window, and what it shows. Brings no OpenGL library but the window's."""
+"""Episodes in MuJoCo's own window. Brings no OpenGL library but the window's."""
 
 from __future__ import annotations
 
@@ -6,16 +6,25 @@ import os
 import subprocess
 import sys
 import threading
+import time
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
+from itertools import count
 from typing import Any
 
 import mujoco
 import mujoco.viewer
 import numpy as np
 
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.rollout import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.cameras import View
+
+_INSTEAD = "`needlehoop expert --video out.mp4` writes a video"
 
 
 class Window:
@@ -64,6 +73,48 @@ class Window:
         for thread in self._drawing:
             thread.join()
         self._drawing = []
+
+
+def view(settings: Settings, who: str) -> None:
+    """Open a window and run episodes in real time until it is closed.
+
+    Raises:
+        RuntimeError: this machine has no display.
+        ValueError: an unknown controller.
+    """
+    check_display(_INSTEAD)
+    alone = replace(settings, num_envs=1, cams=())
+    simulation, _ = build(alone)
+    play(Window(simulation, alone, _INSTEAD), alone, simulation, controller(who, alone), count())
+
+
+def play(
+    window: Window,
+    settings: Settings,
+    simulation: Simulation,
+    act: Controller,
+    episodes: Iterable[int],
+) -> None:
+    """Run episodes in real time in a window until they are over or it is closed.
+
+    Args:
+        window: on the simulation; closed at the end.
+        settings: of the simulation.
+        simulation: of one environment.
+        act: who acts.
+        episodes: as many as there are numbers.
+    """
+    try:
+        for _ in episodes:
+            due = time.monotonic()
+            for _ in rollout(simulation, act):
+                time.sleep(max(0.0, due - time.monotonic()))
+                window.show()
+                if window.is_closed:
+                    return
+                due = time.monotonic() + settings.period
+    finally:
+        window.close()
 
 
 def has_display() -> bool:

@@ -1,4 +1,4 @@
-"""The files of a probe: settings, manifest, and by seed and combination the errors by episode."""
+"""A probe's folder: settings, manifest, and a file of errors for each seed and camera set."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import re
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,14 @@ import yaml
 
 from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS, PHASES
-from needlehoop.probe.scores import QUANTITIES, Errors
+from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.probe.scores import QUANTITIES, Errors, Interval, error, places, score
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.provenance import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
-"""Settings that may change from one call to the next: more of the same is added."""
+"""Settings that may change from one call to the next. The results only grow."""
 
 _SEED = re.compile(r"seed\d+")
 
@@ -36,7 +38,7 @@ _COLUMNS = [
 
 
 class Folder:
-    """A probe's folder; what is in it is not done again.
+    """A probe's folder. What it already holds is not measured again.
 
     Args:
         path: made where missing.
@@ -63,7 +65,7 @@ class Folder:
                 raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
-            # Encoders of before there was a choice of how they halve an image pooled.
+            # Older probes name no way of halving an image; they pooled.
             before["encoder"] = {"halving": "pool", **before.get("encoder", {})}
             other = sorted(
                 key for key in {*own, *before} - {*_ANY} if before.get(key) != own.get(key)
@@ -80,23 +82,23 @@ class Folder:
                 (path / MANIFEST).unlink(missing_ok=True)
         self._before = _manifest(path / MANIFEST)
         path.mkdir(parents=True, exist_ok=True)
-        # What only shows a probe changes nothing.
+        # A call that only shows results changes nothing.
         if overwrite or any(before.get(key) != own.get(key) for key in ("fit", "cams", "seeds")):
             write_whole(held, yaml.safe_dump(own, sort_keys=False))
 
     def has(self, seed: int, name: str) -> bool:
-        """Whether a combination's errors are there."""
+        """Whether a camera set's errors are there."""
         return errors_of(self.path, seed, name).exists()
 
     def names(self, seeds: int) -> list[str]:
-        """Combinations whose errors are there for every seed below ``seeds``."""
+        """Camera sets whose errors are there for every seed below ``seeds``."""
         found = [
             {file.stem for file in (self.path / f"seed{s}").glob("*.csv")} for s in range(seeds)
         ]
         return sorted(set.intersection(*found))
 
     def save(self, seed: int, name: str, found: Errors) -> None:
-        """Write a combination's errors, whole or not at all, and what it took."""
+        """Write a camera set's errors, whole or not at all, and what it took."""
         rows = []
         for episode, (mean, frames) in enumerate(zip(found.mean, found.frames, strict=True)):
             cells = ["" if np.isnan(value) else f"{value:.4g}" for value in mean.flatten()]
@@ -107,7 +109,7 @@ class Folder:
         self._note()
 
     def load(self, seed: int, name: str) -> Errors:
-        """A combination's errors.
+        """A camera set's errors.
 
         Raises:
             ValueError: the file is not one that ``save`` wrote.
@@ -137,7 +139,7 @@ class Folder:
 
 
 def errors_of(place: Path, seed: int, name: str) -> Path:
-    """The file of a combination's errors in a probe's folder."""
+    """The file of a camera set's errors in a probe's folder."""
     return place / f"seed{seed}" / f"{name}.csv"
 
 
@@ -153,3 +155,48 @@ def _manifest(path: Path) -> dict[str, Any]:
     except UnreadableError as error:
         raise ValueError(f"{path} {error}; delete it, and time is counted anew") from error
     return found
+
+
+@dataclass(frozen=True)
+class ProbeResults:
+    """Scores of camera sets and baselines, by name."""
+
+    errors: dict[str, list[Errors]]
+    """By seed."""
+    scores: dict[str, Interval]
+    by_seed: dict[str, list[float]]
+    places: dict[str, tuple[int, int]]
+    """Of camera sets: the best and the worst place that the intervals leave open."""
+
+    @property
+    def ranked(self) -> tuple[str, ...]:
+        """Camera sets, the best score first; without the baselines."""
+        return tuple(sorted(self.places, key=lambda name: (-self.scores[name].value, name)))
+
+    @property
+    def seeds(self) -> int:
+        """Probes that each value is a mean of."""
+        return len(self.errors[CONSTANT])
+
+    def error(self, name: str, phase: str, quantity: str) -> Interval:
+        """Mean error in mm (``grasped``: a share) over held-out episodes."""
+        return error(self.errors[name], phase, quantity)
+
+
+def read_results(folder: Folder, seeds: int) -> ProbeResults:
+    """Everything in a folder that has been probed with every seed.
+
+    Raises:
+        ValueError: a file that is not a probe's.
+    """
+    found = {
+        name: [folder.load(seed, name) for seed in range(seeds)] for name in folder.names(seeds)
+    }
+    blind = found[CONSTANT]
+    scores = {name: score(own, blind) for name, own in found.items()}
+    by_seed = {
+        name: [score([one], [other]).value for one, other in zip(own, blind, strict=True)]
+        for name, own in found.items()
+    }
+    cameras = {name: value for name, value in scores.items() if name not in (TRUTH, CONSTANT)}
+    return ProbeResults(found, scores, by_seed, places(cameras))

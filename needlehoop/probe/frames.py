@@ -1,21 +1,19 @@
-"""Frames of episodes that do not all go well, with what is to be read off them."""
+"""Frames of good and bad episodes, and what a network should read off them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller
-from needlehoop.envs.images import Imager
+from needlehoop.envs.controllers import NOISE_MEMORY, controller
 from needlehoop.envs.observer import state
+from needlehoop.envs.rollout import Step, batches, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import Signals
 
 PHASES = ("reach", "lift", "insert")
@@ -25,13 +23,10 @@ KINDS = ("expert", "perturbed", "random", "perturbed")
 """Who acts in episode ``i``: entry ``i % 4``."""
 
 POINTS = ("needle_tip", "pickup_point", "tool_midpoint")
-"""Signals whose places relative to the goal are to be read off."""
+"""Signals whose places relative to the goal the network should read off."""
 
 _NOISE = (0.1, 0.8)
 """Range of a perturbed episode's noise, in units of the action."""
-
-_MEMORY = 0.7
-"""Share of the noise that stays from step to step, so that it leads somewhere."""
 
 _BATCH = 60
 
@@ -41,9 +36,9 @@ class Frames:
     """``m`` frames.
 
     ``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
-    probe that needs no eyes; ``points`` ``(m, 3, 3)`` float32, ``POINTS`` less the goal in mm,
-    world axes; ``grasped`` ``(m,)`` bool; ``phase`` ``(m,)`` int64 into ``PHASES``; ``episode``
-    ``(m,)`` int64.
+    baseline that sees the true state; ``points`` ``(m, 3, 3)`` float32, ``POINTS`` less the goal
+    in mm, world axes; ``grasped`` ``(m,)`` bool; ``phase`` ``(m,)`` int64 into ``PHASES``;
+    ``episode`` ``(m,)`` int64.
     """
 
     images: dict[str, Tensor]
@@ -63,22 +58,25 @@ def collect(
     """Frames of the first episode of ``episodes`` environments of the settings' seed.
 
     Every batch runs twice: once blind, to know each episode's phases, and once more to look at
-    the steps that were chosen. A traced image costs more than a step.
+    the steps that were chosen. An image costs more than a step.
 
     Args:
-        settings: all cameras that are wanted; each view is traced once for all its renderings.
+        settings: all cameras that are wanted; each view is rendered once for all its renderings.
         episodes: how many.
         per_phase: most frames of one phase of one episode, spread evenly over it.
         tick: called with the number of episodes that were added.
     """
     parts = []
-    for first in range(0, episodes, _BATCH):
-        chunk = replace(settings, num_envs=min(_BATCH, episodes - first))
-        simulation, imager = build(chunk, first_env=first)
-        chosen = _spread(_phases(simulation, _Cast(chunk, first)), per_phase)
-        simulation.reseed(chunk.seed)
-        parts.append(_look(simulation, imager, _Cast(chunk, first), chosen, first))
-        tick(chunk.num_envs)
+    for batch in batches(settings, episodes, _BATCH):
+        phases = [
+            torch.where(step.alive, phase_of(step.signals), -1)
+            for step in rollout(batch.simulation, _Cast(batch.settings, batch.first))
+        ]
+        chosen = _spread(torch.stack(phases).numpy(), per_phase)
+        batch.simulation.reseed(settings.seed)
+        steps = batch.rollout(lambda own, *_, first=batch.first: _Cast(own, first))
+        parts += _look(steps, chosen, batch.first)
+        tick(batch.settings.num_envs)
     return _join(parts)
 
 
@@ -109,34 +107,12 @@ class _Cast:
 
     def __call__(self, signals: Signals) -> Tensor:
         uniform = 2.0 * self._draw(*self._drift.shape) - 1.0
-        self._drift = _MEMORY * self._drift + uniform
+        self._drift = NOISE_MEMORY * self._drift + uniform
         scripted = self._expert(signals) + self._amplitude * self._drift
         return torch.where(self._random, uniform, scripted.clamp(-1.0, 1.0))
 
     def _draw(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._generator, dtype=torch.float64)
-
-
-def _run(simulation: Simulation, cast: _Cast) -> Iterator[tuple[Moment, Tensor]]:
-    """Moments of one episode in every environment, and which episodes were still on ``(n,)``."""
-    moment = simulation.reset()
-    alive = torch.ones(simulation.num_envs, dtype=torch.bool)
-    yield moment, alive
-    for _ in range(simulation.episode.max_steps):
-        moment = simulation.step(cast(moment.signals))
-        # The moment in which an episode ends still belongs to it.
-        yield moment, alive
-        alive = alive & ~(moment.terminated | moment.truncated)
-        if not bool(alive.any()):
-            return
-
-
-def _phases(simulation: Simulation, cast: _Cast) -> np.ndarray:
-    """Each moment's phase ``(steps, n)``; -1 after an episode's end."""
-    rows = [
-        torch.where(alive, phase_of(moment.signals), -1) for moment, alive in _run(simulation, cast)
-    ]
-    return torch.stack(rows).numpy()
 
 
 def _spread(phases: np.ndarray, most: int) -> np.ndarray:
@@ -150,25 +126,20 @@ def _spread(phases: np.ndarray, most: int) -> np.ndarray:
     return chosen
 
 
-def _look(
-    simulation: Simulation, imager: Imager, cast: _Cast, chosen: np.ndarray, first: int
-) -> Frames:
-    parts = []
-    for (moment, _), wanted in zip(_run(simulation, cast), chosen, strict=True):
+def _look(steps: Iterator[Step], chosen: np.ndarray, first: int) -> Iterator[Frames]:
+    """The chosen frames of a rollout, step by step."""
+    for step, wanted in zip(steps, chosen, strict=True):
         ids = torch.from_numpy(np.flatnonzero(wanted))
         if len(ids):
-            signals: Any = moment.signals[ids]
-            parts.append(
-                Frames(
-                    imager(simulation.engine.render(ids)),
-                    state(signals),
-                    _points(signals),
-                    signals.grasped,
-                    phase_of(signals),
-                    first + ids,
-                )
+            signals: Any = step.signals[ids]
+            yield Frames(
+                step.images(ids),
+                state(signals),
+                _points(signals),
+                signals.grasped,
+                phase_of(signals),
+                first + ids,
             )
-    return _join(parts)
 
 
 def _points(signals: Signals) -> Tensor:

@@ -1,33 +1,33 @@
-"""What is to be probed; values in ``conf/probe.yaml``."""
+"""What a probe measures: camera sets, episodes, a grid of views; values in ``conf/probe.yaml``."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import torch
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Range
+from needlehoop.config.strict import Count, Range, Real
 from needlehoop.envs.settings import Settings
-from needlehoop.learning.encoder import EncoderConfig
+from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.learning.precision import convolution_dtype
-from needlehoop.probe.regression import Fit
+from needlehoop.probe.reader import Fit
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
-from needlehoop.scene.cameras import parse_cameras
+from needlehoop.scene.cameras import View, parse_cameras
 
 TRUTH, CONSTANT = SIGNALS, "constant"
-"""Baselines beside the combinations: the true state read by the same trunk, and not looking."""
+"""Baselines beside the camera sets: the true state read by the same trunk, and a constant."""
 
 _SEEDS = 2_000_000
-"""Episodes of the probe have seeds from here on, away from training's and evaluation's."""
+"""The probe's seeds begin here, far from those of training and evaluation."""
 
 
 @dataclass(frozen=True)
 class Episodes:
-    """How many, of each seed of the probe."""
+    """How many episodes, for each seed of the probe."""
 
     train: Annotated[int, Range(4, 1_000_000)]
     held_out: Annotated[int, Range(4, 1_000_000)]
@@ -36,11 +36,11 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class Scope:
-    """How often, where to, and on what."""
+class Effort:
+    """How often it is repeated, on what device, and where the results go."""
 
     seeds: Annotated[int, Range(1, 1000)]
-    """Probes with episodes and weights of their own, to see how far they agree."""
+    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
     results: str
     study: str
     overwrite: bool
@@ -59,17 +59,58 @@ class Scope:
 
 
 @dataclass(frozen=True)
+class Grid:
+    """Values in ``conf/probe.yaml``; angles in degrees, as in ``View``."""
+
+    rendering: str
+    like: str
+    """View whose target, distance and depths the grid's cameras have."""
+    fovy: float
+    """Of the grid's cameras: wide enough for the scene from every side."""
+    azimuths: tuple[Real, ...]
+    elevations: tuple[Real, ...]
+
+    def __post_init__(self) -> None:
+        for key in ("azimuths", "elevations"):
+            values = getattr(self, key)
+            if len(values) < 2 or list(values) != sorted(set(values)):
+                raise ValueError(f"grid.{key}: {list(values)} must be two or more, rising")
+
+    def views(self, known: Mapping[str, View]) -> dict[str, View]:
+        """The grid's views by name.
+
+        Raises:
+            ValueError: ``like`` is unknown, or an angle that no view can have.
+        """
+        if self.like not in known:
+            raise ValueError(f"grid.like: {self.like!r} is unknown; choose from {', '.join(known)}")
+        base = replace(known[self.like], fovy=self.fovy)
+        return {
+            name: replace(base, azimuth=azimuth, elevation=elevation)
+            for (azimuth, elevation), name in self.names().items()
+        }
+
+    def names(self) -> dict[tuple[float, float], str]:
+        """Names of the views by azimuth and elevation, such as ``az-30-el45``."""
+        return {
+            (azimuth, elevation): f"az{azimuth:g}-el{elevation:g}"
+            for elevation in self.elevations
+            for azimuth in self.azimuths
+        }
+
+
+@dataclass(frozen=True)
 class Plan:
-    """A probe of several combinations of cameras."""
+    """A probe of several camera sets."""
 
     env: Settings
     """The scene, its views and renderings; its own cameras are ignored."""
-    combinations: tuple[tuple[str, ...], ...]
+    camera_sets: tuple[tuple[str, ...], ...]
     encoder: EncoderConfig
     heads: HeadConfig
     episodes: Episodes
     fit: Fit
-    scope: Scope
+    effort: Effort
 
     def __post_init__(self) -> None:
         self.encoder.check_fit(self.env.image_size)
@@ -79,20 +120,20 @@ class Plan:
         return _SEEDS + 2 * seed, _SEEDS + 2 * seed + 1
 
 
-def combinations(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
-    """Combinations as a command line gives them.
+def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
+    """Camera sets from what a command line gives.
 
     Args:
         given: a list of names with ``+`` between cameras, or of lists of cameras.
         settings: views and renderings to choose from.
 
     Raises:
-        ValueError: none, an unknown camera, or a combination that comes twice.
+        ValueError: no camera set, an unknown camera, or a camera set named twice.
     """
     if isinstance(given, str):
         given = given.split(",")
     if not isinstance(given, list | tuple):
-        raise ValueError(f"cams: {strict.told(given)} is no list of combinations")
+        raise ValueError(f"cams: {strict.told(given)} is no list of camera sets")
     found = []
     for one in given:
         split = one.split("+") if isinstance(one, str) else one
@@ -101,7 +142,7 @@ def combinations(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
             tuple(c.name for c in parse_cameras(names, settings.views, settings.renderings))
         )
     if not found or not all(found):
-        raise ValueError("cams: nothing to probe; give combinations, such as rgb_front+rgb_side")
+        raise ValueError("cams: nothing to probe; give camera sets, such as rgb_front+rgb_side")
     for one in found:
         if found.count(one) > 1:
             raise ValueError(f"cams: {seen(one)} is named twice")

@@ -1,8 +1,8 @@
-"""Errors of readings, and the one number that a combination of cameras gets.
+"""Errors of readings, and the score of a camera set.
 
-The score is the mean over phases of ``1 - e / e0``: ``e`` is the error in mm of what the phase
-needs, ``e0`` that of a constant, the mean of the training frames of that phase. 1 is without
-error; 0 is no better than not looking.
+The score is the mean over phases of ``1 - e / e0``. ``e`` is the error in mm of the quantity that
+the phase needs. ``e0`` is that error of a constant answer, the mean of the phase's training frames.
+A score of 1 means no error; 0 means no better than the constant.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from needlehoop.probe.frames import PHASES, POINTS, Frames
-from needlehoop.probe.regression import Reading
+from needlehoop.probe.reader import Reading
 
 GAP = "tool_to_pickup"
 QUANTITIES = (*POINTS, GAP, "grasped")
@@ -24,6 +24,8 @@ frames in which it is wrong."""
 NEEDED = {"reach": GAP, "lift": "pickup_point", "insert": "needle_tip"}
 """What each phase needs to know: the way to the needle, then how far the needle, then how far its
 tip is from the goal."""
+
+Columns = Sequence[tuple[np.ndarray, np.ndarray | None]]
 
 _RESAMPLES = 2_000
 _LIMITS = (2.5, 97.5)
@@ -43,7 +45,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Interval:
     """A value and its 95 % interval over held-out episodes."""
 
     value: float
@@ -68,7 +70,7 @@ def errors(frames: Frames, reading: Reading, episodes: int) -> Errors:
 
 
 def constant(learnt: Frames, frames: Frames) -> Reading:
-    """What one would say of ``frames`` without looking.
+    """The best constant answer for ``frames``.
 
     Of places the mean of the phase's training frames; ``grasped`` as most training frames are.
 
@@ -85,34 +87,32 @@ def constant(learnt: Frames, frames: Frames) -> Reading:
     return Reading(points, commonest.expand(len(frames)))
 
 
-def score(found: Sequence[Errors], constants: Sequence[Errors]) -> Estimate:
-    """The score of one combination, as the module says; mean over the probe's seeds.
+def score(found: Sequence[Errors], constants: Sequence[Errors]) -> Interval:
+    """The score of one camera set, as the module says; mean over the probe's seeds.
 
     Args:
-        found: of the combination, seed by seed.
+        found: of the camera set, seed by seed.
         constants: of the constant, likewise.
     """
     return _interval(
         [
-            _Weighted(
-                [
-                    (own.mean[:, p, q], blind.mean[:, p, q])
-                    for p, q in enumerate(QUANTITIES.index(NEEDED[name]) for name in PHASES)
-                ]
-            )
+            [
+                (own.mean[:, p, q], blind.mean[:, p, q])
+                for p, q in enumerate(QUANTITIES.index(NEEDED[name]) for name in PHASES)
+            ]
             for own, blind in zip(found, constants, strict=True)
         ]
     )
 
 
-def error(found: Sequence[Errors], phase: str, quantity: str) -> Estimate:
+def error(found: Sequence[Errors], phase: str, quantity: str) -> Interval:
     """Mean error over episodes, in mm (``grasped``: a share); mean over the probe's seeds."""
     p, q = PHASES.index(phase), QUANTITIES.index(quantity)
-    return _interval([_Weighted([(own.mean[:, p, q], None)]) for own in found])
+    return _interval([[(own.mean[:, p, q], None)] for own in found])
 
 
-def places(scores: Mapping[str, Estimate]) -> dict[str, tuple[int, int]]:
-    """The best and the worst place that each combination may have, counted from 1.
+def places(scores: Mapping[str, Interval]) -> dict[str, tuple[int, int]]:
+    """The best and the worst place that each camera set may have, counted from 1.
 
     One is before another only where its whole interval is above the other's. Two whose
     intervals overlap always share a place.
@@ -127,25 +127,19 @@ def places(scores: Mapping[str, Estimate]) -> dict[str, tuple[int, int]]:
     }
 
 
-class _Weighted:
-    """Of one seed's episodes: the error, or the mean over phases of the score.
+def _value(columns: Columns, weights: np.ndarray) -> np.ndarray:
+    """One seed's mean error, or mean score over the phases, by sample ``(k,)``.
 
     Args:
-        columns: for each phase, errors by episode and those of the constant (``None``: the mean
-            error itself is wanted).
+        columns: for each phase, errors by episode and those of the constant. With ``None`` for
+            the latter, the mean error itself is wanted.
+        weights: how often each episode counts ``(k, episodes)``.
     """
-
-    def __init__(self, columns: Sequence[tuple[np.ndarray, np.ndarray | None]]):
-        self._columns = columns
-        self.episodes = len(columns[0][0])
-
-    def value(self, weights: np.ndarray) -> np.ndarray:
-        """By how often each episode counts ``(k, episodes)``; ``(k,)``."""
-        parts = []
-        for own, blind in self._columns:
-            value = _mean(own, weights)
-            parts.append(value if blind is None else 1.0 - value / _mean(blind, weights))
-        return np.mean(parts, axis=0)
+    parts = []
+    for own, blind in columns:
+        value = _mean(own, weights)
+        parts.append(value if blind is None else 1.0 - value / _mean(blind, weights))
+    return np.mean(parts, axis=0)
 
 
 def _mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -156,14 +150,14 @@ def _mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         return weights[:, has] @ values[has] / weights[:, has].sum(1)
 
 
-def _interval(seeds: Sequence[_Weighted]) -> Estimate:
-    """Mean over seeds; episodes are resampled within each."""
+def _interval(seeds: Sequence[Columns]) -> Interval:
+    """Mean over seeds; episodes are resampled within each. Columns as in ``_value``."""
     generator = np.random.default_rng(0)
     value, drawn = 0.0, np.zeros(_RESAMPLES)
     for one in seeds:
-        n = one.episodes
-        value += float(one.value(np.ones((1, n)))[0]) / len(seeds)
+        n = len(one[0][0])
+        value += float(_value(one, np.ones((1, n)))[0]) / len(seeds)
         weights = generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)
-        drawn += one.value(weights.astype(float)) / len(seeds)
+        drawn += _value(one, weights.astype(float)) / len(seeds)
     low, high = np.nanpercentile(drawn, _LIMITS)
-    return Estimate(value, float(low), float(high))
+    return Interval(value, float(low), float(high))

@@ -12,7 +12,7 @@ from needlehoop.robot.joints import JOINT_NAMES
 
 FACTS = (
     *("grasped", "lifted", "touched", "threaded", "success"),
-    *("cheat", "has_grasped", "has_touched"),
+    *("cheat", "has_grasped", "has_touched", "diverged"),
 )
 """What is known of an environment besides its signals: of the moment, then of the episode."""
 

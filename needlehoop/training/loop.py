@@ -18,9 +18,8 @@ from tqdm import tqdm
 from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
-from needlehoop.learning.loggers import Logger, build_logger
-from needlehoop.learning.metrics import episode_columns, peak_memory
-from needlehoop.learning.weights import actor_of, write_weights
+from needlehoop.learning.metrics import Logger, build_logger, episode_columns, peak_memory
+from needlehoop.learning.weights import write_weights
 from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
 from needlehoop.runs.run import Run
@@ -102,7 +101,7 @@ def _check_finite(losses: Mapping[str, float], update: int) -> None:
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print what the run gave."""
     agent = load_agent(run, job, job.torch_device)
-    write_weights(run.folder, actor_of(agent), run.config(), job.weights)
+    write_weights(run.folder, agent.actor, run.config(), job.weights)
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)

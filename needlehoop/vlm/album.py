@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from needlehoop.envs.settings import Settings
-from needlehoop.pictures.sheet import stages
+from needlehoop.pictures.stills import stages
 from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,9 +11,8 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.rollout import Controller
+from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import NONE
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE
@@ -66,7 +66,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     last = {}
     for who in _JUDGED_BY:
         simulation.reseed(gates.seed)
-        lived, last[who] = _episodes(simulation, controller(who, blind))
+        lived, last[who] = _episodes(rollout(simulation, controller(who, blind)))
         moments += lived
     return Trajectories(_join(moments), last, *_random_steps(blind, gates))
 
@@ -75,12 +75,7 @@ def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:
     """The moments before and after each step of episodes of uniformly random actions."""
     own = replace(settings, num_envs=gates.random_episodes)
     simulation, _ = build(own)
-    act = controller("random", own)
-    signals = simulation.reset().signals.clone()
-    moments = [signals]
-    for _ in range(own.episode.max_steps):
-        signals = simulation.step(act(signals)).signals.clone()
-        moments.append(signals)
+    moments = [step.signals.clone() for step in rollout(simulation, controller("random", own))]
     before, after = _join(moments[:-1]), _join(moments[1:])
     after.elapsed = before.elapsed.clone()
     return before, after
@@ -91,18 +86,16 @@ def _join(moments: list[Signals]) -> Signals:
     return joined
 
 
-def _episodes(simulation: Simulation, act: Controller) -> tuple[list[Signals], Signals]:
+def _episodes(steps: Iterator[Step]) -> tuple[list[Signals], Signals]:
     """The moments of episodes while they go on, step by step, and each episode's last."""
-    signals = simulation.reset().signals
-    lived, last = [signals.clone()], signals.clone()
-    going = torch.ones(simulation.num_envs, dtype=torch.bool)
-    while bool(going.any()):
-        moment = simulation.step(act(signals))
-        signals = moment.signals
-        now: Any = signals[going].clone()
+    lived: list[Signals] = []
+    last: Any = None
+    for step in steps:
+        now: Any = step.signals[step.alive].clone()
         lived.append(now)
-        last[going] = now
-        going &= ~(moment.terminated | moment.truncated)
+        if last is None:
+            last = now.clone()
+        last[step.alive] = now
     return lived, last
 
 

@@ -1,4 +1,4 @@
-"""Episodes as datasets: what was flown is what is read back."""
+"""Episodes as datasets: what was done is what is read back."""
 
 from __future__ import annotations
 
@@ -10,68 +10,67 @@ import numpy as np
 import pytest
 
 from needlehoop.cli.main import main
-from needlehoop.demonstrations.demonstrators import scripted
+from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
 from needlehoop.demonstrations.export import new_folder
-from needlehoop.demonstrations.flights import Flight, fly
-from needlehoop.demonstrations.spread import of_images, of_rows
+from needlehoop.demonstrations.lerobot_layout import of_images, of_rows
 from needlehoop.envs.settings import compose_settings
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=32", "seed=5"]
 
 
 @pytest.fixture(scope="module")
-def flights() -> list[Flight]:
-    return list(fly(compose_settings(WORDS), scripted("smooth"), 3))
+def shown() -> list[Demonstration]:
+    return list(demonstrate(compose_settings(WORDS), scripted("smooth"), 3))
 
 
 def export(out: Path, *words: str) -> int:
     return main(["demonstrations", *WORDS, "episodes=3", f"out={out}", *words])
 
 
-def test_flights_are_whole_episodes(flights):
-    for flight in flights:
-        t = len(flight)
-        assert flight.success
-        assert flight.terminated
-        assert flight.images["dep_front"].shape == (t + 1, 32, 32, 4)
-        assert flight.images["seg_side"].shape == (t + 1, 32, 32, 3)
-        assert flight.vectors["proprio"].shape == (t + 1, 8)
-        assert flight.actions.shape == (t, 5)
-        assert np.abs(flight.actions).max() <= 1
+def test_demonstrations_are_whole_episodes(shown):
+    for one in shown:
+        t = len(one)
+        assert one.success
+        assert one.terminated
+        assert one.images["dep_front"].shape == (t + 1, 32, 32, 4)
+        assert one.images["seg_side"].shape == (t + 1, 32, 32, 3)
+        assert one.vectors["proprio"].shape == (t + 1, 8)
+        assert one.actions.shape == (t, 5)
+        assert np.abs(one.actions).max() <= 1
         # An episode's rewards add up to its last potential.
-        assert 7.4 < flight.rewards.sum() < 9.2
-        assert not np.array_equal(flight.images["seg_side"][0], flight.images["seg_side"][-1])
+        assert 7.4 < one.rewards.sum() < 9.2
+        assert not np.array_equal(one.images["seg_side"][0], one.images["seg_side"][-1])
 
 
 @pytest.mark.parametrize("who", ["smooth", "perturbed"])
-def test_a_flight_does_not_depend_on_how_many_there_are(who):
+def test_a_demonstration_does_not_depend_on_how_many_there_are(who):
     settings = replace(compose_settings(WORDS), cams=("seg_side",), image_size=8)
-    (alone,) = fly(settings, scripted(who), 1)
-    first, _ = fly(settings, scripted(who), 2)
+    (alone,) = demonstrate(settings, scripted(who), 1)
+    first, _ = demonstrate(settings, scripted(who), 2)
     assert np.array_equal(alone.actions, first.actions)
     assert np.array_equal(alone.images["seg_side"], first.images["seg_side"])
 
 
-def test_minari_reads_what_was_flown(tmp_path, monkeypatch, flights):
+def test_minari_reads_what_was_done(tmp_path, monkeypatch, shown):
     minari = pytest.importorskip("minari")
     assert export(tmp_path / "smooth-v0") == 0
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     dataset = minari.load_dataset("smooth-v0")
     assert dataset.total_episodes == 3
-    assert dataset.total_steps == sum(map(len, flights))
+    assert dataset.total_steps == sum(map(len, shown))
     assert dataset.storage.metadata["algorithm_name"] == "smooth"
-    for flown, read in zip(flights, dataset.iterate_episodes(), strict=True):
-        for name, rows in {**flown.images, **flown.vectors}.items():
+    for done, read in zip(shown, dataset.iterate_episodes(), strict=True):
+        for name, rows in {**done.images, **done.vectors}.items():
             assert np.array_equal(read.observations[name], rows)
             assert dataset.observation_space[name].contains(rows[0])
-        assert np.array_equal(read.actions, flown.actions)
-        assert np.array_equal(read.rewards, flown.rewards)
-        assert read.terminations.tolist() == [False] * (len(flown) - 1) + [True]
+        assert np.array_equal(read.actions, done.actions)
+        assert np.array_equal(read.rewards, done.rewards)
+        assert read.terminations.tolist() == [False] * (len(done) - 1) + [True]
         assert not read.truncations.any()
-        assert read.infos["success"].tolist() == [False] * len(flown) + [True]
+        assert read.infos["success"].tolist() == [False] * len(done) + [True]
 
 
-def test_torchrl_reads_what_was_flown(tmp_path, monkeypatch, flights):
+def test_torchrl_reads_what_was_done(tmp_path, monkeypatch, shown):
     pytest.importorskip("minari")
     from tensordict import TensorDict
     from torchrl.data.datasets import MinariExperienceReplay
@@ -83,21 +82,21 @@ def test_torchrl_reads_what_was_flown(tmp_path, monkeypatch, flights):
     replay = MinariExperienceReplay(
         "smooth-v0", batch_size=4, root=tmp_path / "torchrl", load_from_local_minari=True
     )
-    assert len(replay) == sum(map(len, flights))
+    assert len(replay) == sum(map(len, shown))
     steps = replay[:]
-    actions = np.concatenate([flight.actions for flight in flights])
+    actions = np.concatenate([one.actions for one in shown])
     assert np.array_equal(steps["action"].numpy(), actions)
-    seen = np.concatenate([flight.images["dep_front"][1:] for flight in flights])
+    seen = np.concatenate([one.images["dep_front"][1:] for one in shown])
     assert np.array_equal(steps["next", "observation", "dep_front"].numpy(), seen)
     assert int(steps["next", "done"].sum()) == 3
 
 
-def test_lerobot_layout_holds_what_was_flown(tmp_path, flights):
+def test_lerobot_layout_holds_what_was_done(tmp_path, shown):
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "smooth"
     assert export(out, "format=lerobot") == 0
     info = json.loads((out / "meta/info.json").read_text())
-    total = sum(map(len, flights))
+    total = sum(map(len, shown))
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 25)
     assert (info["total_episodes"], info["total_frames"]) == (3, total)
     place = {"chunk_index": 0, "file_index": 0}
@@ -105,26 +104,26 @@ def test_lerobot_layout_holds_what_was_flown(tmp_path, flights):
     rows = table.to_pydict()
     columns = {name for name, one in info["features"].items() if one["dtype"] != "video"}
     assert set(rows) == columns
-    assert np.array_equal(rows["action"], np.concatenate([f.actions for f in flights]))
-    state = np.concatenate([f.vectors["proprio"][:-1] for f in flights])
+    assert np.array_equal(rows["action"], np.concatenate([f.actions for f in shown]))
+    state = np.concatenate([f.vectors["proprio"][:-1] for f in shown])
     assert np.array_equal(rows["observation.state"], state)
     assert sum(rows["next.success"]) == 3
     episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
-    for episode, flown in zip(episodes, flights, strict=True):
+    for episode, done in zip(episodes, shown, strict=True):
         own = slice(episode["dataset_from_index"], episode["dataset_to_index"])
-        assert rows["frame_index"][own] == list(range(len(flown)))
+        assert rows["frame_index"][own] == list(range(len(done)))
         assert set(rows["episode_index"][own]) == {episode["episode_index"]}
 
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_lerobot_films_show_what_was_seen(tmp_path, flights):
+def test_lerobot_films_show_what_was_seen(tmp_path, shown):
     pytest.importorskip("pyarrow")
     import imageio.v2 as imageio
 
     out = tmp_path / "smooth"
     assert export(out, "format=lerobot") == 0
-    seen = np.concatenate([flight.images["dep_front"][:-1] for flight in flights])
+    seen = np.concatenate([one.images["dep_front"][:-1] for one in shown])
     for name, wanted in (
         ("dep_front", seen[..., :3]),
         ("dep_front_depth", seen[..., 3:].repeat(3, -1)),

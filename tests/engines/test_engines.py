@@ -9,7 +9,7 @@ import torch
 from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.vocabulary import TABLE
 from needlehoop.task.expert import expert

@@ -13,7 +13,7 @@ from needlehoop.engines.rasteriser.surfaces import surface_of
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.task.expert import expert
 

@@ -8,7 +8,7 @@ import torch
 from needlehoop.config import composing
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.envs.workers import Workers
-from needlehoop.learning.collector import Collector
+from needlehoop.learning.collectors import Collector
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.parallel import ParallelAgent
@@ -63,13 +63,13 @@ def test_a_buffer_is_what_torchrls_loop_makes_of_its_actions(collected):
                 assert torch.equal(after[place][key], cuts[row][key])
 
 
-def test_the_agents_outputs_are_those_of_its_operator(collected):
+def test_the_parallel_agents_outputs_are_those_of_the_agent(collected):
     pairs, agent, _ = collected
     buffer, _ = pairs[1]
     with torch.no_grad():
-        again = agent.operator(buffer.select(*agent.seen_keys).flatten())
-    for key in ("state_value", "scale"):
-        torch.testing.assert_close(buffer[key].flatten(0, 1), again[key], rtol=2e-2, atol=2e-2)
-    policy = torch.distributions.Normal(again["loc"], again["scale"])
+        loc, scale, value = agent(*(buffer[key].flatten(0, 1) for key in agent.seen_keys))
+    for key, again in (("state_value", value), ("scale", scale)):
+        torch.testing.assert_close(buffer[key].flatten(0, 1), again, rtol=2e-2, atol=2e-2)
+    policy = torch.distributions.Normal(loc, scale)
     expected = policy.log_prob(buffer["action"].flatten(0, 1)).sum(-1)
     torch.testing.assert_close(buffer["action_log_prob"].flatten(), expected, rtol=5e-2, atol=5e-2)

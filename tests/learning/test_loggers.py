@@ -9,7 +9,7 @@ import pytest
 import wandb
 
 from needlehoop.learning.job import LoggerConfig
-from needlehoop.learning.loggers import build_logger
+from needlehoop.learning.metrics import build_logger
 
 PLACE = "main/dep_front+seg_side/human/seed0"
 NOBODY = "http://127.0.0.1:9"

@@ -4,18 +4,15 @@ from dataclasses import replace
 
 import pytest
 import torch
-from torch.distributions import Normal
+from tensordict import TensorDictBase
 from torch.nn.functional import pixel_unshuffle
 from torchrl.data import Binary, Bounded, Composite, Unbounded
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop.config import composing, strict
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.encoder import HALVINGS, Encoder, EncoderConfig, Fold
+from needlehoop.learning.encoder import HALVINGS, Encoder, EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import typed_job
-from needlehoop.learning.networks import HeadConfig, Trunk
-from needlehoop.learning.normalizer import Normalizer
-from needlehoop.learning.precision import convolution_dtype
+from needlehoop.learning.networks import HeadConfig, Normalizer, Trunk
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
@@ -209,63 +206,38 @@ def test_a_normalizer_survives_its_state_dict():
     assert torch.equal(restored(x), taught(x))
 
 
-def test_an_agent_reads_the_keys_it_names_and_writes_the_keys_it_names():
+def given(agent: Agent, seen: TensorDictBase) -> list[torch.Tensor]:
+    """What an agent takes of an observation."""
+    return agent.prepare(*(seen[key] for key in agent.in_keys))
+
+
+def test_an_agent_reads_the_keys_it_names():
     spec = observed(3, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
     agent = make_agent(spec)
     assert set(agent.in_keys) == {("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"}
-    acted = agent(spec.rand().select(*agent.in_keys))
-    assert set(acted.keys(include_nested=True, leaves_only=True)) == {
-        *agent.in_keys,
-        *agent.out_keys,
-    }
-    shapes = {key: tuple(acted[key].shape) for key in agent.out_keys}
-    assert shapes == {
-        ("folded", "rgb_a"): (3, 8, 8, 12),
-        ("folded", "dep_b"): (3, 8, 8, 16),
-        "hidden": (3, 16),
-        "loc": (3, 5),
-        "scale": (3, 5),
-        "action": (3, 5),
-        "action_log_prob": (3,),
-        "state_value": (3, 1),
-    }
-    assert acted["folded", "dep_b"].dtype == torch.uint8
+    seen = dict(zip(agent.seen_keys, given(agent, spec.rand()), strict=True))
+    assert seen["folded", "rgb_a"].shape == (3, 8, 8, 12)
+    assert seen["folded", "dep_b"].shape == (3, 8, 8, 16)
+    assert seen["folded", "dep_b"].dtype == torch.uint8
+    shapes = [tuple(one.shape) for one in agent(*seen.values())]
+    assert shapes == [(3, 5), (3, 5), (3, 1)]
 
 
 def test_an_agent_of_vectors_alone_needs_no_images():
     spec = observed(4, {}, {"signals": 6})
     agent = make_agent(spec)
     assert list(agent.in_keys) == ["signals"]
-    acted = agent(spec.rand())
-    assert acted["action"].shape == (4, 5)
-    assert "folded" not in acted.keys()  # noqa: SIM118 - of a TensorDict
-    assert acted["state_value"].unique().numel() == 4
+    loc, _, value = agent(*given(agent, spec.rand()))
+    assert loc.shape == (4, 5)
+    assert value.unique().numel() == 4
 
 
 def test_the_first_policy_has_the_sigma_of_the_config_whatever_it_sees():
     spec = observed(7, {"rgb_a": 3}, {"signals": 6})
-    acted = make_agent(spec)(spec.rand())
-    torch.testing.assert_close(acted["scale"], torch.full((7, 5), 0.6))
-    assert acted["loc"].std(0).min() > 0
-
-
-def test_an_agent_acts_on_the_mean_where_exploration_is_off():
-    spec = observed(3, {}, {"signals": 6})
     agent = make_agent(spec)
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
-        settled = agent(spec.rand())
-    assert torch.equal(settled["action"], settled["loc"])
-    with set_exploration_type(ExplorationType.RANDOM):
-        explored = agent(settled.select("signals"))
-    assert torch.equal(explored["loc"], settled["loc"])
-    assert (explored["action"] != explored["loc"]).all()
-
-
-def test_the_log_probability_is_that_of_a_free_gaussian():
-    spec = observed(3, {}, {"signals": 6})
-    acted = make_agent(spec)(spec.rand())
-    expected = Normal(acted["loc"], acted["scale"]).log_prob(acted["action"]).sum(-1)
-    torch.testing.assert_close(acted["action_log_prob"], expected)
+    loc, scale, _ = agent(*given(agent, spec.rand()))
+    torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
+    assert loc.std(0).min() > 0
 
 
 def test_every_camera_has_an_encoder_of_its_own():
@@ -275,7 +247,7 @@ def test_every_camera_has_an_encoder_of_its_own():
     pairs = list(zip(first.parameters(), second.parameters(), strict=True))
     assert all(ours is not theirs for ours, theirs in pairs)
     assert not torch.equal(first.dense[0].weight, second.dense[0].weight)
-    agent(spec.rand())["hidden"].square().sum().backward()
+    agent(*given(agent, spec.rand()))[0].square().sum().backward()
     for encoder in (first, second):
         assert all(parameter.grad.abs().max() > 0 for parameter in encoder.parameters())
 
@@ -283,9 +255,9 @@ def test_every_camera_has_an_encoder_of_its_own():
 def test_a_value_function_of_its_own_leaves_the_policy_alone():
     spec = observed(2, {"rgb_a": 3}, {})
     apart = Agent(spec, 5, SMALL, replace(HEADS, shared=False), torch.float32)
-    for key, moved in (("loc", 0), ("state_value", 1)):
+    for output, moved in ((0, 0), (2, 1)):
         apart.zero_grad()
-        apart(spec.rand())[key].square().sum().backward()
+        apart(*given(apart, spec.rand()))[output].square().sum().backward()
         grads = [
             [parameter.grad for parameter in trunk.parameters()]
             for trunk in apart.modules()
@@ -308,23 +280,21 @@ def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
     agent = told(spec)
     seen = spec.rand()
     seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
-    before = agent(seen.clone())
+    loc, _, value = agent(*given(agent, seen))
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()
         other["facts", fact] = ~other["facts", fact]
-        after = agent(other)
-        assert torch.equal(after["loc"], before["loc"])
-        assert torch.equal(after["state_value"], before["state_value"]) != moves
+        loc_after, _, value_after = agent(*given(agent, other))
+        assert torch.equal(loc_after, loc)
+        assert torch.equal(value_after, value) != moves
 
 
 def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
     spec = observed(2, {"rgb_a": 3}, {})
     agent = told(spec)
     seen = spec.rand()
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
-        flown = agent.actor(seen.select("pixels"))
-        assert torch.equal(flown["action"], agent(seen)["action"])
-    assert "state_value" not in set(flown.keys())
+    loc, *_ = agent(*given(agent, seen))
+    assert torch.equal(agent.actor(seen["pixels", "rgb_a"]), loc)
     assert not [name for name in agent.state_dict() if "actor" in name]
 
 

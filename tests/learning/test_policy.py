@@ -8,7 +8,6 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 from tensordict import TensorDict
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 import needlehoop
 from needlehoop.cli.main import main
@@ -16,7 +15,7 @@ from needlehoop.config import composing
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
-from needlehoop.learning.weights import actor_of, write_weights
+from needlehoop.learning.weights import write_weights
 from needlehoop.runs.run import Run
 
 WORDS = [
@@ -45,7 +44,7 @@ def trained(folder, *words, weights="float32"):
     ppo = {"agent": agent.state_dict(), "done_updates": 1}
     learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
     run.save({"learner": learner, "update": 1, "wall_time": 1.0})
-    write_weights(folder, actor_of(agent), values, weights)
+    write_weights(folder, agent.actor, values, weights)
     return agent
 
 
@@ -56,8 +55,9 @@ def run(tmp_path_factory):
 
 
 def act(agent, seen):
-    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-        return agent.actor(seen.clone())["action"].clamp(-1, 1)
+    with torch.no_grad():
+        observed = [seen[key] for key in agent.in_keys if key[0] != "facts"]
+        return agent.actor(*observed).clamp(-1, 1)
 
 
 def test_a_loaded_policy_acts_as_its_agent(run):

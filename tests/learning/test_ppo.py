@@ -3,12 +3,14 @@
 import io
 import math
 from dataclasses import asdict
+from typing import Any
 
 import pytest
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule
 from torchrl.data import Bounded, Composite, Unbounded
-from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 
 from needlehoop.config import strict
@@ -16,8 +18,7 @@ from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.hyperparameters import PpoConfig
-from needlehoop.learning.networks import HeadConfig
-from needlehoop.learning.normalizer import Normalizer
+from needlehoop.learning.networks import HeadConfig, Normalizer
 from needlehoop.learning.ppo import Ppo
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
@@ -85,8 +86,16 @@ def make_buffer(
     following = torch.cat((seen[:, 1:], spec.rand().unsqueeze(1)), 1).clone()
     elsewhere = torch.stack([spec.rand() for _ in range(STEPS)], 1)
     following[done.squeeze(-1)] = elsewhere[done.squeeze(-1)]
-    with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
-        buffer = agent(seen)
+    buffer = seen.clone()
+    kept = agent.prepare(*(seen[key] for key in agent.in_keys))
+    for key, value in zip(agent.seen_keys, kept, strict=True):
+        buffer[key] = value
+    with torch.no_grad():
+        loc, scale, value = agent(*kept)
+    policy = IndependentNormal(loc, scale)
+    action = policy.sample()
+    buffer.update({"loc": loc, "scale": scale, "state_value": value, "action": action})
+    buffer["action_log_prob"] = policy.log_prob(action)
     buffer["next"] = following
     buffer["next"].update(
         {
@@ -97,6 +106,11 @@ def make_buffer(
         }
     )
     return buffer
+
+
+def values_of(agent: Agent, seen: TensorDictBase) -> torch.Tensor:
+    *_, value = agent(*agent.prepare(*(seen[key] for key in agent.in_keys)))
+    return value
 
 
 def learn(ppo: Ppo, buffer: TensorDict) -> dict[str, float]:
@@ -111,7 +125,7 @@ def plain_advantages(
 ) -> torch.Tensor:
     """Generalised advantages, one step after the other; every successor is looked at anew."""
     with torch.no_grad():
-        successors = agent(buffer["next"].select(*agent.in_keys))["state_value"]
+        successors = values_of(agent, buffer["next"])
     ends = buffer["next"]
     advantages = torch.zeros(ENVS, STEPS)
     for env in range(ENVS):
@@ -165,9 +179,16 @@ def test_the_shards_gradients_add_up_to_that_of_torchrls_loss():
     buffer = make_buffer(agent)
     learn(ppo, buffer)
     before = make_agent("pixels")
+    operator: Any = TensorDictModule(before, before.seen_keys, ["loc", "scale", "state_value"])
+    policy = ProbabilisticActor(
+        operator,
+        in_keys=["loc", "scale"],
+        distribution_class=IndependentNormal,
+        return_log_prob=True,
+    )
     loss = ClipPPOLoss(
-        before.operator.get_policy_operator(),
-        before.operator.get_value_head(),
+        policy,
+        operator,
         clip_epsilon=0.2,
         clip_value=True,
         entropy_coeff=1e-3,
@@ -265,7 +286,7 @@ def test_values_that_foresee_everything_explain_all_variance():
     agent = make_agent()
     buffer = make_buffer(agent)
     with torch.no_grad():
-        successors = agent(buffer["next"].select("signals"))["state_value"]
+        successors = values_of(agent, buffer["next"])
     buffer["next", "reward"] = buffer["state_value"] - VALUES["gamma"] * successors
     assert learn(make_ppo(agent), buffer)["explained_variance"] == pytest.approx(1.0, abs=1e-6)
 

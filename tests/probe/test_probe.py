@@ -18,27 +18,23 @@ from needlehoop.config import composing
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.probe import frames, probing
-from needlehoop.probe.charts import ranking as ranking_figure
-from needlehoop.probe.charts import view_map
-from needlehoop.probe.findings import read_findings
-from needlehoop.probe.folder import Folder
+from needlehoop.probe import frames, measuring
+from needlehoop.probe.folder import Folder, read_results
 from needlehoop.probe.frames import KINDS, PHASES, POINTS, Frames, collect
-from needlehoop.probe.grid import Grid
-from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Plan, Scope, combinations
-from needlehoop.probe.regression import Fit, Reading
+from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Grid, Plan, camera_sets
+from needlehoop.probe.reader import Fit, Reading
+from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import (
     NEEDED,
     QUANTITIES,
     Errors,
-    Estimate,
+    Interval,
     constant,
     error,
     errors,
     places,
     score,
 )
-from needlehoop.probe.tables import all_tables
 from needlehoop.scene.cameras import View
 
 TINY = ["image_size=16", "encoder.channels=[8]", "episodes.train=8", "episodes.held_out=8"]
@@ -177,10 +173,10 @@ def test_an_episode_without_a_phase_counts_in_the_others():
 
 def test_what_cannot_be_separated_shares_a_place():
     scores = {
-        "a": Estimate(0.9, 0.85, 0.95),
-        "b": Estimate(0.8, 0.75, 0.86),
-        "c": Estimate(0.74, 0.70, 0.78),
-        "d": Estimate(0.1, 0.0, 0.2),
+        "a": Interval(0.9, 0.85, 0.95),
+        "b": Interval(0.8, 0.75, 0.86),
+        "c": Interval(0.74, 0.70, 0.78),
+        "d": Interval(0.1, 0.0, 0.2),
     }
     assert places(scores) == {"a": (1, 2), "b": (1, 3), "c": (2, 3), "d": (4, 4)}
 
@@ -198,25 +194,25 @@ def test_what_cannot_be_separated_shares_a_place():
 )
 def test_bad_combinations_are_named(settings, given, match):
     with pytest.raises(ValueError, match=match):
-        combinations(given, settings)
+        camera_sets(given, settings)
 
 
 def test_combinations_are_names_with_plus_or_lists(settings):
     wanted = (("dep_front", "seg_side"), ("rgb_front",))
-    assert combinations(["dep_front+seg_side", "rgb_front"], settings) == wanted
-    assert combinations("dep_front+seg_side,rgb_front", settings) == wanted
-    assert combinations([["dep_front", "seg_side"], ["rgb_front"]], settings) == wanted
+    assert camera_sets(["dep_front+seg_side", "rgb_front"], settings) == wanted
+    assert camera_sets("dep_front+seg_side,rgb_front", settings) == wanted
+    assert camera_sets([["dep_front", "seg_side"], ["rgb_front"]], settings) == wanted
 
 
 def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **more) -> Plan:
     return Plan(
         env=settings,
-        combinations=combinations(given, settings),
+        camera_sets=camera_sets(given, settings),
         encoder=EncoderConfig("tiny", 4, (16,), 1),
         heads=HeadConfig(64, 1, 1.0, True, ()),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
-        scope=Scope(1, str(folder), "probe", False, "cpu", "fp32"),
+        effort=Effort(1, str(folder), "probe", False, "cpu", "fp32"),
     )
 
 
@@ -226,14 +222,14 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     scene = replace(settings, views={**settings.views, "away": away}, image_size=32)
     plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
     folder = Folder(tmp_path / "probe", {"fit": 1}, False)
-    probing.probe(plan, folder)
-    found = read_findings(folder, 1)
+    measuring.probe(plan, folder)
+    found = read_results(folder, 1)
     assert found.ranked == ("seg_default", "seg_away")
     assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
     assert found.scores["seg_default"].low > 0.15
     # The frames of one phase look alike to it: it can't be better than a constant.
     assert found.scores["seg_away"].high < 0.1
-    assert found.scores[CONSTANT] == Estimate(0.0, 0.0, 0.0)
+    assert found.scores[CONSTANT] == Interval(0.0, 0.0, 0.0)
     assert found.scores[TRUTH].value > found.scores["seg_default"].value
 
 
@@ -301,7 +297,7 @@ def test_more_combinations_are_added_and_nothing_is_done_twice(tmp_path, monkeyp
     assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
     assert {"RGB (D)", "SEG (S)"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
     done = (folder / "manifest.json").read_bytes()
-    monkeypatch.setattr(probing, "collect", None)
+    monkeypatch.setattr(measuring, "collect", None)
     assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0, "all there: nothing to collect"
     assert (folder / "manifest.json").read_bytes() == done, "it took nothing"
 
@@ -402,7 +398,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     folder.save(0, TRUTH, _errors([0.1] * 3, 12, 0.0, 0))
     for name, value in paper.measured().items():
         folder.save(0, name, _errors([10.0 - value] * 3, 12, 0.0, 0))
-    found = read_findings(folder, 1)
+    found = read_results(folder, 1)
     tables = {table.name: table for table in all_tables(found)}
     rows = [row for row in tables["agreement"].rows if row[1] == "the paper's measured"]
     assert [row[2] for row in rows] == ["5", "5", "6", "14"]

@@ -5,10 +5,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import CONTROLLERS, controller
+from needlehoop.envs.controllers import CONTROLLERS, controller, run_trials
 from needlehoop.envs.rollout import run_episodes
 from needlehoop.envs.settings import compose_settings
-from needlehoop.envs.trials import run_trials
 from needlehoop.scene.signals import Signals
 from needlehoop.task.expert import Script, expert
 from needlehoop.task.smooth import smooth

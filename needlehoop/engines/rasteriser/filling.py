@@ -1,11 +1,11 @@
-"""Solids onto the desk, triangle by triangle."""
+"""Draws solids into the scratch buffers, triangle by triangle."""
 
 # Warp compiles this file; its types are not all Python's.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false, reportCallIssue=false
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 import warp as wp
 
-from needlehoop.engines.rasteriser.desk import Desk, Eye, Poses, slope_of
+from needlehoop.engines.rasteriser.buffers import Eye, Poses, ScratchBuffers, slope_of
 from needlehoop.engines.rasteriser.solids import Solid, Solids
 
 _NEAR = wp.constant(1e-6)
@@ -23,8 +23,10 @@ def _is_in_sight(eye: Eye, at: wp.vec3, radius: float) -> bool:
 
 
 @wp.func
-def _project(solids: Solids, solid: Solid, eye: Eye, turn: wp.mat33, at: wp.vec3, desk: Desk):
-    """Put a solid's vertices on the desk."""
+def _project(
+    solids: Solids, solid: Solid, eye: Eye, turn: wp.mat33, at: wp.vec3, scratch: ScratchBuffers
+):
+    """Project a solid's vertices into the scratch buffers."""
     right = eye.focal * turn[0] + eye.centre * turn[2]
     down = eye.focal * turn[1] + eye.centre * turn[2]
     ahead = turn[2]
@@ -35,9 +37,9 @@ def _project(solids: Solids, solid: Solid, eye: Eye, turn: wp.mat33, at: wp.vec3
         corner = wp.vec3(
             wp.dot(right, vertex) + x, wp.dot(down, vertex) + y, wp.dot(ahead, vertex) + at[2]
         )
-        desk.corners[v] = corner
+        scratch.corners[v] = corner
         nearness = 1.0 / wp.max(corner[2], _NEAR)
-        desk.points[v] = wp.vec2(corner[0] * nearness, corner[1] * nearness)
+        scratch.points[v] = wp.vec2(corner[0] * nearness, corner[1] * nearness)
 
 
 @wp.func
@@ -68,7 +70,7 @@ def _bounds(a: float, b: float, c: float, size: int) -> wp.vec2:
 
 
 @wp.func
-def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, desk: Desk):
+def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
     """Fill the pixels whose centres lie in a face and that see nothing nearer.
 
     Args:
@@ -77,12 +79,12 @@ def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, desk: Des
         slope: change of 1/z per pixel to the right and down, and its value at the upper left
             corner of the image.
         eye: who looks.
-        desk: where to.
+        scratch: where to.
     """
-    a, b, c = desk.corners[corners[0]], desk.corners[corners[1]], desk.corners[corners[2]]
+    a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
     columns, rows = wp.vec2(0.0, float(eye.size - 1)), wp.vec2(0.0, float(eye.size - 1))
     if wp.min(wp.min(a[2], b[2]), c[2]) > _NEAR:
-        p, q, r = desk.points[corners[0]], desk.points[corners[1]], desk.points[corners[2]]
+        p, q, r = scratch.points[corners[0]], scratch.points[corners[1]], scratch.points[corners[2]]
         columns, rows = _bounds(p[0], q[0], r[0], eye.size), _bounds(p[1], q[1], r[1], eye.size)
     if columns[0] > columns[1] or rows[0] > rows[1]:
         return
@@ -100,13 +102,15 @@ def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, desk: Des
         for column in range(first, last + 1):
             nearness = start + slope[0] * float(column)
             pixel = row * eye.size + column
-            if nearness > desk.nearness[pixel]:
-                desk.nearness[pixel] = nearness
-                desk.face[pixel] = face
+            if nearness > scratch.nearness[pixel]:
+                scratch.nearness[pixel] = nearness
+                scratch.face[pixel] = face
 
 
 @wp.func
-def draw_solid(solids: Solids, index: int, poses: Poses, env: int, eye: Eye, desk: Desk):
+def draw_solid(
+    solids: Solids, index: int, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers
+):
     solid = solids.solids[index]
     away = poses.geom_xpos[env, solid.geom] - eye.position
     at = eye.turn * away
@@ -114,8 +118,8 @@ def draw_solid(solids: Solids, index: int, poses: Poses, env: int, eye: Eye, des
         return
     axes = poses.geom_xmat[env, solid.geom]
     turn = eye.turn * axes
-    desk.turns[index] = turn
-    _project(solids, solid, eye, turn, at, desk)
+    scratch.turns[index] = turn
+    _project(solids, solid, eye, turn, at, scratch)
     # The camera in the solid's frame.
     here = -(wp.transpose(axes) * away)
     for face in range(solid.first_face, solid.last_face):
@@ -125,4 +129,4 @@ def draw_solid(solids: Solids, index: int, poses: Poses, env: int, eye: Eye, des
         # Of a closed surface only the faces turned to the camera are seen.
         if behind < 0.0:
             slope = slope_of(turn * out, behind, eye)
-            _draw_face(face, solids.faces[face], slope, eye, desk)
+            _draw_face(face, solids.faces[face], slope, eye, scratch)

@@ -15,7 +15,8 @@ import torch
 import warp as wp
 
 from needlehoop.engines.contract import Channels, Frame
-from needlehoop.engines.rasteriser.desk import Desk, Film, Lens, Poses
+from needlehoop.engines.quiet_start import start_warp
+from needlehoop.engines.rasteriser.buffers import FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.kernel import draw
 from needlehoop.engines.rasteriser.solids import Solids, pack
 
@@ -66,19 +67,22 @@ class Rasteriser:
                 f"image_size: {len(views)} views of {num_envs} environments at {size} px have more"
                 f" than {_MOST} pixels; choose fewer"
             )
+        start_warp()
         self.views = dict(views)
         self._size, self._solids = size, pack(model)
         self._lenses = _lenses(model, self.views)
-        self._film = _film(self.views, num_envs, size)
+        self._buffers = _frame_buffers(self.views, num_envs, size)
         self._poses, self._fields = _poses(model, num_envs)
-        self._desks = [_desk(self._solids, size) for _ in range(min(threads, num_envs))]
+        self._scratch = [
+            _scratch_buffers(self._solids, size) for _ in range(min(threads, num_envs))
+        ]
         # The first launch compiles: before any other thread launches.
-        self._draw(self._desks[0], 0, 0)
-        self._pool = ThreadPoolExecutor(len(self._desks)) if len(self._desks) > 1 else None
+        self._draw(self._scratch[0], 0, 0)
+        self._pool = ThreadPoolExecutor(len(self._scratch)) if len(self._scratch) > 1 else None
         self._kinds = (
-            wp.to_torch(self._film.colour).view(torch.uint8).view(-1, num_envs, size, size, 4),
-            wp.to_torch(self._film.depth).view(-1, num_envs, size, size),
-            wp.to_torch(self._film.geom).view(-1, num_envs, size, size),
+            wp.to_torch(self._buffers.colour).view(torch.uint8).view(-1, num_envs, size, size, 4),
+            wp.to_torch(self._buffers.depth).view(-1, num_envs, size, size),
+            wp.to_torch(self._buffers.geom).view(-1, num_envs, size, size),
         )
 
     def render(
@@ -90,21 +94,23 @@ class Rasteriser:
             fields: MjData ``FIELDS`` with a leading dimension of ``n``.
             ids: environments to render ``(k,)``; all by default.
         """
-        count = self._film.count if ids is None else len(ids)
+        count = self._buffers.count if ids is None else len(ids)
         for name, target in self._fields.items():
             given = fields[name] if ids is None else fields[name][ids]
             target[:count] = given.reshape(count, *target.shape[1:])
-        edges = np.linspace(0, count, len(self._desks) + 1).astype(int).tolist()
-        slices = [(desk, *ends) for desk, ends in zip(self._desks, pairwise(edges), strict=True)]
+        edges = np.linspace(0, count, len(self._scratch) + 1).astype(int).tolist()
+        slices = [
+            (scratch, *ends) for scratch, ends in zip(self._scratch, pairwise(edges), strict=True)
+        ]
         if self._pool is None:
             self._draw(*slices[0])
         else:
             list(self._pool.map(lambda part: self._draw(*part), slices))
         return self._frames(count)
 
-    def _draw(self, desk: Desk, first: int, last: int) -> None:
+    def _draw(self, scratch: ScratchBuffers, first: int, last: int) -> None:
         scene = (self._solids, self._lenses, self._poses)
-        inputs = [*scene, desk, self._film, self._size, first, last]
+        inputs = [*scene, scratch, self._buffers, self._size, first, last]
         wp.launch(draw, dim=1, inputs=inputs, device="cpu")
 
     def _frames(self, count: int) -> dict[str, Frame]:
@@ -133,15 +139,15 @@ def _lenses(model: mujoco.MjModel, views: Mapping[str, Channels]) -> wp.array:
     return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
 
 
-def _film(views: Mapping[str, Channels], num_envs: int, size: int) -> Film:
-    film = Film()
+def _frame_buffers(views: Mapping[str, Channels], num_envs: int, size: int) -> FrameBuffers:
+    frames = FrameBuffers()
     colours, depths, geoms = (sum(asked) for asked in zip(*views.values(), strict=True))
     pixels = num_envs * size * size
-    film.colour = wp.zeros(colours * pixels, dtype=wp.uint32, device="cpu")
-    film.depth = wp.zeros(depths * pixels, dtype=float, device="cpu")
-    film.geom = wp.zeros(geoms * pixels, dtype=int, device="cpu")
-    film.count = num_envs
-    return film
+    frames.colour = wp.zeros(colours * pixels, dtype=wp.uint32, device="cpu")
+    frames.depth = wp.zeros(depths * pixels, dtype=float, device="cpu")
+    frames.geom = wp.zeros(geoms * pixels, dtype=int, device="cpu")
+    frames.count = num_envs
+    return frames
 
 
 def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.ndarray]]:
@@ -156,13 +162,13 @@ def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.nd
     return poses, fields
 
 
-def _desk(solids: Solids, size: int) -> Desk:
-    desk = Desk()
+def _scratch_buffers(solids: Solids, size: int) -> ScratchBuffers:
+    scratch = ScratchBuffers()
     vertices, pixels = solids.vertices.shape[0], size * size
-    desk.corners = wp.zeros(vertices, dtype=wp.vec3, device="cpu")
-    desk.points = wp.zeros(vertices, dtype=wp.vec2, device="cpu")
-    desk.turns = wp.zeros(solids.solids.shape[0], dtype=wp.mat33, device="cpu")
-    desk.lamps = wp.zeros(solids.lamps.shape[0], dtype=wp.vec3, device="cpu")
-    desk.nearness = wp.zeros(pixels, dtype=float, device="cpu")
-    desk.face = wp.zeros(pixels, dtype=int, device="cpu")
-    return desk
+    scratch.corners = wp.zeros(vertices, dtype=wp.vec3, device="cpu")
+    scratch.points = wp.zeros(vertices, dtype=wp.vec2, device="cpu")
+    scratch.turns = wp.zeros(solids.solids.shape[0], dtype=wp.mat33, device="cpu")
+    scratch.lamps = wp.zeros(solids.lamps.shape[0], dtype=wp.vec3, device="cpu")
+    scratch.nearness = wp.zeros(pixels, dtype=float, device="cpu")
+    scratch.face = wp.zeros(pixels, dtype=int, device="cpu")
+    return scratch

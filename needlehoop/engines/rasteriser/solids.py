@@ -10,9 +10,6 @@ import warp as wp
 
 from needlehoop.engines.rasteriser.surfaces import surface_of
 
-# Warp would report every kernel that it loads.
-wp.config.log_level = wp.LOG_WARNING
-
 _GROUPS = (0, 1)
 """Geom groups that are drawn; collision shapes are in group 3."""
 

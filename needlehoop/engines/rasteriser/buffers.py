@@ -1,4 +1,4 @@
-"""What a drawing is made with: camera, poses, the desk it is drawn on, the film it ends on.
+"""What the kernel works with: cameras, poses, scratch buffers, and buffers of finished images.
 
 Points are projected to ``(x z, y z, z)``: pixels from the upper left corner of the image, times
 the depth z in m along the optical axis. In these homogeneous coordinates the line through two
@@ -53,8 +53,8 @@ class Eye:
 
 
 @wp.struct
-class Desk:
-    """Where one image is drawn at a time.
+class ScratchBuffers:
+    """One image while it is drawn.
 
     ``corners`` and ``points``: the vertices, homogeneous and in pixels. ``turns``: from each
     solid to the camera. ``lamps``: directions to the lights, camera frame. ``nearness`` and
@@ -71,7 +71,7 @@ class Desk:
 
 
 @wp.struct
-class Film:
+class FrameBuffers:
     """Finished images one after the other: by kind's index, by environment."""
 
     colour: wp.array[wp.uint32]

@@ -1,22 +1,60 @@
-"""The contact sheet: every view and rendering, at the start and at the goal."""
+"""Pictures of the scene: a portrait, and the contact sheet of every view and rendering."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from needlehoop.envs.build import build
+from needlehoop.engines.contract import FIELDS, Channels
+from needlehoop.envs.build import PICTURE, build
+from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.task.expert import expert
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 8
-"""Steps that the goal picture waits, so that the needle is seen well inside the hoop."""
+"""Steps from success to the goal picture, in which the needle moves well into the hoop."""
 
 _INK, _PAPER = (34, 38, 46), (255, 255, 255)
+
+
+class Photographer:
+    """Takes pictures of one MjData from the ``picture`` camera.
+
+    Args:
+        model: a compiled scene.
+        size: pixels.
+    """
+
+    def __init__(self, model: mujoco.MjModel, size: int):
+        # Imported where it is used: mujoco_warp takes two seconds.
+        from needlehoop.engines.tracer import Tracer
+
+        self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 1, 2)
+
+    def __call__(self, data: mujoco.MjData) -> np.ndarray:
+        """The scene as ``(size, size, 3)`` uint8."""
+        fields = {name: getattr(data, name)[None] for name in FIELDS}
+        frame = self._tracer.render(fields)[PICTURE]
+        assert frame.bgra is not None
+        return frame.bgra[0, ..., [2, 1, 0]].numpy()
+
+
+def portrait(settings: Settings, size: int) -> Image.Image:
+    """The start of an episode from the ``picture`` camera.
+
+    Args:
+        settings: environment; its cameras are ignored.
+        size: pixels.
+    """
+    simulation, _ = build(replace(settings, num_envs=1, cams=()))
+    simulation.reset()
+    engine = simulation.engine
+    return Image.fromarray(Photographer(engine.model, size)(engine.data(0)))
 
 
 def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
@@ -40,14 +78,8 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     """
     if size < 16:
         raise ValueError(f"size: {size} must be at least 16")
-    traced = settings.image_size if raw else size * _OVERSAMPLING
-    s = replace(
-        settings,
-        cams=_cameras(settings),
-        image_size=traced,
-        quality=1 if raw else 2,
-        num_envs=1,
-    )
+    pixels = settings.image_size if raw else size * _OVERSAMPLING
+    s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
     states = list(stages(s, "start", "goal").values())
     return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
 
@@ -62,17 +94,11 @@ def tiles(settings: Settings) -> dict[str, Image.Image]:
         RuntimeError: the expert did not reach the goal state.
     """
     cams = _cameras(settings)
-    seen = stages(replace(settings, cams=cams, num_envs=1), "start", "goal").values()
+    seen = stages(replace(settings, cams=cams), "start", "goal").values()
+    depths = {name: settings.renderings[name.partition("_")[0]].depth for name in cams}
     return {
-        name: Image.fromarray(
-            np.hstack(
-                [
-                    to_rgb(one[name], settings.renderings[name.partition("_")[0]].depth)
-                    for one in seen
-                ]
-            )
-        )
-        for name in cams
+        name: Image.fromarray(np.hstack([to_rgb(images[name], depth) for images in seen]))
+        for name, depth in depths.items()
     }
 
 
@@ -90,7 +116,7 @@ def _ordered(settings: Settings) -> list[str]:
 
 
 def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]:
-    """The images of all cameras at moments of an episode of the expert's.
+    """The images of all cameras at moments of one episode of the expert's.
 
     Args:
         settings: environment and cameras.
@@ -100,33 +126,32 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     Raises:
         RuntimeError: the expert did not get that far.
     """
-    simulation, imager = build(settings)
-    act = expert(settings.task, settings.episode)
-    seen = {}
-
-    def look() -> dict[str, np.ndarray]:
-        images = imager(simulation.engine.render())
-        return {name: image[0].numpy() for name, image in images.items()}
-
-    moment = simulation.reset()
-    if "start" in wanted:
-        seen["start"] = look()
+    # The episode must go on after success.
+    s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
+    simulation, imager = build(s)
+    seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
-    for _ in range(settings.episode.max_steps + _AFTER_SUCCESS):
+    for step in rollout(simulation, expert(s.task, s.episode), imager):
+        since += bool(since or step.moment.facts()["threaded"][0])
+        for name in _reached(step, since > _AFTER_SUCCESS):
+            if name in wanted and name not in seen:
+                seen[name] = {camera: image[0].numpy() for camera, image in step.images().items()}
         if set(wanted) <= set(seen):
-            break
-        moment = simulation.step(act(moment.signals))
-        facts = moment.facts()
-        since += bool(since or facts["threaded"][0])
-        now = {name: bool(facts[name][0]) for name in ("grasped", "lifted")}
-        now["goal"] = since > _AFTER_SUCCESS
-        for name in wanted:
-            if name not in seen and now[name]:
-                seen[name] = look()
-    if set(wanted) > set(seen):
-        missing = ", ".join(name for name in wanted if name not in seen)
-        raise RuntimeError(f"the expert did not get to {missing} with seed={settings.seed}")
-    return seen
+            return seen
+    missing = ", ".join(name for name in wanted if name not in seen)
+    raise RuntimeError(f"the expert did not get to {missing} with seed={settings.seed}")
+
+
+def _reached(step: Step, goal: bool) -> list[str]:
+    """Stages that the one environment is at, in their order."""
+    facts = step.moment.facts()
+    now = {
+        "start": step.action is None,
+        "grasped": bool(facts["grasped"][0]),
+        "lifted": bool(facts["lifted"][0]),
+        "goal": goal,
+    }
+    return [name for name, is_so in now.items() if is_so]
 
 
 def _lay_out(

@@ -1,4 +1,4 @@
-"""What an encoder reads off the frames: the agent's own network, trained on the answers."""
+"""The network of a probe: the agent's encoders and trunk, trained to read facts off frames."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class Fit:
 
 @dataclass(frozen=True)
 class Reading:
-    """What was read off ``m`` frames: ``points`` as in ``Frames``, ``grasped`` ``(m,)`` bool."""
+    """The answers for ``m`` frames: ``points`` as in ``Frames``, ``grasped`` ``(m,)`` bool."""
 
     points: Tensor
     grasped: Tensor
 
 
 class Reader:
-    """The agent's encoders and trunk, with the answers in place of the policy.
+    """The agent's encoders and trunk, with a linear layer that gives the answers.
 
     Weights are drawn here, from torch's global generator; ``learn`` draws from its own.
 
@@ -65,7 +65,8 @@ class Reader:
         images = {name: _unfolded(frames.images[name].shape[1:], encoder.stem) for name in cameras}
         vectors = {} if cameras else {_STATE: frames.state.shape[-1]}
         trunk = Trunk(images, vectors, encoder, heads, dtype)
-        self._net = nn.Sequential(_Spread(trunk), nn.Linear(heads.hidden, _NUMBERS + 1)).to(device)
+        self._trunk = trunk.to(device)
+        self._answers = nn.Linear(heads.hidden, _NUMBERS + 1).to(device)
         self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._mean = frames.points.mean(0)
         self._deviation = frames.points.std(0).clamp(min=1e-3)
@@ -75,12 +76,13 @@ class Reader:
         for normalizer in self._normalizers:
             normalizer.learn(frames.state.to(self._device))
         wanted = ((frames.points - self._mean) / self._deviation).flatten(1)
-        optimizer = torch.optim.Adam(self._net.parameters(), lr=fit.learning_rate)
+        weights = [*self._trunk.parameters(), *self._answers.parameters()]
+        optimizer = torch.optim.Adam(weights, lr=fit.learning_rate)
         falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, fit.updates)
         generator = torch.Generator().manual_seed(seed)
         for _ in range(fit.updates):
             rows = torch.randint(len(frames), (fit.minibatch,), generator=generator)
-            said = self._net(self._observed(frames, rows))
+            said = self._say(frames, rows)
             loss = functional.mse_loss(said[:, :-1], wanted[rows].to(self._device))
             loss = loss + functional.binary_cross_entropy_with_logits(
                 said[:, -1], frames.grasped[rows].float().to(self._device)
@@ -94,32 +96,19 @@ class Reader:
     @torch.no_grad()
     def read(self, frames: Frames) -> Reading:
         """Read frames that were not learnt from."""
-        parts = [
-            self._net(self._observed(frames, rows)).cpu()
-            for rows in torch.arange(len(frames)).split(512)
-        ]
+        parts = [self._say(frames, rows).cpu() for rows in torch.arange(len(frames)).split(512)]
         said = torch.cat(parts)
         points = said[:, :-1].view(-1, len(POINTS), 3) * self._deviation + self._mean
         return Reading(points, said[:, -1] > 0)
 
-    def _observed(self, frames: Frames, rows: Tensor) -> tuple[Tensor, ...]:
+    def _say(self, frames: Frames, rows: Tensor) -> Tensor:
+        """Standardised points and the logit of ``grasped``, ``(k, 10)``, of chosen frames."""
         values = [frames.images[name] for name in self._cameras] or [frames.state]
-        return tuple(value[rows].to(self._device) for value in values)
-
-
-class _Spread(nn.Module):
-    """A trunk that takes its observations as one tuple."""
-
-    def __init__(self, trunk: Trunk):
-        super().__init__()
-        self.trunk = trunk
-
-    def forward(self, observed: tuple[Tensor, ...]) -> Tensor:
-        return self.trunk(*observed)
+        return self._answers(self._trunk(*(value[rows].to(self._device) for value in values)))
 
 
 def fold(frames: Frames, stem: int) -> Frames:
-    """Frames with their images folded for an encoder, once for all who read them."""
+    """Frames with their images folded for an encoder: once, for all readers."""
     folder = Fold(stem)
     images = {name: folder(image) for name, image in frames.images.items()}
     return replace(frames, images=images)

@@ -1,4 +1,4 @@
-"""The probe itself: frames once for all, then a reader for each combination."""
+"""Measures: renders the frames once, then trains a reader for each camera set."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
-from needlehoop.learning.precision import convolution_dtype
+from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.probe.folder import Folder, errors_of
 from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
-from needlehoop.probe.regression import Reader, fold
+from needlehoop.probe.reader import Reader, fold
 from needlehoop.probe.scores import constant, errors
 from needlehoop.runs.files import seen
 from needlehoop.runs.machine import available_cpus
 
 
 def probe(plan: Plan, folder: Folder) -> None:
-    """Measure every combination of a plan that its folder does not have yet, and the baselines.
+    """Measure every camera set of a plan that its folder lacks, and the baselines.
 
     Raises:
         ValueError: episodes that do not come to every phase.
@@ -38,16 +38,16 @@ def probe(plan: Plan, folder: Folder) -> None:
 
 
 def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
-    """Combinations of a plan, the baseline of the true state among them, that a folder lacks.
+    """Camera sets that a folder lacks, with the true state, by seed and name.
 
-    By seed and name; also of a folder that is not there.
+    The folder need not exist.
     """
-    wanted = {seen(one): one for one in plan.combinations} | {TRUTH: ()}
+    wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
     return {
         seed: {
             name: one for name, one in wanted.items() if not errors_of(place, seed, name).exists()
         }
-        for seed in range(plan.scope.seeds)
+        for seed in range(plan.effort.seeds)
     }
 
 
@@ -85,10 +85,10 @@ def _probe_seed(
 
 
 def _frames(
-    plan: Plan, seed: int, combinations: Iterable[tuple[str, ...]], bar: tqdm
+    plan: Plan, seed: int, camera_sets: Iterable[tuple[str, ...]], bar: tqdm
 ) -> tuple[Frames, Frames]:
     """Frames to learn from and held-out ones, folded."""
-    cameras = tuple(dict.fromkeys(camera for one in combinations for camera in one))
+    cameras = tuple(dict.fromkeys(camera for one in camera_sets for camera in one))
     sizes = (plan.episodes.train, plan.episodes.held_out)
     done, found = 0, []
 
@@ -105,10 +105,10 @@ def _frames(
 
 
 def _reader(plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int) -> Reader:
-    """Weights of a seed are the same whichever other combinations are still to be done."""
-    device = plan.scope.torch_device
+    """A seed gives the same weights, whatever other camera sets are missing."""
+    device = plan.effort.torch_device
     torch.manual_seed(seed)
-    dtype = convolution_dtype(plan.scope.precision, device)
+    dtype = convolution_dtype(plan.effort.precision, device)
     return Reader(learnt, cameras, plan.encoder, plan.heads, dtype, device)
 
 

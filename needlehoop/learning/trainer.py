@@ -1,4 +1,4 @@
-"""An agent that is taught, whatever the method: what it runs as, Adam, and how far it is."""
+"""What the methods of training share: a copy of the agent to run, Adam, and the progress."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from torch import Tensor
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.normalizer import Normalizer
+from needlehoop.learning.networks import Normalizer
 from needlehoop.learning.optimizer import Optimizer
 from needlehoop.learning.parallel import ParallelAgent
 
 
-class Pupil:
-    """What methods of learning share.
+class Trainer:
+    """Trains an agent; a method of training derives from it.
 
     Args:
         agent: updated in place. ``running`` is a copy to act with.
@@ -63,7 +63,7 @@ class Pupil:
         self.done_updates += 1
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that decides the next update, but for what is remembered of buffers."""
+        """Everything that decides the next update, except the frames kept of earlier buffers."""
         return {
             "agent": self.agent.state_dict(),
             "optimizer": self._optimizer.state_dict(),
@@ -72,7 +72,7 @@ class Pupil:
         }
 
     def moved_state(self) -> dict[str, Any]:
-        """What ``state_dict`` is like after an update, for those who check one that they read."""
+        """A state like that after an update, to compare a checkpoint with."""
         return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -1,0 +1,117 @@
+"""A scene whose physics breaks down: its episode ends, and the others go on as before."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from needlehoop.config import composing
+from needlehoop.envs.build import build
+from needlehoop.envs.rollout import run_episodes
+from needlehoop.envs.settings import compose_settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.learning.job import typed_job
+from needlehoop.learning.learner import Learner
+
+
+def built(kind: str) -> Simulation:
+    words = ["num_envs=3", "episode.max_steps=6", "engine.threads=2", f"engine.kind={kind}"]
+    return build(compose_settings(words))[0]
+
+
+def break_down(simulation: Simulation, env: int, value: float = float("nan")) -> None:
+    engine = simulation.engine
+    if hasattr(engine, "environments"):
+        engine.environments[env].physics.data.ptr.qvel[2] = value
+    else:
+        engine._batch.bind("qvel")[env, 2] = value  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.fixture(params=["cpu", "dm_control"])
+def kind(request, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    yield request.param
+    # MuJoCo writes its warnings to a file in the working directory, unless it is told not to.
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("value", [float("nan"), 1e12])
+def test_an_episode_that_diverges_is_truncated_and_the_others_go_on(kind, value):
+    whole, broken = built(kind), built(kind)
+    actions = torch.rand(5, 3, 5, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    for simulation in (whole, broken):
+        simulation.reset()
+        simulation.step(actions[0])
+    break_down(broken, 1, value)
+    moment, other = broken.step(actions[1]), whole.step(actions[1])
+    assert moment.diverged.tolist() == moment.truncated.tolist() == [False, True, False]
+    assert not moment.terminated.any()
+    assert moment.facts()["diverged"].tolist() == [False, True, False]
+    paid = (*moment.terms.values(), moment.potential, moment.reward)
+    for one in (*moment.signals.values(), *paid):
+        assert bool(torch.isfinite(one.double()).all())
+    broken.reset(moment.truncated)
+    others = torch.tensor([0, 2])
+    for action in actions[2:]:
+        assert torch.equal(moment.potential[others], other.potential[others])
+        moment, other = broken.step(action), whole.step(action)
+        assert not moment.diverged.any()
+    for name, one in broken.engine.snapshot().items():
+        assert torch.equal(one[others], whole.engine.snapshot()[name][others]), name
+
+
+def test_both_engines_say_the_same_of_it():
+    found = []
+    for kind in ("cpu", "dm_control"):
+        simulation = built(kind)
+        simulation.reset()
+        break_down(simulation, 2)
+        moment = simulation.step(torch.full((3, 5), 0.5))
+        found.append((moment.signals, moment.potential, moment.truncated))
+        simulation.reset(moment.truncated)
+        found[-1] += (simulation.step(torch.zeros(3, 5)).signals,)
+    for ours, theirs in zip(*found, strict=True):
+        assert bool((ours == theirs).all())
+
+
+def test_an_evaluation_counts_it(kind):
+    simulation = built(kind)
+    count = iter(range(10))
+
+    def act(signals):
+        if next(count) == 2:
+            break_down(simulation, 0)
+        return torch.zeros(3, 5)
+
+    outcome = run_episodes(simulation, act)
+    assert outcome.diverged.tolist() == [True, False, False]
+    assert outcome.steps.tolist() == [3, 6, 6]
+    assert outcome.summary()["diverged"] == pytest.approx(1 / 3)
+
+
+@pytest.fixture
+def learner(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = [
+        *("cams=[]", "obs=signals", "num_envs=4", "episode.max_steps=4", "engine.threads=1"),
+        *("algo.horizon=8", "algo.minibatch=16", "algo.epochs=1", "steps=320"),
+    ]
+    return Learner(typed_job(composing.compose(words, "job")))
+
+
+def test_one_divergence_does_not_end_a_training(learner):
+    turns = iter(learner)
+    next(turns)
+    break_down(learner.env.simulation, 0)
+    buffer, _ = next(turns)
+    assert int((buffer["next", "facts", "diverged"] & buffer["next", "truncated"]).sum()) == 1
+    next(turns)
+
+
+def test_a_training_ends_where_the_physics_diverges_too_often(learner):
+    def go_on():
+        for _ in learner:
+            break_down(learner.env.simulation, 0)
+
+    with pytest.raises(RuntimeError, match=r"the physics diverged in 2 of \d+ episodes"):
+        go_on()
