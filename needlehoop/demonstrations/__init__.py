@@ -1,1 +1,1 @@
-"""Episodes for learners elsewhere: who flies them, and the layouts in which they are written."""
+"""Episodes for other learners: who demonstrates, and the layouts of the datasets."""

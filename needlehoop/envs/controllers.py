@@ -50,7 +50,7 @@ def random_controller(action_size: int, seed: int) -> Controller:
 class Perturbation:
     """Correlated noise on actions, of another strength in every episode.
 
-    It leads an expert astray. The expert then shows how to come back.
+    An expert under this noise shows how to correct errors.
 
     Args:
         num_envs: environments.

@@ -76,8 +76,8 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
         seed: of the episodes.
         out: an ``.mp4`` file; written whole or not at all.
     """
-    alone, simulation, imager, pilot = _alone(job_env, agent, seed)
-    record(alone, simulation, imager, pilot, episodes, out)
+    alone, simulation, imager, act = _alone(job_env, agent, seed)
+    record(alone, simulation, imager, act, episodes, out)
 
 
 def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
@@ -86,9 +86,9 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
     Raises:
         RuntimeError: this machine has no display.
     """
-    alone, simulation, _, pilot = _alone(job_env, agent, seed)
+    alone, simulation, _, act = _alone(job_env, agent, seed)
     window = Window(simulation, alone, "a film shows the same")
-    play(window, alone, simulation, pilot, range(episodes))
+    play(window, alone, simulation, act, range(episodes))
 
 
 def assess(
@@ -102,7 +102,7 @@ def assess(
         job: of the run.
         episodes: how many.
         seed: of the episodes; not the training's.
-        kept: whether to write it; not what another reward than the run's own says.
+        kept: whether to write it: not for another reward than the run's own.
 
     Raises:
         ValueError: no episodes, or the seed of the training.
@@ -177,6 +177,7 @@ def report(found: Mapping[str, Any]) -> str:
             f"threaded     {f['threaded']:.1%}, touched {f['touched']:.1%}",
             f"grasped      {f['grasped']:.1%}, lifted {f['lifted']:.1%}",
             f"length       {f['steps']:.0f} steps",
+            *([f"diverged     {f['diverged']:.1%}"] if f["diverged"] else []),
         )
     )
 

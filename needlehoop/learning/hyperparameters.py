@@ -1,4 +1,4 @@
-"""What PPO is told; its values are in ``conf/algo/ppo.yaml``."""
+"""Hyperparameters of PPO and DAgger, as in ``conf/algo``."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ class PpoConfig:
     """Values in ``conf/algo/ppo.yaml``."""
 
     horizon: Horizon
-    """Steps of each environment after which an advantage is cut off and the value stands in for
-    the rest."""
+    """Steps of each environment after which an advantage is cut off; the value replaces the rest."""
     minibatch: Count
     shards: Shards
     """Parts of the agent's work on a minibatch that threads do side by side."""
@@ -58,7 +57,7 @@ class DaggerConfig:
     horizon: Horizon
     """Steps of each environment per buffer."""
     memory: Annotated[int, Range(1, 10_000_000)]
-    """Frames that are learnt from, the newest; each is as large as its images."""
+    """Newest frames, which are learnt from; each is as large as its images."""
     minibatch: Count
     shards: Shards
     """Parts of the agent's work on a minibatch that threads do side by side."""
@@ -71,10 +70,10 @@ class DaggerConfig:
     jaw: Positive
     """Weight of the jaw's error; that of the motion's is 1."""
     noise: Annotated[float, Range(0.0, 100.0)]
-    """Of the strongest noise on an episode that the expert flies, in units of the action."""
+    """Strongest noise on an episode in which the expert acts, in units of the action."""
     handover: Positive
-    """Share of the steps after which the learner flies every episode that begins; before, it
-    flies more and more of them."""
+    """Share of the steps after which the learner acts in every episode that begins. Before that, its
+    part of the episodes grows."""
     network: HeadConfig
 
     def __post_init__(self) -> None:
