@@ -19,7 +19,7 @@ class PpoConfig:
     """Values in ``conf/algo/ppo.yaml``."""
 
     horizon: Horizon
-    """Steps of each environment after which an advantage is cut off; the value replaces the rest."""
+    """Steps of an environment after which an advantage is cut off; the value replaces the rest."""
     minibatch: Count
     shards: Shards
     """Parts of the agent's work on a minibatch that threads do side by side."""
@@ -72,8 +72,8 @@ class DaggerConfig:
     noise: Annotated[float, Range(0.0, 100.0)]
     """Strongest noise on an episode in which the expert acts, in units of the action."""
     handover: Positive
-    """Share of the steps after which the learner acts in every episode that begins. Before that, its
-    part of the episodes grows."""
+    """Share of the steps after which the learner acts in every new episode. Before, its part of
+    the episodes grows."""
     network: HeadConfig
 
     def __post_init__(self) -> None:
