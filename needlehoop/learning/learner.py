@@ -177,7 +177,7 @@ class Learner:
         until the next one.
 
         Raises:
-            RuntimeError: the physics diverges too often.
+            FloatingPointError: the physics diverges too often.
         """
         while self.done_updates < self.job.updates:
             turn = self.method.turn()
@@ -191,7 +191,7 @@ class Learner:
         self._diverged += int((ends["facts", "diverged"] & ends["done"]).sum())
         # A single one never ends a run.
         if self._diverged > max(1.0, _MOST_DIVERGED * self._ended):
-            raise RuntimeError(
+            raise FloatingPointError(
                 f"the physics diverged in {self._diverged} of {self._ended} episodes, more than"
                 f" {_MOST_DIVERGED:.0%}; check the scene's task.timestep and sizes, or see"
                 " whether the policy still gives finite actions"

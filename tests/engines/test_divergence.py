@@ -113,5 +113,5 @@ def test_a_training_ends_where_the_physics_diverges_too_often(learner):
         for _ in learner:
             break_down(learner.env.simulation, 0)
 
-    with pytest.raises(RuntimeError, match=r"the physics diverged in 2 of \d+ episodes"):
+    with pytest.raises(FloatingPointError, match=r"the physics diverged in 2 of \d+ episodes"):
         go_on()
