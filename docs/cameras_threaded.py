@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).parents[1]
 IMAGE = {"rgb": "colour", "dep": "colour + depth", "seg": "flat colour per object"}
-PLACE = {"default": "above", "front": "front", "side": "side"}
+PLACE = {"default": "front, 45° up", "front": "front", "side": "side"}
 
 
 def words(cameras: str) -> str:
