@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
 import hypothesis
 import mujoco
 import pytest
 import torch
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import OverrideType
+from omegaconf import DictConfig
+from strength import ALL
+from tiny_runs import PLACE, TINY, composed, run_composed
 
+from needlehoop.config import composing
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.robot import joints
 from needlehoop.scene.layout import Layout
@@ -21,6 +33,60 @@ hypothesis.settings.load_profile("repeatable")
 
 # Batches here are tiny: on a shared machine torch's threads mostly wait for each other.
 torch.set_num_threads(1)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the cases marked ``full`` to ``make test-all``."""
+    if ALL:
+        return
+    left_out = [item for item in items if item.get_closest_marker("full")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def read_configs_once() -> Iterator[Callable[..., DictConfig]]:
+    """Read the files of a choice of options once per session; Hydra sets the other words anew.
+
+    Yields:
+        Hydra's own function, which reads the files at every call.
+    """
+    real, known = composing.hydra_compose, {}
+    parser = OverridesParser.create()
+    groups = {"cams", *(path.name for path in composing.CONF.iterdir() if path.is_dir())}
+
+    def compose(name: str, overrides: list[str] | None = None) -> DictConfig:
+        words = parser.parse_overrides(list(overrides or ()))
+        # Additions, deletions and Hydra's own keys change more than the value of a key.
+        if any(
+            word.is_sweep_override()
+            or word.type is not OverrideType.CHANGE
+            or word.package
+            or word.key_or_group.startswith("hydra")
+            for word in words
+        ):
+            return real(name, overrides=overrides)
+        searched = GlobalHydra.instance().config_loader().get_search_path().get_path()
+        choices = [word.input_line for word in words if word.key_or_group in groups]
+        key = (name, *(place.path for place in searched), *choices)
+        if key not in known:
+            known[key] = real(name, overrides=choices)
+        composed = copy.deepcopy(known[key])
+        rest = [word for word in words if word.key_or_group not in groups]
+        ConfigLoaderImpl._apply_overrides_to_config(rest, composed)
+        return composed
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(composing, "hydra_compose", compose)
+        yield real
+
+
+@pytest.fixture(scope="session")
+def tiny_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of ``TINY``; tests copy it before they change it."""
+    results = tmp_path_factory.mktemp("tiny")
+    run_composed(composed(*TINY, f"results={results}"))
+    return results / PLACE
 
 
 @pytest.fixture(scope="session")

@@ -1,29 +1,27 @@
 """Whatever is typed for whatever key: a sane run, or one line that names the key, and no litter.
 
-``FUZZ_CASES`` says how many of all pairs of keys and values are tried; the test's seed decides
-which, so that a failure can be had again.
+``FUZZ_CASES`` says how many of all pairs of keys and values are tried (``strength.py``). Their
+number decides which, so that a failure can be had again.
 """
 
 from __future__ import annotations
 
-import copy
 import csv
 import math
-import os
 import random
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
+from strength import FUZZ_CASES
 from tiny_runs import TINY, refusal, run_train
 
 from needlehoop.cli import train as command_line
@@ -36,8 +34,7 @@ from needlehoop.training import loop as train
 
 GROUPS = {folder.name for folder in CONF.iterdir() if folder.is_dir()} | {"cams"}
 
-CASES = int(os.environ.get("FUZZ_CASES", "600"))
-REAL = CASES // 25
+REAL = FUZZ_CASES // 25
 """Of the runs that are accepted, those that are trained to their end."""
 
 VALUES = (
@@ -101,29 +98,10 @@ class Understood(BaseException):
     """A command was about to begin its work."""
 
 
-def composed_once() -> Callable[..., DictConfig]:
-    """Hydra's ``compose``, that reads files once; overrides are parsed and set as it does."""
-    real, known = composing.hydra_compose, {}
-    parser = OverridesParser.create()
-
-    def compose(name: str, overrides: list[str] | None = None) -> DictConfig:
-        choices = [word for word in overrides or () if word.partition("=")[0] in GROUPS]
-        key = (name, *choices)
-        if key not in known:
-            known[key] = real(name, overrides=choices)
-        found = copy.deepcopy(known[key])
-        rest = [word for word in overrides or () if word not in choices]
-        ConfigLoaderImpl._apply_overrides_to_config(parser.parse_overrides(rest), found)
-        return found
-
-    return compose
-
-
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     composing.prepare([])
-    monkeypatch.setattr(composing, "hydra_compose", composed_once())
     # Registering anew for each case would take longer than the case.
     monkeypatch.setattr(camera_groups, "register", lambda *_: None)
     return tmp_path
@@ -153,7 +131,8 @@ def cases_of_groups(count: int) -> list[tuple[list[str], str, str]]:
         f"{group}={file.stem}" for group in sorted(groups) for file in (CONF / group).glob("*.yaml")
     ]
     every = []
-    for choice in choices:
+    # Each choice is composed for its keys, which takes longer than a case.
+    for choice in random.Random(count).sample(choices, min(count // 3, len(choices))):
         # Passes over a buffer are reinforcement's alone.
         tiny = [word for word in TINY if choice != "algo=dagger" or "algo.epochs" not in word]
         words, group = [*tiny, *NEEDED.get(choice, []), choice], choice.partition("=")[0]
@@ -225,8 +204,8 @@ def test_any_value_for_any_key_of_a_training(place, monkeypatch):
 
     monkeypatch.setattr(train, "train", some)
     refused, wrong = 0, []
-    own = [(TINY, *case) for case in cases("config", TINY, CASES * 2 // 5)]
-    for words, key, value in own + cases_of_groups(CASES // 5):
+    own = [(TINY, *case) for case in cases("config", TINY, FUZZ_CASES * 2 // 5)]
+    for words, key, value in own + cases_of_groups(FUZZ_CASES // 5):
         word = f"{key}={value}"
         try:
             said, seconds = drive([*words, word])
@@ -240,7 +219,7 @@ def test_any_value_for_any_key_of_a_training(place, monkeypatch):
             wrong.append((*words[len(TINY) :], word, repr(error)[:500]))
         clear(place)
     assert not wrong
-    assert refused > CASES // 5
+    assert refused > FUZZ_CASES // 5
     assert trained["real"] > REAL // 2
 
 
@@ -252,7 +231,7 @@ def test_any_value_for_any_key_of_a_command(place, monkeypatch, name):
     for path in HEAVY:
         monkeypatch.setattr(path, understood)
     command, needed = COMMANDS[name]
-    for key, value in cases(name, needed, CASES * 2 // 5 // len(COMMANDS) + 1):
+    for key, value in cases(name, needed, FUZZ_CASES * 2 // 5 // len(COMMANDS) + 1):
         word = f"{key}={value}"
         out, err = StringIO(), StringIO()
         began = time.process_time()

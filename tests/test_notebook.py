@@ -32,6 +32,7 @@ def tour():
     return nbformat.read(TOUR, 4)
 
 
+@pytest.mark.full
 def test_the_tour_runs(tour, tmp_path):
     cells = [cell for cell in tour.cells if "parameters" in cell.metadata.get("tags", ())]
     assert len(cells) == 1

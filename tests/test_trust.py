@@ -1,6 +1,7 @@
 """A stranger's run or policy runs no code of its own, unless the person says ``trust=true``."""
 
 import json
+import shutil
 import sys
 from contextlib import contextmanager
 
@@ -151,10 +152,9 @@ def test_other_numbers_are_refused(policy, tmp_path, change, message):
 
 
 @pytest.fixture
-def stranger(tmp_path):
+def stranger(tiny_run, tmp_path):
     """A run whose config was made to name a function that runs a shell command."""
-    run_composed(composed(*TINY, "cams=[]", f"results={tmp_path}"))
-    folder, marker = tmp_path / PLACE, tmp_path / "ran"
+    folder, marker = shutil.copytree(tiny_run, tmp_path / PLACE), tmp_path / "ran"
     values = yaml.safe_load((folder / "config.yaml").read_text())
     values["reward"] = json.loads(json.dumps(EVIL).replace("{marker}", str(marker)))
     (folder / "config.yaml").write_text(yaml.safe_dump(values))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import sys
 from pathlib import Path
 
 import imageio.v2 as imageio
 import pytest
-from tiny_runs import PLACE, TINY, run_train
 
 from needlehoop.cli.main import main
 from needlehoop.pictures import window
@@ -17,12 +17,10 @@ from needlehoop.runs import shipped
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
+def run(tiny_run, tmp_path_factory) -> Path:
     """A run's folder as it is shipped: with its weights and without its checkpoint."""
-    results = tmp_path_factory.mktemp("watched")
-    run_train(*TINY, f"results={results}")
-    (results / PLACE / "checkpoint.pt").unlink()
-    return results / PLACE
+    leave = shutil.ignore_patterns("checkpoint.pt")
+    return shutil.copytree(tiny_run, tmp_path_factory.mktemp("watched") / "seed0", ignore=leave)
 
 
 @pytest.fixture(autouse=True)

@@ -224,16 +224,23 @@ def test_threads_are_divided_among_jobs(launcher, expected, monkeypatch):
 @pytest.mark.parametrize(
     "launcher",
     [
-        ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"],
-        ["hydra/launcher=submitit_local", "hydra.launcher.cpus_per_task=1"],
-        [
-            "hydra/launcher=ray",
-            "+hydra.launcher.ray.init.num_cpus=2",
-            "+hydra.launcher.ray.remote.num_cpus=1",
-            "+hydra.launcher.ray.init.include_dashboard=false",
-        ],
+        pytest.param(["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], id="joblib"),
+        pytest.param(
+            ["hydra/launcher=submitit_local", "hydra.launcher.cpus_per_task=1"],
+            id="submitit",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            [
+                "hydra/launcher=ray",
+                "+hydra.launcher.ray.init.num_cpus=2",
+                "+hydra.launcher.ray.remote.num_cpus=1",
+                "+hydra.launcher.ray.init.include_dashboard=false",
+            ],
+            id="ray",
+            marks=pytest.mark.full,
+        ),
     ],
-    ids=["joblib", "submitit", "ray"],
 )
 def test_a_launcher_runs_a_sweep(tmp_path, launcher):
     words = ["-m", "cams=[seg_side],[dep_side]", *TINY, *launcher]

@@ -164,9 +164,13 @@ def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("sent", "engine", "command"),
     [
-        (signal.SIGINT, "cpu", ["-m", "needlehoop.cli.main", "train"]),
+        pytest.param(
+            *(signal.SIGINT, "cpu", ["-m", "needlehoop.cli.main", "train"]), marks=pytest.mark.full
+        ),
         (signal.SIGKILL, "cpu", [str(ROOT / "train.py")]),
-        (signal.SIGKILL, "dm_control", [str(ROOT / "train.py")]),
+        pytest.param(
+            signal.SIGKILL, "dm_control", [str(ROOT / "train.py")], marks=pytest.mark.full
+        ),
     ],
 )
 def test_a_stopped_run_goes_on_to_the_same_bits(

@@ -18,11 +18,9 @@ from needlehoop.runs.lock import Lock
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> dict[str, Any]:
+def whole(tiny_run) -> dict[str, Any]:
     """What the run gives that is left alone."""
-    results = tmp_path_factory.mktemp("whole")
-    run_train(*TINY, f"results={results}")
-    return outcome(results / PLACE)
+    return outcome(tiny_run)
 
 
 @pytest.fixture(scope="module")
