@@ -5,24 +5,30 @@ BIN := $(VENV)/bin
 # What training and the shipped agent need, and what tests, checks and documentation need beside.
 STAMP := $(VENV)/.installed
 TESTED := $(VENV)/.tested
+INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt --editable
+# All tests of a file in one process, which makes the file's fixtures once.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Overrides for `make train`, such as ARGS="cams=rgb_default seed=1".
 ARGS ?=
 
-.PHONY: setup demo train test screens check docs findings format clean
+.PHONY: setup demo train test test-all screens check docs findings format clean
 
 setup: $(STAMP)
 
-# pip, not uv: it honours PIP_FIND_LINKS and the index settings of shared machines.
-$(STAMP): pyproject.toml constraints.txt
+$(BIN)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needlehoop needs Python 3.11 or newer")'
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(PYTHON) -m venv $(VENV)
+
+# pip, not uv: it honours PIP_FIND_LINKS and the index settings of shared machines.
+$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) .
 	touch $@
 
-$(TESTED): $(STAMP)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
-	touch $@
+# In one call, not after $(STAMP): each call of pip looks at every package again.
+$(TESTED): pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) '.[dev]'
+	touch $(STAMP) $@
 
 demo: $(STAMP)
 	$(BIN)/needlehoop watch $(ARGS)
@@ -30,11 +36,15 @@ demo: $(STAMP)
 train: $(STAMP)
 	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
 
-test: $(TESTED) screens
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+test: $(TESTED)
+	$(PYTEST)
 
-# Debian's Chromium, which opens the report in a test, and a screen for MuJoCo's window; elsewhere
-# those tests are skipped.
+# Everything that `make test` leaves out, or tries a slice of, as well.
+test-all: $(TESTED) screens
+	NEEDLEHOOP_TEST=all $(PYTEST)
+
+# Debian's Chromium, which opens the report in a test, and a screen for MuJoCo's window. Where they
+# are missing, those tests are skipped.
 screens:
 	@{ command -v chromedriver && command -v Xvfb; } >/dev/null || { test "$$(id -u)" = 0 \
 	  && command -v apt-get >/dev/null && apt-get update -qq && apt-get install -y -qq \
