@@ -37,11 +37,11 @@ torch.set_num_threads(1)
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the cases marked ``full`` to ``make test-all``."""
-    if ALL:
-        return
-    left_out = [item for item in items if item.get_closest_marker("full")]
-    config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if item not in set(left_out)]
+    if not ALL:
+        config.hook.pytest_deselected(
+            items=[one for one in items if one.get_closest_marker("full")]
+        )
+        items[:] = [one for one in items if not one.get_closest_marker("full")]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -81,15 +81,15 @@ def outcome(folder: Path) -> dict[str, Any]:
     state = torch.load(folder / "checkpoint.pt")
     return {
         "files": sorted(path.name for path in folder.iterdir()),
-        "metrics": _rows(folder / "metrics.csv"),
-        "evaluations": _rows(folder / "evaluations.csv"),
+        "metrics": table(folder / "metrics.csv"),
+        "evaluations": table(folder / "evaluations.csv"),
         "evaluation": (folder / "evaluation.json").read_text(),
         "weights": [(k, v.tolist()) for k, v in state["learner"]["ppo"]["agent"].items()],
     }
 
 
-def _rows(path: Path) -> list[dict[str, str]]:
-    """Of a table; none where there is none."""
+def table(path: Path) -> list[dict[str, str]]:
+    """Rows of a table without times; none where there is no table."""
     if not path.exists():
         return []
     rows = csv.DictReader(io.StringIO(path.read_text()))

@@ -74,6 +74,7 @@ def test_expert_prints_one_line_of_json(capsys):
 def test_expert_writes_a_video(tmp_path, capsys):
     out = tmp_path / "expert.mp4"
     arguments = ["expert", "episodes=1", "grasps=[weld]", "video_episodes=1", "cams=[seg_side]"]
+    arguments += ["episode.max_steps=40"]
     assert main([*arguments, "--video", str(out)]) == 0
     assert "success" in capsys.readouterr().out
     with imageio.get_reader(out) as video:
@@ -114,6 +115,7 @@ def test_signals_prints_the_table(capsys):
     assert "needle_tip" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_bench_measures_and_says_where_the_time_goes():
     # In a process of its own: the OpenGL library is chosen once in a process.
     arguments = ["bench", "--json", "num_envs=3", "rounds=1", "steps=2", "image_size=16"]
@@ -131,6 +133,7 @@ LITTLE = ["rounds=1", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
 LITTLE += ["image_size=32", "steps=64"]
 
 
+@pytest.mark.full
 def test_bench_sb3_compares_the_two_under_the_same_algorithm():
     # The other side's share is kept small: it renders ten images a second.
     script = (

@@ -423,6 +423,7 @@ def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp
     assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3
 
 
+@pytest.mark.full
 def test_showing_the_shipped_probe_changes_none_of_its_files(tmp_path, monkeypatch):
     shipped = Path(__file__).parents[2] / "results" / "probe"
     copy = shutil.copytree(shipped, tmp_path / "results" / "probe")

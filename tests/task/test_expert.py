@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from strength import ALL
 from torch import Tensor
 
 from needlehoop.envs.build import build
@@ -12,7 +13,7 @@ from needlehoop.scene.signals import Signals
 from needlehoop.task.expert import Script, expert
 from needlehoop.task.smooth import smooth
 
-EPISODES = 200
+EPISODES = 200 if ALL else 60
 
 
 @pytest.mark.parametrize(("grasp", "rate"), [("weld", 0.98), ("friction", 0.90)])

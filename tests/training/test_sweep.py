@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import runpy
 import subprocess
 import sys
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import pytest
 import yaml
 from hydra.core.utils import setup_globals
 from omegaconf import OmegaConf
+from tiny_runs import run_train
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
@@ -37,12 +38,6 @@ TINY = [
 """One buffer."""
 
 
-def run_train(monkeypatch, *words: str) -> None:
-    """``python train.py`` in this process, which has paid for the imports."""
-    monkeypatch.setattr(sys, "argv", ["train.py", *words])
-    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
-
-
 def finished(place: str) -> dict:
     return json.loads(Path(f"results/main/{place}/manifest.json").read_text())
 
@@ -57,7 +52,7 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     blocked.write_text("")
     words = ["-m", "cams=[seg_side],[dep_side],[rgb_side]", *TINY]
     with pytest.raises(SystemExit) as caught:
-        run_train(monkeypatch, *words)
+        run_train(*words)
     assert caught.value.code == 1
     said = capfd.readouterr().out
     assert "3 runs, 1 failed" in said
@@ -68,7 +63,7 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
     began = {name: finished(f"{name}/human/seed0")["started"] for name in ("seg_side", "rgb_side")}
 
     blocked.unlink()
-    run_train(monkeypatch, *words)
+    run_train(*words)
     assert "3 runs, 0 failed, 2 done before" in capfd.readouterr().out
     assert finished("dep_side/human/seed0")["finished"]
     for name, when in began.items():
@@ -78,34 +73,35 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
 def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["cams=[seg_side]", *TINY]
-    run_train(monkeypatch, *words)
-    run_train(monkeypatch, *words, "existing=resume", "engine.threads=1")
+    run_train(*words)
+    run_train(*words, "existing=resume", "engine.threads=1")
     with pytest.raises(SystemExit, match="exists with another algo, steps; choose another study="):
-        run_train(monkeypatch, *words, "existing=resume", "steps=128", "algo.gamma=0.5")
+        run_train(*words, "existing=resume", "steps=128", "algo.gamma=0.5")
     with pytest.raises(SystemExit, match="exists; go on with"):
-        run_train(monkeypatch, *words)
+        run_train(*words)
     with pytest.raises(
         SystemExit, match="existing: 'skip' is unknown; choose from auto, stop, resume"
     ):
-        run_train(monkeypatch, *words, "existing=skip")
+        run_train(*words, "existing=skip")
 
 
 def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["cams=[seg_side]", "existing=resume", *TINY]
-    run_train(monkeypatch, *words)
+    run_train(*words)
     folder = Path("results/main/seg_side/human/seed0")
     (folder / "checkpoint.pt").unlink()
     manifest = {**finished("seg_side/human/seed0"), "finished": False, "started": "long ago"}
     # Noted with the first checkpoint.
     del manifest["steps"]
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    run_train(monkeypatch, *words)
+    run_train(*words)
     again = finished("seg_side/human/seed0")
     assert again["finished"]
     assert again["started"] != "long ago"
 
 
+@cache
 def swept(experiment: str) -> list[tuple[tuple[str, ...], str]]:
     """Cameras and reward of each run of an experiment."""
     values = yaml.safe_load((composing.CONF / "experiment" / f"{experiment}.yaml").read_text())
@@ -146,7 +142,7 @@ def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capf
     started: list[str] = []
     monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
     with pytest.raises(SystemExit):
-        run_train(monkeypatch, "+experiment=rewards", "seed=3", *TINY)
+        run_train("+experiment=rewards", "seed=3", *TINY)
     assert len(started) == 12
     assert "12 runs, 12 failed" in capfd.readouterr().out
 

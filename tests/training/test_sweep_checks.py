@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import runpy
-import sys
-from pathlib import Path
-
 import pytest
+from tiny_runs import run_train
 
 from needlehoop.cli.main import main
 from needlehoop.training import sweep, sweep_checks
-
-ROOT = Path(__file__).parents[2]
-
-
-def run_train(monkeypatch, *words: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["train.py", *words])
-    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
 
 
 @pytest.fixture
@@ -50,16 +40,16 @@ def test_a_pair_after_m_is_told_from_two_runs(words, said):
         assert "\n" not in line
 
 
-def test_the_line_comes_before_the_runs(started, monkeypatch, capfd):
+def test_the_line_comes_before_the_runs(started, capfd):
     with pytest.raises(SystemExit):
-        run_train(monkeypatch, "-m", "cams=dep_front,seg_side")
+        run_train("-m", "cams=dep_front,seg_side")
     assert started == ["cams=dep_front", "cams=seg_side"]
     assert capfd.readouterr().err.startswith("train.py: -m cams=dep_front,seg_side is 2 runs")
 
 
-def test_missing_programs_are_named_at_once_and_nothing_is_made(started, monkeypatch, tmp_path):
+def test_missing_programs_are_named_at_once_and_nothing_is_made(started, tmp_path):
     with pytest.raises(SystemExit) as caught:
-        run_train(monkeypatch, "-m", "+experiment=table2", "reward=vlm_img", "seed=0,1", "study=s")
+        run_train("-m", "+experiment=table2", "reward=vlm_img", "seed=0,1", "study=s")
     assert started == []
     assert list(tmp_path.iterdir()) == []
     first, *missing = str(caught.value.code).splitlines()
@@ -71,13 +61,13 @@ def test_missing_programs_are_named_at_once_and_nothing_is_made(started, monkeyp
     assert not [line for line in missing if "dep_front+seg_side" in line]
 
 
-def test_a_program_that_is_refused_is_named_too(started, monkeypatch, tmp_path):
+def test_a_program_that_is_refused_is_named_too(started, tmp_path):
     (tmp_path / "mine.txt").write_text("reward = nonsense(1)")
     words = ["-m", "cams=[dep_front],[seg_side]", "reward=file", "reward.path=mine.txt"]
     with pytest.raises(
         SystemExit, match=r"nothing was started(.|\n)*mine.txt, line 1.*no function"
     ):
-        run_train(monkeypatch, *words)
+        run_train(*words)
     assert started == []
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
@@ -90,25 +80,25 @@ def test_a_program_that_is_refused_is_named_too(started, monkeypatch, tmp_path):
         (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
     ],
 )
-def test_a_mistake_in_one_run_stops_all(started, monkeypatch, tmp_path, words, said):
+def test_a_mistake_in_one_run_stops_all(started, tmp_path, words, said):
     with pytest.raises(SystemExit, match=said) as caught:
-        run_train(monkeypatch, "-m", *words)
+        run_train("-m", *words)
     assert "\n" not in str(caught.value.code)
     assert started == list(tmp_path.iterdir()) == []
 
 
-def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, monkeypatch, capfd):
+def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, capfd):
     for words in (
         ["+experiment=rewards"],
         ["cams=[rgb_default],[dep_front]", "reward=vlm_img", "vlm=gemini"],
     ):
         with pytest.raises(SystemExit):
-            run_train(monkeypatch, "-m", *words)
+            run_train("-m", *words)
     assert len(started) == 12 + 2
 
 
 def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
-    monkeypatch.setattr(sys, "argv", ["needlehoop"])
+    monkeypatch.setattr("sys.argv", ["needlehoop"])
     with pytest.raises(SystemExit):
         main(["train", "-m", "cams=[dep_front],[seg_side]", "seed=0,1"])
     assert len(started) == 4
@@ -127,5 +117,5 @@ def test_a_launcher_that_is_not_installed_names_its_extra(name, monkeypatch):
         sweep_checks.check_launcher(word)
     monkeypatch.setattr(sweep_checks, "find_spec", lambda _: None)
     with pytest.raises(SystemExit) as refused:
-        run_train(monkeypatch, *words)
+        run_train(*words)
     assert f"pip install 'needlehoop[{name}]'" in str(refused.value)

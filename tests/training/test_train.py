@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -16,6 +14,7 @@ import imageio.v2 as imageio
 import pytest
 import torch
 import yaml
+from tiny_runs import run_train, table
 
 from needlehoop.cli import main as cli
 from needlehoop.config import composing
@@ -41,21 +40,6 @@ TINY = [
 ]
 """Three buffers of 64 steps."""
 
-CLOCKS = {"wall_time", "steps_per_second", "seconds_collect", "seconds_update", "memory_gb"}
-"""Columns that differ between two runs of the same thing."""
-
-
-def run_train(monkeypatch, *words: str) -> None:
-    """``python train.py`` in this process, which has paid for the imports."""
-    monkeypatch.setattr(sys, "argv", ["train.py", *words])
-    runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return [{k: v for k, v in row.items() if k not in CLOCKS} for row in rows]
-
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory) -> Path:
@@ -64,7 +48,7 @@ def finished(tmp_path_factory) -> Path:
     words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(results)
-        run_train(patch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+        run_train(*words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
     return results / "main/dep_front+seg_side/human/seed0"
 
 
@@ -74,13 +58,13 @@ def test_a_run_that_pauses_goes_on_to_the_same_end(finished, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     folder = Path("main/dep_front+seg_side/human/seed0")
     for more in (["until=65"], ["until=128", "existing=resume"]):
-        run_train(monkeypatch, *words, *more)
+        run_train(*words, *more)
         said = capsys.readouterr().out
         assert said.splitlines()[-1].startswith("paused; go on with: python train.py resume=main/")
         manifest = json.loads((folder / "manifest.json").read_text())
         assert (manifest["steps"], manifest["stopped"], manifest["finished"]) == (128, True, False)
     # What is typed for one session binds no other.
-    run_train(monkeypatch, f"resume={folder}")
+    run_train(f"resume={folder}")
     assert table(folder / "metrics.csv") == table(finished / "metrics.csv")
     assert (folder / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
     assert json.loads((folder / "manifest.json").read_text())["finished"]
@@ -89,7 +73,7 @@ def test_a_run_that_pauses_goes_on_to_the_same_end(finished, tmp_path, monkeypat
 def test_a_sweep_pauses_all_its_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ["-m", "cams=[seg_side]", "seed=0,1", *TINY, "results=results"]
-    run_train(monkeypatch, *words, "until=64")
+    run_train(*words, "until=64")
     assert "2 runs, 0 failed, 2 paused" in capsys.readouterr().out
     folders = [Path(f"results/main/seg_side/human/seed{seed}") for seed in (0, 1)]
     steps = [json.loads((one / "manifest.json").read_text())["steps"] for one in folders]
@@ -150,7 +134,7 @@ def weights(run: Path) -> dict[str, torch.Tensor]:
 def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["cams=dep_front,seg_side", "engine=dm_control", *TINY, "obs.frame_stack=2"]
-    run_train(monkeypatch, *words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
+    run_train(*words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
     run = tmp_path / "main/dep_front+seg_side/human/seed0"
     assert yaml.safe_load((run / "config.yaml").read_text())["engine"]["kind"] == "dm_control"
     for name in ("metrics.csv", "evaluations.csv"):
@@ -173,9 +157,7 @@ def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypat
         ),
     ],
 )
-def test_a_stopped_run_goes_on_to_the_same_bits(
-    finished, tmp_path, monkeypatch, sent, engine, command
-):
+def test_a_stopped_run_goes_on_to_the_same_bits(finished, tmp_path, sent, engine, command):
     values = (finished / "config.yaml").read_text().replace("kind: cpu", f"kind: {engine}")
     folder = tmp_path / "main/dep_front+seg_side/human/seed0"
     words = [f"engine={engine}", "cams=dep_front,seg_side", *TINY, "obs.frame_stack=2"]
@@ -197,7 +179,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(
         assert f"go on with: needlehoop train resume={folder}" in printed
     assert len(table(folder / "metrics.csv")) < 3
 
-    run_train(monkeypatch, f"resume={folder}")
+    run_train(f"resume={folder}")
     assert (folder / "config.yaml").read_text() == values.replace(
         "results: .", f"results: {tmp_path}"
     )
@@ -220,7 +202,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
         ([f"resume={finished.parent}"], "no run"),
     ):
         with pytest.raises(SystemExit) as caught:
-            run_train(monkeypatch, *wrong)
+            run_train(*wrong)
         assert said in str(caught.value.code)
     assert {path.name: path.read_bytes() for path in finished.iterdir()} == before
 
@@ -241,7 +223,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
 def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
-        run_train(monkeypatch, *words)
+        run_train(*words)
     message = str(caught.value.code)
     assert [part for part in said if part not in message] == []
     assert "\n" not in message
@@ -269,7 +251,7 @@ def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, s
 )
 def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
     monkeypatch.chdir(tmp_path)
-    run_train(monkeypatch, "-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
+    run_train("-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
     made = {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("evaluation.json")}
     assert made == {f"results/main/{place}" for place in places}
     found = read_study(tmp_path / "results" / "main")
@@ -280,9 +262,9 @@ def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
     assert all(isinstance(cams, list) for cams in kept)
 
 
-def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
+def test_help_says_what_a_bare_list_means_in_a_sweep(capsys):
     with pytest.raises(SystemExit) as caught:
-        run_train(monkeypatch, "--help")
+        run_train("--help")
     assert caught.value.code == 0
     said = capsys.readouterr().out
     assert "python train.py cams=dep_front,seg_side reward=human" in said
@@ -299,7 +281,7 @@ def test_help_says_what_a_bare_list_means_in_a_sweep(monkeypatch, capsys):
 )
 def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
     monkeypatch.setenv("COMP_LINE", f"python train.py {line}")
-    run_train(monkeypatch, "-sc", "query=bash")
+    run_train("-sc", "query=bash")
     assert capsys.readouterr().out.split() == offered
 
 
@@ -367,7 +349,7 @@ def test_the_papers_setting_trains(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     small = [word for word in TINY if not word.startswith(("num_envs", "algo.horizon", "encoder"))]
     words = ["+experiment=paper", "cams=[seg_side]", *small, "steps=256", "algo.buffer=128"]
-    run_train(monkeypatch, *words, "algo.horizon=8", "results=.")
+    run_train(*words, "algo.horizon=8", "results=.")
     run = tmp_path / "main/seg_side/human/seed0"
     rows = table(run / "metrics.csv")
     assert [row["step"] for row in rows] == ["128", "256"]
@@ -386,14 +368,16 @@ def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "never.txt").write_text("reward = 20")
     words = ["cams=[seg_side]", *TINY, "reward=file", "reward.path=never.txt", "results=."]
-    run_train(monkeypatch, *words)
+    run_train(*words)
     said = capsys.readouterr().err
     assert "reward: the gates on this program: refused, rises to 20.000" in said
     manifest = json.loads((tmp_path / "main/seg_side/file/seed0/manifest.json").read_text())
     assert "refused, rises to 20.000; the most allowed is 9 and a bonus of 2" in manifest["gates"]
 
 
-@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "kind", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.full)]
+)
 def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
     tmp_path, monkeypatch, request, kind
 ):
@@ -410,13 +394,13 @@ def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
 
     with monkeypatch.context() as patch:
         patch.setattr(film, "_frame", stopped)
-        run_train(monkeypatch, "cams=[seg_side]", *words, "results=.")
+        run_train("cams=[seg_side]", *words, "results=.")
     run = tmp_path / "main/seg_side/human/seed0"
     assert not list(run.glob("video*"))
     manifest = json.loads((run / "manifest.json").read_text())
     assert manifest["stopped"]
     assert not manifest.get("finished")
-    run_train(monkeypatch, f"resume={run}")
+    run_train(f"resume={run}")
     assert (run / "video.mp4").exists()
     assert json.loads((run / "manifest.json").read_text())["finished"]
 
@@ -435,7 +419,7 @@ def imitated(tmp_path_factory) -> Path:
     results = tmp_path_factory.mktemp("taught")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(results)
-        run_train(patch, *TAUGHT, "results=.")
+        run_train(*TAUGHT, "results=.")
     return results / "main/seg_side/expert/seed0"
 
 
@@ -456,7 +440,7 @@ def test_an_imitated_run_is_a_run_like_any_other(imitated):
 def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
     words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=3"]
     monkeypatch.chdir(tmp_path)
-    run_train(monkeypatch, *words, "results=.")
+    run_train(*words, "results=.")
     ours = weights(tmp_path / "main/seg_side/human/seed0")
     theirs = torch.load(imitated / "checkpoint.pt")["learner"]["dagger"]["agent"]
     changed = {name for name in ours if not torch.equal(ours[name], theirs[name])}
@@ -468,7 +452,7 @@ def test_a_run_begins_with_another_runs_agent(imitated, tmp_path, monkeypatch):
 def test_after_the_warm_up_the_policy_moves(imitated, tmp_path, monkeypatch):
     words = ["cams=[seg_side]", *TINY, f"init={imitated}", "algo.warmup=2", "algo.finetune=0.1"]
     monkeypatch.chdir(tmp_path)
-    run_train(monkeypatch, *words, "results=.")
+    run_train(*words, "results=.")
     rates = [
         float(row["learning_rate"]) for row in table(Path("main/seg_side/human/seed0/metrics.csv"))
     ]
@@ -492,6 +476,6 @@ def test_after_the_warm_up_the_policy_moves(imitated, tmp_path, monkeypatch):
 def test_an_agent_of_other_networks_is_refused(imitated, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as refused:
-        run_train(monkeypatch, *TINY, *words, f"init={imitated}", "results=.")
+        run_train(*TINY, *words, f"init={imitated}", "results=.")
     assert message in str(refused.value)
     assert not (tmp_path / "main").exists()

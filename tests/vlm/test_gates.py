@@ -304,6 +304,7 @@ def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
         assert f"{file}: line 2, column 1: 'import' is not in the language" in out
 
 
+@pytest.mark.full
 def test_check_reads_a_program_in_another_unit(capsys):
     paid = {}
     for unit in ("null", "0.05", "0.1"):
