@@ -65,11 +65,11 @@ def test_a_run_under_way_is_left_to_its_process(tmp_path, monkeypatch, capfd):
 
 
 def test_two_sweeps_at_once_make_each_run_once(tmp_path):
-    words = ["-m", *TINY, "results=results", "seed=0,1,2", "steps=96"]
+    words = ["-m", *TINY, "results=results", "seed=0,1,2", "steps=48"]
     processes = [start(tmp_path, *words) for _ in range(2)]
     said = [process.communicate(timeout=300)[0] for process in processes]
     assert all("3 runs, 0 failed" in one for one in said), said
     for seed in range(3):
         rows = outcome(tmp_path / RUN.with_name(f"seed{seed}"))["metrics"]
-        assert [row["update"] for row in rows] == [str(n) for n in range(1, 13)]
+        assert [row["update"] for row in rows] == [str(n) for n in range(1, 7)]
     assert not list((tmp_path / "results" / "main").rglob("*.partial"))
