@@ -10,7 +10,7 @@ import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from needlehoop.config.strict import told
+from needlehoop.config.strict import shown
 
 CAMERAS = "cameras"
 """Where a composed config holds the options of the group ``cams`` that were chosen."""
@@ -71,13 +71,13 @@ def check_choice(overrides: Iterable[str], conf: Path) -> None:
                 _check_cams(chosen)
             elif not isinstance(chosen, str) or len(chosen) > _LONGEST:
                 valid = ", ".join(options(conf, group))
-                raise ValueError(f"{group}: {told(chosen)} is no option; choose from {valid}")
+                raise ValueError(f"{group}: {shown(chosen)} is no option; choose from {valid}")
 
 
 def _check_cams(chosen: Any) -> None:
     names = [chosen] if isinstance(chosen, str) else chosen
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise ValueError(f"cams: {told(chosen)} is no list of cameras, as dep_front,seg_side is")
+        raise ValueError(f"cams: {shown(chosen)} is no list of cameras, as dep_front,seg_side is")
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"cams: {name!r} is named twice")

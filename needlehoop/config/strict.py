@@ -23,7 +23,7 @@ _LONGEST = 1_000
 _LONGEST_PROGRAM = 100_000
 """Of one that is no field of its own: a program's."""
 
-_TOLD = 60
+_SHOWN = 60
 """Of a value, at most, in an error."""
 
 
@@ -40,13 +40,13 @@ class Range:
         if value > self.low or (value == self.low and not self.above):
             if value <= self.high:
                 return
-            raise ValueError(f"{told(value)} must be at most {self.high:g}")
+            raise ValueError(f"{shown(value)} must be at most {self.high:g}")
         if (self.low, self.above) == (0, True):
-            raise ValueError(f"{told(value)} must be positive")
+            raise ValueError(f"{shown(value)} must be positive")
         if self.low == 0:
-            raise ValueError(f"{told(value)} is negative; it must be at least 0")
+            raise ValueError(f"{shown(value)} is negative; it must be at least 0")
         raise ValueError(
-            f"{told(value)} must be {'above' if self.above else 'at least'} {self.low:g}"
+            f"{shown(value)} must be {'above' if self.above else 'at least'} {self.low:g}"
         )
 
 
@@ -133,10 +133,10 @@ def _flatten(error: BaseException, path: str = "") -> Iterable[str]:
         yield str(error)
 
 
-def told(value: Any) -> str:
+def shown(value: Any) -> str:
     """A value in an error, in a line."""
     text = printable(repr(value))
-    return text if len(text) <= _TOLD else f"{text[:_TOLD]}…"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
 def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:
@@ -150,34 +150,34 @@ def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:
 
 def _whole_number(value: Any, _: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{told(value)} is not a whole number")
+        raise ValueError(f"{shown(value)} is not a whole number")
     if isinstance(value, float) and not value.is_integer():
-        raise ValueError(f"{told(value)} is not a whole number")
+        raise ValueError(f"{shown(value)} is not a whole number")
     return int(value)
 
 
 def _number(value: Any, _: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{told(value)} is not a number")
+        raise ValueError(f"{shown(value)} is not a number")
     # Before it is one: there are whole numbers that no float can hold.
     if not abs(value) <= 1.7e308:
-        raise ValueError(f"{told(value)} is not finite")
+        raise ValueError(f"{shown(value)} is not finite")
     return float(value)
 
 
 def _truth(value: Any, _: Any) -> bool:
     if not isinstance(value, bool):
-        raise ValueError(f"{told(value)} is not true or false")
+        raise ValueError(f"{shown(value)} is not true or false")
     return value
 
 
 def _text(value: Any, _: Any, longest: int = _LONGEST) -> str:
     if not isinstance(value, str):
-        raise ValueError(f"{told(value)} is not a text")
+        raise ValueError(f"{shown(value)} is not a text")
     if printable(value) != value:
-        raise ValueError(f"{told(value)} has control characters")
+        raise ValueError(f"{shown(value)} has control characters")
     if len(value) > longest:
-        raise ValueError(f"{told(value)} is too long")
+        raise ValueError(f"{shown(value)} is too long")
     return value
 
 
@@ -198,33 +198,33 @@ def _names(value: Any, _: Any) -> tuple[str, ...]:
     """A list of names, or one text with commas between them."""
     names = value.split(",") if isinstance(value, str) else value
     if not isinstance(names, list | tuple):
-        raise ValueError(f"{told(value)} is no list of names")
+        raise ValueError(f"{shown(value)} is no list of names")
     return tuple(_text(name, str) for name in names)
 
 
 def _row(value: Any, kind: Any) -> tuple[Any, ...]:
     """``tuple[kind, ...]``, or as many values as a tuple has kinds."""
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{told(value)} is no list")
+        raise ValueError(f"{shown(value)} is no list")
     kinds = get_args(kind)
     if kinds[-1] is Ellipsis:
         kinds = (kinds[0],) * len(value)
     if len(value) != len(kinds):
-        raise ValueError(f"{told(value)} must be {len(kinds)} values")
+        raise ValueError(f"{shown(value)} must be {len(kinds)} values")
     return tuple(_converter.structure(one, k) for one, k in zip(value, kinds, strict=True))
 
 
 def _keys(value: Any, kind: Any) -> dict[str, Any]:
     """``Mapping[str, kind]``."""
     if not isinstance(value, Mapping):
-        raise ValueError(f"{told(value)} has no keys")
+        raise ValueError(f"{shown(value)} has no keys")
     _, inner = get_args(kind)
     found = {}
     for key, one in value.items():
         try:
             found[_text(key, str)] = _converter.structure(one, inner)
         except (cattrs.BaseValidationError, ValueError) as error:
-            raise _BelowError(list(_flatten(error, told(key)[1:-1]))) from error
+            raise _BelowError(list(_flatten(error, shown(key)[1:-1]))) from error
     return found
 
 
@@ -266,8 +266,8 @@ def _keyed(kind: Any) -> Any:
 
     def hook(value: Any, _: Any) -> Any:
         if not isinstance(value, Mapping):
-            raise ValueError(f"{told(value)} has no keys")
-        odd = [told(key)[1:-1] for key in value if key not in hooks]
+            raise ValueError(f"{shown(value)} has no keys")
+        odd = [shown(key)[1:-1] for key in value if key not in hooks]
         lacking = [key for key in needed if key not in value]
         if odd or lacking:
             what = f"unknown key {odd[0]}" if odd else f"{lacking[0]} is missing"

@@ -133,7 +133,7 @@ def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     if isinstance(given, str):
         given = given.split(",")
     if not isinstance(given, list | tuple):
-        raise ValueError(f"cams: {strict.told(given)} is no list of camera sets")
+        raise ValueError(f"cams: {strict.shown(given)} is no list of camera sets")
     found = []
     for one in given:
         split = one.split("+") if isinstance(one, str) else one

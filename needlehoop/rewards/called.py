@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from needlehoop.config.strict import told
+from needlehoop.config.strict import shown
 from needlehoop.rewards.written import RewardError
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def check(config: Mapping[str, Any]) -> None:
         )
     given = config["values"] or {}
     if not isinstance(given, Mapping):
-        raise ValueError(f"reward.values: {told(given)} is no mapping of names to values")
+        raise ValueError(f"reward.values: {shown(given)} is no mapping of names to values")
 
 
 def load(config: Mapping[str, Any]) -> Called:
@@ -187,7 +187,7 @@ def load(config: Mapping[str, Any]) -> Called:
 def _untrusted(config: Mapping[str, Any]) -> ValueError:
     what = config.get("function") if config["kind"] == KIND else f"the entry point {config['kind']}"
     return ValueError(
-        f"reward: the run's files name Python code, {told(what)}, which would be imported and run;"
+        f"reward: the run's files name Python code, {shown(what)}, which would be imported and run;"
         " add trust=true if you trust them"
     )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Range, told
+from needlehoop.config.strict import Range, shown
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.rewards import NONE
 from needlehoop.vlm.asked import InquiryConfig
@@ -62,7 +62,7 @@ def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
     """How a model would be asked for a reward, and which; errors as in ``check_options``."""
     asking = values["asking"]
     if not isinstance(asking, Mapping):
-        raise ValueError(f"asking: {told(asking)} has no keys")
+        raise ValueError(f"asking: {shown(asking)} has no keys")
     where = {name: values[name] for name in ("results", "study")}
     asked = strict.as_type({**where, **asking, "overwrite": False}, InquiryConfig)
     return asked, provider_config(values["vlm"])
@@ -71,7 +71,7 @@ def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
 def provider_config(values: Any) -> Any:
     """Who answers, from the group ``vlm``; errors as in ``check_options``."""
     if not isinstance(values, Mapping):
-        raise ValueError(f"vlm: {told(values)} has no keys")
+        raise ValueError(f"vlm: {shown(values)} has no keys")
     return strict.as_type(
         values, config_of(strict.structure(values.get("kind"), str, "vlm.kind")), "vlm"
     )
