@@ -163,6 +163,21 @@ def test_an_answer_in_the_wrong_form_goes_back_like_any_other():
     assert [line["answer"] for line in lines()][-1] == GOOD
 
 
+@pytest.mark.parametrize(
+    "said",
+    ["[" * 200_000, '{"a": ' * 50_000 + "1" + "}" * 50_000, f'{{"explanation": {"9" * 6_000}}}'],
+    ids=["brackets", "braces", "digits"],
+)
+def test_an_answer_too_deep_or_too_long_for_json_goes_back_like_any_other(said):
+    assert main(["vlm", "reward", *AT_ONCE, CAMS]) == 2
+    (question() / "answer.json").write_text(said)
+    assert main(["vlm", "reward", *AT_ONCE, CAMS]) == 2
+    assert [line["answer"] for line in lines()] == [said]
+    assert "That answer could not be used" in (question() / "request.md").read_text()
+    (question() / "answer.json").write_text(GOOD)
+    assert main(["vlm", "reward", *AT_ONCE, CAMS]) == 0
+
+
 def test_an_answer_that_is_no_text_is_named(capsys):
     assert main(["vlm", "question", *AT_ONCE]) == 2
     (question() / "answer.json").write_bytes(b"\xff\xfe{")

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.reading import UnreadableError, read_bytes
+from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
 from needlehoop.vlm.messages import Message, Picture, Request
 from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
 
@@ -123,9 +123,9 @@ def find_json(said: str) -> str:
     braces = said[said.find("{") : said.rfind("}") + 1]
     for text in (said, *reversed(fenced), braces):
         try:
-            if isinstance(json.loads(text), dict):
+            if isinstance(parse_json(text), dict):
                 return text.strip()
-        except json.JSONDecodeError:
+        except UnreadableError:
             continue
     return said
 
