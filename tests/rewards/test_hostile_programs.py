@@ -397,21 +397,17 @@ HOSTILE: dict[str, list[str]] = {
     ],
 }
 
-CASES = [
-    pytest.param(source, id=f"{category} {number}")
-    for category, sources in HOSTILE.items()
-    for number, source in enumerate(sources)
-]
-
 
 def refused(source: str) -> ProgramError:
-    with pytest.raises(ProgramError) as found:
+    try:
         compile_program(source)
-    return found.value
+    except ProgramError as error:
+        return error
+    pytest.fail(f"accepted: {source[:200]!r}")
 
 
 def test_there_are_enough_of_them():
-    assert len({case.values[0] for case in CASES}) >= 150
+    assert len({source for sources in HOSTILE.values() for source in sources}) >= 300
 
 
 def test_what_they_are_built_from_is_accepted():
@@ -421,18 +417,19 @@ def test_what_they_are_built_from_is_accepted():
     assert compile_program(f"a = 1\n{OK}").terms == ("reward",)
 
 
-@pytest.mark.parametrize("source", CASES)
-def test_it_is_refused_soon(source):
-    began = time.process_time()
-    error = refused(source)
-    assert time.process_time() - began < 1.0
-    assert isinstance(error, ValueError)
-    assert str(error) == f"line {error.line}, column {error.column}: {error.reason}"
-    assert 1 <= error.line <= source.count("\n") + 1
-    assert 1 <= error.column <= max(map(len, source.split("\n"))) + 1
-    # A reason is a line that a person or a model can act on, not an echo of the attack.
-    assert 5 < len(error.reason) < 500
-    assert error.reason.isprintable()
+@pytest.mark.parametrize("category", HOSTILE)
+def test_each_is_refused_soon(category):
+    for source in HOSTILE[category]:
+        began = time.process_time()
+        error = refused(source)
+        assert time.process_time() - began < 1.0, source[:200]
+        assert isinstance(error, ValueError)
+        assert str(error) == f"line {error.line}, column {error.column}: {error.reason}"
+        assert 1 <= error.line <= source.count("\n") + 1, source[:200]
+        assert 1 <= error.column <= max(map(len, source.split("\n"))) + 1, source[:200]
+        # A reason is a line that a person or a model can act on, not an echo of the attack.
+        assert 5 < len(error.reason) < 500, source[:200]
+        assert error.reason.isprintable(), source[:200]
 
 
 @pytest.mark.parametrize("category", ["size", "depth", "numbers"])

@@ -1,18 +1,28 @@
-"""Expressions: each becomes steps on a tape, and a value of one of the language's kinds."""
+"""Expressions of a program: each becomes steps on a tape, and a register of a known kind."""
 
 from __future__ import annotations
 
 import ast
 from functools import partial
+from typing import NamedTuple
 
 import torch
 
-from needlehoop.rewards.language.calls import Calls
-from needlehoop.rewards.language.functions import FUNCTIONS, NUMBER, TRUTH, vector_of
-from needlehoop.rewards.language.operators import ARITHMETIC, COMPARISONS, JUNCTIONS, over, times
-from needlehoop.rewards.language.scope import Scope
-from needlehoop.rewards.language.tape import Tape, Value
-from needlehoop.rewards.language.tree import foreign, literal, refuse
+from needlehoop.rewards.language.functions import (
+    ARITHMETIC,
+    COMPARISONS,
+    FUNCTIONS,
+    JUNCTIONS,
+    NUMBER,
+    TRUTH,
+    Function,
+    component,
+    over,
+    times,
+    vector_of,
+)
+from needlehoop.rewards.language.grammar import foreign, literal, refuse
+from needlehoop.rewards.language.tape import Register, Tape
 from needlehoop.scene.vocabulary import TABLE, vocabulary
 
 MAX_NODES = 2000
@@ -22,33 +32,43 @@ MAX_DEPTH = 64
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
-_ELSEWHERE: dict[type[ast.operator], str] = {
+_NO_OPERATORS: dict[type[ast.operator], str] = {
     ast.FloorDiv: "//",
     ast.Pow: "**=",
     ast.LShift: "<<",
     ast.RShift: ">>",
 }
-"""Signs that get past the grammar's tokens and are no operators here."""
+"""Signs that consist of allowed tokens but are not operators of the language."""
+
+_VECTORS = {"vector": "vector", "vector3": "3-vector", "vector4": "4-vector"}
+"""How a refusal names what a function takes."""
+
+
+class Partial(NamedTuple):
+    """A variable that is assigned in only one branch of the if on ``line``."""
+
+    line: int
+
+
+Variables = dict[str, Register | Partial]
 
 
 class Expressions:
-    """Writes the expressions of one program.
+    """Writes the expressions of one program on a tape.
 
-    Args:
-        tape: where.
-        scope: the variables that they read.
+    ``variables`` are the program's, by name. Statements assign them; expressions read them.
     """
 
-    def __init__(self, tape: Tape, scope: Scope):
-        self._tape, self._scope = tape, scope
-        self._calls = Calls(tape, self.value)
+    def __init__(self, tape: Tape):
+        self.variables: Variables = {}
+        self._tape = tape
         self._nodes = self._depth = 0
 
-    def value(self, node: ast.expr) -> Value:
+    def value(self, node: ast.expr) -> Register:
         """An expression's value.
 
         Raises:
-            ProgramError: what is not in the language, does not fit together or is too much.
+            ProgramError: it uses something outside the language, mixes kinds, or is too large.
         """
         self._nodes += 1
         if self._nodes > MAX_NODES:
@@ -60,13 +80,19 @@ class Expressions:
         self._depth -= 1
         return found
 
-    def condition(self, node: ast.expr) -> Value:
+    def condition(self, node: ast.expr) -> Register:
         """The truth value that an if depends on; errors as in ``value``."""
         return self._tape.truth(self.value(node), node, "a condition")
 
-    def name(self, node: ast.expr, name: str) -> Value:
+    def name(self, node: ast.expr, name: str) -> Register:
         """The variable or signal of a name; errors as in ``value``."""
-        found = self._scope.get(node, name)
+        found = self.variables.get(name)
+        if isinstance(found, Partial):
+            raise refuse(
+                node,
+                f"{name!r} has no value yet where the if on line {found.line} goes the other"
+                " way; assign it before, or in every branch",
+            )
         if found is not None:
             return found
         signals = vocabulary()
@@ -78,16 +104,14 @@ class Expressions:
             raise refuse(node, f"{name!r} is the verdict, which no program may read")
         if name in FUNCTIONS:
             raise refuse(node, f"{name!r} is a function: {FUNCTIONS[name].signature}")
-        variables = self._scope.variables
-        own = f"; variables: {', '.join(variables)}" if variables else ""
+        own = f"; variables: {', '.join(self.variables)}" if self.variables else ""
         raise refuse(node, f"{name!r} is unknown; signals: {', '.join(signals)}{own}")
 
-    def arithmetic(self, node: ast.AST, op: ast.operator, a: Value, b: Value) -> Value:
+    def arithmetic(self, node: ast.AST, op: ast.operator, a: Register, b: Register) -> Register:
         """``a op b``; errors as in ``value``."""
         if type(op) not in ARITHMETIC:
-            raise refuse(
-                node, f"{_ELSEWHERE.get(type(op), 'this operator')} is not in the language"
-            )
+            sign = _NO_OPERATORS.get(type(op), "this operator")
+            raise refuse(node, f"{sign} is not in the language")
         tape, (sign, run) = self._tape, ARITHMETIC[type(op)]
         if not a.kind.size and not b.kind.size:
             pair = [tape.number(a, node, sign), tape.number(b, node, sign)]
@@ -105,7 +129,7 @@ class Expressions:
             " and scaled by numbers",
         )
 
-    def _expression(self, node: ast.expr) -> Value:
+    def _expression(self, node: ast.expr) -> Register:
         match node:
             case ast.Constant(value=bool() as truth):
                 return self._tape.constant(truth)
@@ -128,11 +152,11 @@ class Expressions:
                 a, b = self.value(body), self.value(orelse)
                 return self._tape.choose(node, "a conditional expression", condition, a, b)
             case ast.Call():
-                return self._calls.call(node)
+                return self._call(node)
             case _:
                 raise foreign(node)
 
-    def _unary(self, node: ast.UnaryOp, op: ast.unaryop, value: Value) -> Value:
+    def _unary(self, node: ast.UnaryOp, op: ast.unaryop, value: Register) -> Register:
         tape = self._tape
         match op:
             case ast.Not():
@@ -145,7 +169,7 @@ class Expressions:
             case _:
                 raise refuse(node, f"{type(op).__name__} is not in the language")
 
-    def _power(self, node: ast.BinOp, base: Value, exponent: ast.expr) -> Value:
+    def _power(self, node: ast.BinOp, base: Register, exponent: ast.expr) -> Register:
         value = literal(exponent)
         if value is None or abs(value) > MAX_EXPONENT:
             raise refuse(
@@ -154,17 +178,17 @@ class Expressions:
         run = partial(torch.pow, exponent=value)
         return self._tape.emit(("**", value), run, [self._tape.number(base, node, "**")], NUMBER)
 
-    def _junction(self, op: ast.boolop, operands: list[ast.expr]) -> Value:
+    def _junction(self, op: ast.boolop, operands: list[ast.expr]) -> Register:
         word, run = JUNCTIONS[type(op)]
         first, *rest = [self._tape.truth(self.value(one), one, word) for one in operands]
         for one in rest:
             first = self._tape.emit(word, run, [first, one])
         return first
 
-    def _compare(self, node: ast.Compare) -> Value:
+    def _compare(self, node: ast.Compare) -> Register:
         tape = self._tape
         values = [self.value(one) for one in (node.left, *node.comparators)]
-        found: Value | None = None
+        found: Register | None = None
         for op, a, b in zip(node.ops, values, values[1:], strict=False):
             if type(op) not in COMPARISONS:
                 signs = ", ".join(sign for sign, _ in COMPARISONS.values())
@@ -174,3 +198,61 @@ class Expressions:
             found = one if found is None else tape.emit("and", torch.logical_and, [found, one])
         assert found is not None
         return found
+
+    def _call(self, node: ast.Call) -> Register:
+        name, function = _function(node)
+        if function.takes[-1] == "index":
+            return self._component(node)
+        values = [self.value(argument) for argument in node.args]
+        if name == "where":
+            condition = self._tape.truth(values[0], node.args[0], name)
+            return self._tape.choose(node, name, condition, values[1], values[2])
+        takes = function.takes
+        takes = (*takes, *takes[-1:] * (len(values) - len(takes)))
+        fitted = [
+            self._fit(value, wish, argument, function)
+            for value, wish, argument in zip(values, takes, node.args, strict=True)
+        ]
+        sizes = {value.kind.size for value in fitted}
+        if set(takes) == {"vector"} and len(sizes) > 1:
+            raise refuse(node, f"vectors of {' and '.join(map(str, sorted(sizes)))} components")
+        kind = vector_of(3) if function.gives == "vector3" else NUMBER
+        return self._tape.emit(name, function.run, fitted, kind)
+
+    def _fit(self, value: Register, wish: str, node: ast.expr, function: Function) -> Register:
+        if wish == "number":
+            return self._tape.number(value, node, function.signature)
+        size = {"vector3": 3, "vector4": 4}.get(wish, value.kind.size)
+        if not value.kind.size or value.kind.size != size:
+            raise refuse(node, f"{value.kind}, where {function.signature} takes a {_VECTORS[wish]}")
+        return value
+
+    def _component(self, node: ast.Call) -> Register:
+        value = self.value(node.args[0])
+        index = literal(node.args[1])
+        size = value.kind.size
+        if not size:
+            raise refuse(node.args[0], f"{value.kind} has no components")
+        if index is None or index != int(index) or not 0 <= index < size:
+            raise refuse(node.args[1], f"the index is one of 0 to {size - 1}, written out")
+        run = partial(component, index=int(index))
+        return self._tape.emit(("component", int(index)), run, [value], NUMBER)
+
+
+def _function(node: ast.Call) -> tuple[str, Function]:
+    """The called function's name and row; refused unless it gets as many arguments as it takes."""
+    if not isinstance(node.func, ast.Name):
+        raise refuse(node, "only a function's name can be called")
+    name = node.func.id
+    if name not in FUNCTIONS:
+        raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
+    function = FUNCTIONS[name]
+    if node.keywords:
+        raise refuse(node, f"no keywords in a call; {function.signature}")
+    for argument in node.args:
+        if isinstance(argument, ast.Starred):
+            raise refuse(argument, "starred arguments are not in the language")
+    wanted = len(function.takes)
+    if len(node.args) < wanted or (len(node.args) > wanted and not function.more):
+        raise refuse(node, f"{len(node.args)} arguments; {function.signature}")
+    return name, function

@@ -1,8 +1,10 @@
-"""What a reward program may compute: its kinds of values, and its functions."""
+"""What a reward program may compute: kinds of values, operators and functions."""
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
+from functools import partial, reduce
 from typing import NamedTuple
 
 import torch
@@ -29,13 +31,56 @@ def vector_of(size: int) -> Kind:
     return Kind("vector", size)
 
 
+Operator = tuple[str, Callable[..., Tensor]]
+"""A sign and what it does."""
+
+ARITHMETIC: dict[type[ast.operator], Operator] = {
+    ast.Add: ("+", torch.add),
+    ast.Sub: ("-", torch.sub),
+    ast.Mult: ("*", torch.mul),
+    ast.Div: ("/", torch.div),
+}
+COMPARISONS: dict[type[ast.cmpop], Operator] = {
+    ast.Lt: ("<", torch.lt),
+    ast.LtE: ("<=", torch.le),
+    ast.Gt: (">", torch.gt),
+    ast.GtE: (">=", torch.ge),
+    ast.Eq: ("==", torch.eq),
+    ast.NotEq: ("!=", torch.ne),
+}
+JUNCTIONS: dict[type[ast.boolop], Operator] = {
+    ast.And: ("and", torch.logical_and),
+    ast.Or: ("or", torch.logical_or),
+}
+
+
+def times(vector: Tensor, number: Tensor) -> Tensor:
+    """Vectors ``(n, k)``, each multiplied by its number ``(n,)``."""
+    return vector * number.unsqueeze(-1)
+
+
+def over(vector: Tensor, number: Tensor) -> Tensor:
+    """Vectors ``(n, k)``, each divided by its number ``(n,)``."""
+    return vector / number.unsqueeze(-1)
+
+
+def choose_vector(condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """``where`` for vectors ``(n, k)``."""
+    return torch.where(condition.unsqueeze(-1), a, b)
+
+
+def component(v: Tensor, index: int) -> Tensor:
+    """One component of vectors ``(n, k)``."""
+    return v[..., index]
+
+
 class Function(NamedTuple):
     """One row of the table of functions.
 
-    ``takes`` names each argument's kind: ``number``; ``truth``; ``vector`` (all of one
-    length), ``vector3``, ``vector4``; ``any`` (all of one kind); ``index`` (a whole number,
-    written out). ``gives`` is the result's. ``more``: the last argument may be repeated.
-    Truth values count as numbers, 0 or 1, where numbers are taken.
+    ``takes`` names each argument's kind: ``number``; ``truth``; ``vector`` (all of one length);
+    ``vector3``; ``vector4``; ``any`` (all of one kind); ``index`` (a whole number, written out).
+    ``gives`` is the result's kind. With ``more`` the last argument may be repeated. A truth
+    value counts as the number 0 or 1 where a number is taken.
     """
 
     signature: str
@@ -47,11 +92,8 @@ class Function(NamedTuple):
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
-    # Component by component, so that a row of a batch is what it is alone.
-    first, *rest = (a * b).unbind(-1)
-    for part in rest:
-        first = first + part
-    return first
+    # One component after the other: a row of a batch gets the same bits as it would alone.
+    return reduce(torch.add, (a * b).unbind(-1))
 
 
 def _norm(v: Tensor) -> Tensor:
@@ -67,39 +109,16 @@ def _vector(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
 
 
 def _least(*values: Tensor) -> Tensor:
-    first, *rest = values
-    for value in rest:
-        first = torch.minimum(first, value)
-    return first
+    return reduce(torch.minimum, values)
 
 
 def _greatest(*values: Tensor) -> Tensor:
-    first, *rest = values
-    for value in rest:
-        first = torch.maximum(first, value)
-    return first
+    return reduce(torch.maximum, values)
 
 
-def choose_vector(condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """``where`` for vectors."""
-    return torch.where(condition.unsqueeze(-1), a, b)
-
-
-def component(v: Tensor, index: int) -> Tensor:
-    """One component of vectors."""
-    return v[..., index]
-
-
-def _x(v: Tensor) -> Tensor:
-    return v[..., 0]
-
-
-def _y(v: Tensor) -> Tensor:
-    return v[..., 1]
-
-
-def _z(v: Tensor) -> Tensor:
-    return v[..., 2]
+def _coordinate(name: str, meaning: str, index: int) -> Function:
+    run = partial(component, index=index)
+    return Function(f"{name}(v)", meaning, ("vector3",), "number", run)
 
 
 def _unary(name: str, meaning: str, run: Callable[[Tensor], Tensor]) -> Function:
@@ -112,9 +131,9 @@ FUNCTIONS: dict[str, Function] = {
     ),
     "norm": Function("norm(v)", "length of a vector", ("vector",), "number", _norm),
     "dot": Function("dot(u, v)", "scalar product", ("vector", "vector"), "number", _dot),
-    "x": Function("x(v)", "first component of a 3-vector", ("vector3",), "number", _x),
-    "y": Function("y(v)", "second component of a 3-vector", ("vector3",), "number", _y),
-    "z": Function("z(v)", "third component of a 3-vector (up)", ("vector3",), "number", _z),
+    "x": _coordinate("x", "first component of a 3-vector", 0),
+    "y": _coordinate("y", "second component of a 3-vector", 1),
+    "z": _coordinate("z", "third component of a 3-vector (up)", 2),
     "component": Function(
         "component(v, i)",
         "component of any vector; i is written out and counts from 0",
@@ -158,9 +177,3 @@ FUNCTIONS: dict[str, Function] = {
         torch.where,
     ),
 }
-
-
-def describe_functions() -> str:
-    """The functions as text, one per line: signature, meaning."""
-    width = max(len(function.signature) for function in FUNCTIONS.values())
-    return "\n".join(f"{f.signature.ljust(width)}  {f.meaning}" for f in FUNCTIONS.values())

@@ -1,8 +1,7 @@
-"""What a reward program may be made of, checked before Python's parser sees it.
+"""From a program's text to its tree, by way of a list of allowed tokens.
 
-Only tokens on the list get through, so the parser never meets a string, an attribute, a
-subscript or a statement that the language does not have; and only so many of them, so that
-it is never asked for deep recursion or a huge number.
+Tokens are checked before Python's parser sees the text. So the parser never meets a string, an
+attribute or a subscript. The number of tokens is bounded, so the parser never recurses deeply.
 """
 
 from __future__ import annotations
@@ -56,6 +55,15 @@ _NOT_HERE = {
     "\t": "a tab; indent with spaces",
     "\r": "a carriage return; end lines with a line feed",
 }
+
+
+_KINDS_OF_NODES = {
+    ast.Expr: "a statement that assigns nothing is",
+    ast.AnnAssign: "annotations are",
+    ast.Tuple: "tuples are",
+    ast.NamedExpr: "assignment inside an expression is",
+}
+"""How a refusal names some kinds of nodes."""
 
 
 class ProgramError(ValueError):
@@ -148,3 +156,41 @@ def _foreign(character: str) -> str:
         return f"U+{ord(character):04X} is not an ASCII character"
     shown = character if character.isprintable() else f"U+{ord(character):04X}"
     return f"{shown} is not in the language"
+
+
+def refuse(node: ast.AST, reason: str) -> ProgramError:
+    """The error for a node that can't be compiled, at its place."""
+    return ProgramError(getattr(node, "lineno", 1), getattr(node, "col_offset", 0) + 1, reason)
+
+
+def foreign(node: ast.AST) -> ProgramError:
+    """The error for a kind of node that the language does not have."""
+    called = _KINDS_OF_NODES.get(type(node), f"{type(node).__name__} is")
+    return refuse(node, f"{called} not in the language")
+
+
+def literal(node: ast.expr) -> float | None:
+    """A number that is written out, with its sign; ``None`` for anything else."""
+    match node:
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            value = literal(operand)
+            return None if value is None else -value
+        case ast.Constant(value=bool()):
+            return None
+        case ast.Constant(value=int() | float() as value):
+            return float(value)
+        case _:
+            return None
+
+
+def summed(node: ast.expr) -> list[str]:
+    """The names whose plain sum an expression is; none if it is anything else."""
+    names: list[str] = []
+    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        if not isinstance(node.right, ast.Name):
+            return []
+        names.append(node.right.id)
+        node = node.left
+    if not isinstance(node, ast.Name) or not names:
+        return []
+    return [node.id, *reversed(names)]
