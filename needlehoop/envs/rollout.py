@@ -12,7 +12,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.rewards import potential, yardstick
+from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
 
 Controller = Callable[[Signals], Tensor]
@@ -162,7 +162,7 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
 
 def outcome_of(steps: Iterator[Step]) -> Outcome:
     """What came of the episodes of a rollout."""
-    human = yardstick()
+    human = reference_reward()
     last: dict[str, Tensor] = {}
     for step in steps:
         moment = step.moment

@@ -26,7 +26,7 @@ from needlehoop.learning.learner import agent_state, build_agent
 from needlehoop.learning.weights import read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
-from needlehoop.rewards import NONE, yardstick
+from needlehoop.rewards import NONE, reference_reward
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
@@ -156,7 +156,7 @@ def with_intervals(outcome: Outcome) -> dict[str, Any]:
         found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
         intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
     spread = float(outcome.potential.std()) if n > 1 else None
-    return {**summary, **intervals, "return_sd": spread, "human_unit": yardstick().unit}
+    return {**summary, **intervals, "return_sd": spread, "human_unit": reference_reward().unit}
 
 
 def report(found: Mapping[str, Any]) -> str:

@@ -1,14 +1,23 @@
 """Rewards: functions from signals to named terms. They prefer; they never decide success.
 
-The terms are summed to a potential, and each step pays the potential's difference, so
-an episode's return is its last potential.
+The terms are summed to a potential, and each step pays the potential's difference. So an
+episode's return is its last potential.
 """
 
 from needlehoop.rewards.called import given
-from needlehoop.rewards.loader import NONE, REWARDS, allow, check, load, pin, recall, text
+from needlehoop.rewards.loader import (
+    NONE,
+    REWARDS,
+    allow,
+    check,
+    load,
+    pin,
+    recall,
+    reference_reward,
+    text,
+)
 from needlehoop.rewards.terms import Reward, potential
 from needlehoop.rewards.written import RewardError
-from needlehoop.rewards.yardstick import yardstick
 
 __all__ = [
     "NONE",
@@ -22,6 +31,6 @@ __all__ = [
     "pin",
     "potential",
     "recall",
+    "reference_reward",
     "text",
-    "yardstick",
 ]

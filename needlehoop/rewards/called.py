@@ -1,7 +1,8 @@
 """Rewards that are Python functions from outside the package.
 
-``function(signals, **values)`` returns named terms, or one tensor. It is given as an object, named
-as ``module:name`` or ``file.py:name``, or comes from an installed package by an entry point.
+``function(signals, **values)`` returns named terms, or one tensor. There are three ways to give
+one: as an object, by a name (``module:name`` or ``file.py:name``), or by an entry point of an
+installed package.
 
 Importing a name runs code. Only ``allow`` and ``recall`` import, and they put the function itself
 into the config. ``load`` takes that function and never a name, so a config that was read from a
@@ -30,10 +31,10 @@ if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
 
 KIND = "python"
-"""The kind of a reward that names its function; those of entry points are their own."""
+"""The kind of a reward that names its function. An entry point's name is a kind as well."""
 
 GROUP = "needlehoop.rewards"
-"""Of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
+"""The group of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
 
 _KEYS = {"function", "values", "source"}
 
@@ -43,12 +44,12 @@ _CALL = "call"
 
 @dataclass(frozen=True)
 class Called:
-    """A function in use: its terms, which must be finite and one number per environment.
+    """A function in use. Its terms must be finite, one number per environment.
 
     Args:
         function: of ``Signals`` and the values.
         values: its keyword arguments.
-        origin: where it is from.
+        origin: the name it was given by, for messages and records.
     """
 
     function: Callable[..., Any]
@@ -59,7 +60,7 @@ class Called:
         """Terms ``(n,)`` float64 by name; a single tensor is the term ``reward``.
 
         Raises:
-            RewardError: it returned something else, or a term is not finite.
+            RewardError: the function returned something else, or a term is not finite.
         """
         found = self.function(signals, **self.values)
         terms = {"reward": found} if isinstance(found, Tensor) else found
@@ -82,33 +83,33 @@ class Called:
         return term.double()
 
     def text(self) -> str:
-        """For the record: where the function is from, its values and its source."""
+        """For the record: the function's origin, its values and its source."""
         return f"# {self.origin}, {dict(self.values)}\n{_source(self.function)}"
 
 
 def kinds() -> tuple[str, ...]:
-    """Kinds that installed packages tell of."""
+    """Kinds that installed packages add by entry points."""
     return tuple(sorted(entry_points(group=GROUP).names))
 
 
 def given(function: Callable[..., Any]) -> dict[str, Any]:
-    """The config of a function at hand; it can't be written down for another process."""
+    """The config of a function object. It can't be written down for another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
     plain = {"kind": KIND, "function": name, "values": {}, "source": None}
     return {**plain, _CALL: Called(function, {}, name)}
 
 
 def is_called(config: Mapping[str, Any]) -> bool:
-    """Whether a reward's config stands for Python code."""
+    """Whether a reward's config names Python code."""
     return config.get("kind") == KIND or config.get("kind") in kinds()
 
 
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Import the function that a config names: for configs that somebody typed.
+    """Import the function that a config names. Only for configs that somebody typed.
 
     Raises:
-        ValueError: missing or unknown values, no such function, or one that is no longer what
-            the run began with.
+        ValueError: missing or unknown values, no such function, or a function whose text has
+            changed since the run began.
     """
     if _CALL in config:
         return dict(config)
@@ -127,10 +128,10 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
-    """The same for a config that was read from a run's files, if the person trusts them.
+    """Import the function that a config from a run's files names, if the person trusts them.
 
     Raises:
-        ValueError: no trust; no source to compare the function with; or as in ``allow``.
+        ValueError: no trust, or no source to compare the function with; or as in ``allow``.
     """
     if not trust:
         raise _untrusted(config)
@@ -140,7 +141,7 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with the function's source, so that a run goes on with no other.
+    """A reward's config with the function's source. A run goes on with that function alone.
 
     Raises:
         ValueError: as in ``load``.
@@ -158,7 +159,7 @@ def check(config: Mapping[str, Any]) -> None:
     """Check the keys of a config that ``is_called``; imports nothing.
 
     Raises:
-        ValueError: missing or unknown keys, or values that are no mapping.
+        ValueError: missing or unknown keys, or ``values`` is not a mapping.
     """
     if config["kind"] != KIND:
         return
@@ -173,10 +174,10 @@ def check(config: Mapping[str, Any]) -> None:
 
 
 def load(config: Mapping[str, Any]) -> Called:
-    """The reward of a config that was allowed.
+    """The reward of a config that ``allow`` or ``recall`` returned.
 
     Raises:
-        ValueError: it was not.
+        ValueError: neither did.
     """
     call = config.get(_CALL)
     if not isinstance(call, Called):
@@ -193,7 +194,7 @@ def _untrusted(config: Mapping[str, Any]) -> ValueError:
 
 
 def _find(name: str) -> Callable[..., Any]:
-    """What ``module:name`` or ``file.py:name`` names."""
+    """The function that ``module:name`` or ``file.py:name`` names."""
     where, separator, attribute = name.rpartition(":")
     if not separator:
         raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
@@ -213,7 +214,7 @@ def _module(file: Path) -> Any:
 
 @cache
 def _loaded(file: Path, changed: int) -> Any:
-    # Settings are built many times over; a file is run once, and again when it has changed.
+    # Settings are built many times. A file is run once, and again only after a change.
     spec = spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} is no Python file")
@@ -223,7 +224,7 @@ def _loaded(file: Path, changed: int) -> Any:
 
 
 def _source(function: Callable[..., Any]) -> str:
-    """Its text, or what there is instead: a function from a prompt has none."""
+    """A function's text, or its ``repr``: a function typed at a prompt has no text."""
     thing = function if inspect.isroutine(function) or inspect.isclass(function) else type(function)
     try:
         return inspect.getsource(thing)

@@ -8,24 +8,25 @@ from typing import Any
 
 from needlehoop.config import strict
 from needlehoop.rewards import called, written
-from needlehoop.rewards.human import Human
-from needlehoop.rewards.sparse import Sparse
+from needlehoop.rewards.built_in import Human, Sparse
 from needlehoop.rewards.terms import Reward
 from needlehoop.runs.files import EXPERT, check_name
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF
 
 REWARDS = {"human": Human, "sparse": Sparse}
-"""Rewards that are classes; other kinds are programs or functions: ``written``, ``called``."""
+"""Rewards that are classes. Other kinds are programs (``written``) or functions (``called``)."""
 
 NONE = {"kind": "sparse", "success": 1.0}
-"""The config of a reward that nobody looks at."""
+"""The config of a reward for environments whose reward nobody reads."""
 
 
 def load(config: Mapping[str, Any]) -> Reward:
     """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
 
     Raises:
-        ValueError: an unknown kind, values that are not its own, a name that can't be had, or
-            Python code that was not allowed.
+        ValueError: an unknown kind, invalid values, an invalid name, or Python code that was not
+            allowed.
     """
     _check_kind(config)
     values = _unnamed(config)
@@ -37,8 +38,18 @@ def load(config: Mapping[str, Any]) -> Reward:
     return strict.structure(values, REWARDS[kind], "reward")
 
 
+def reference_reward() -> Human:
+    """The human reward with its default values. Policies are compared by its return.
+
+    It is the same for all policies, whatever they were trained on.
+    """
+    reward = load(read_yaml(CONF / "reward/human.yaml"))
+    assert isinstance(reward, Human)
+    return reward
+
+
 def check(config: Mapping[str, Any]) -> None:
-    """Check a reward's config; runs none of its code. Errors as in ``load``."""
+    """Check a reward's config without running its code. Errors as in ``load``."""
     _check_kind(config)
     if called.is_called(config):
         called.check(config)
@@ -53,26 +64,17 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
-    """The same for a reward that was read from a run's files.
+    """The config of a reward that was read from a run's files, ready for ``load``.
 
     Raises:
-        ValueError: it stands for Python code, and ``trust`` is false.
+        ValueError: it names Python code, and ``trust`` is false.
     """
     _check_kind(config)
     return called.recall(config, trust) if called.is_called(config) else dict(config)
 
 
-def _check_kind(config: Mapping[str, Any]) -> None:
-    values = _unnamed(config)
-    kind = values.get("kind")
-    valid = (*REWARDS, *written.KINDS, called.KIND, *called.kinds())
-    if not isinstance(kind, str) or kind not in valid:
-        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(valid)}")
-    _check_name(config.get("name"), {*valid, EXPERT} - {kind})
-
-
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with what it names in it, so that a run goes on with no other reward.
+    """A reward's config with the text of its program or function, for a run to keep.
 
     Raises:
         ValueError: as in ``load``.
@@ -82,22 +84,28 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     return {**kept, **{key: config[key] for key in config if key not in values}}
 
 
-def _unnamed(config: Mapping[str, Any]) -> dict[str, Any]:
-    """What the reward itself is made from."""
-    return {key: value for key, value in config.items() if key != "name"}
-
-
-def _check_name(name: Any, taken: set[str]) -> None:
-    """Whether a run's folder can call its reward so."""
-    if strict.structure(name, str | None, "reward.name") is None:
-        return
-    check_name("reward.name", name)
-    if name in taken:
-        raise ValueError(f"reward.name: {name!r} means another reward; choose a name of your own")
-
-
 def text(reward: Reward) -> str:
-    """A reward for the record: its values, then its source; or its origin and source."""
+    """A reward for the record: its values or its origin, then its source."""
     if isinstance(reward, written.Written | called.Called):
         return reward.text()
     return f"{reward!r}\n\n{inspect.getsource(type(reward))}"
+
+
+def _check_kind(config: Mapping[str, Any]) -> None:
+    kind = config.get("kind")
+    valid = (*REWARDS, *written.KINDS, called.KIND, *called.kinds())
+    if not isinstance(kind, str) or kind not in valid:
+        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(valid)}")
+    # A run's folder is called by its reward's name.
+    name = strict.structure(config.get("name"), str | None, "reward.name")
+    if name is not None:
+        check_name("reward.name", name)
+        if name in {*valid, EXPERT} - {kind}:
+            raise ValueError(
+                f"reward.name: {name!r} means another reward; choose a name of your own"
+            )
+
+
+def _unnamed(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What the reward itself is made from."""
+    return {key: value for key, value in config.items() if key != "name"}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
 from typing import TYPE_CHECKING, Protocol
 
+import torch
 from torch import Tensor
 
 if TYPE_CHECKING:
@@ -21,7 +23,4 @@ class Reward(Protocol):
 
 def potential(terms: Mapping[str, Tensor]) -> Tensor:
     """Sum of the terms, in their order, ``(n,)``."""
-    total, *rest = terms.values()
-    for term in rest:
-        total = total + term
-    return total
+    return reduce(torch.add, terms.values())

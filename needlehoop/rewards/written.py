@@ -1,11 +1,11 @@
-"""Rewards that are loaded from programs: a user's file, or one that a VLM wrote."""
+"""Rewards that are programs: a user's file, or what a vision-language model (VLM) wrote."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,23 +30,21 @@ KINDS = ("file", *FLAVOURS)
 """Kinds of rewards that are programs."""
 
 ANY = "any"
-"""The folder of programs that suit every set of cameras."""
+"""The folder of programs that suit every camera set."""
 
 FIRST = 1
-"""The sample that a reward is, unless another is asked for."""
-
-_KEYS = {
-    "file": {"path", "unit", "clip", "program"},
-    "vlm_text": {"cams", "results", "study", "recording", "sample", "unit", "clip", "program"},
-    "vlm_img": {"cams", "results", "study", "recording", "sample", "unit", "clip", "program"},
-}
-
-
-_UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
-"""How a program says how many metres a scene unit has."""
+"""The number of the sample that is used unless another is asked for."""
 
 CLIPPED = "clipped"
-"""The term by which a total is kept within its limits."""
+"""The term that keeps a total within its limits."""
+
+_EVERY = {"unit", "clip", "program"}
+_RECORDED = _EVERY | {"cams", "results", "study", "recording", "sample"}
+_KEYS = {"file": _EVERY | {"path"}, **dict.fromkeys(FLAVOURS, _RECORDED)}
+"""The keys of a config, by its kind."""
+
+_UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
+"""The line of a program that gives the size of a scene unit in metres."""
 
 
 class RewardError(RuntimeError):
@@ -55,13 +53,14 @@ class RewardError(RuntimeError):
 
 @dataclass(frozen=True)
 class Written:
-    """A program in use: its terms, which must be finite.
+    """A program in use. Its terms must be finite.
 
     Args:
-        program: what it computes.
-        origin: where the program came from.
-        clip: the least and the most that the total may be; what it is changed by to keep to
-            that is the term ``clipped`` (``clipped_1`` where the program has one of that name).
+        program: compiled.
+        origin: where its text came from.
+        clip: the least and the most that the total may be. The difference between the clipped
+            total and the sum of the terms is a term of its own: ``clipped``, or ``clipped_1`` if
+            the program has a term of that name.
     """
 
     program: Program
@@ -72,8 +71,8 @@ class Written:
         """Terms ``(n,)`` float64 by name.
 
         Raises:
-            RewardError: a term is not finite. Nothing is put in its place: a number made up
-                here would be learnt from.
+            RewardError: a term is not finite. No number replaces it, because the agent would
+                learn from that number.
         """
         terms = self.program(signals)
         for name, term in terms.items():
@@ -88,10 +87,12 @@ class Written:
         if self.clip is None:
             return terms
         total = potential(terms)
-        return {**terms, _free(CLIPPED, terms): total.clamp(*self.clip) - total}
+        numbered = (f"{CLIPPED}_{number}" if number else CLIPPED for number in count())
+        free = next(name for name in numbered if name not in terms)
+        return {**terms, free: total.clamp(*self.clip) - total}
 
     def text(self) -> str:
-        """For the record: where the program came from, and its source."""
+        """For the record: the program's origin and its source."""
         confined = f", clipped to {self.clip[0]:g} to {self.clip[1]:g}" if self.clip else ""
         return f"# From {self.origin}{confined}.\n{self.program.source}"
 
@@ -104,15 +105,66 @@ class Source:
     origin: str
 
 
-def _free(name: str, taken: Mapping[str, Any]) -> str:
-    """A name that is not taken: this one, or with a number."""
-    numbered = (f"{name}_{number}" for number in count(1))
-    return next(one for one in (name, *islice(numbered, len(taken))) if one not in taken)
+def load(config: Mapping[str, Any]) -> Written:
+    """The reward of a config whose ``kind`` is in ``KINDS``.
+
+    Raises:
+        ValueError: missing or unknown values, no such program, or one that is refused.
+    """
+    source = scaled(_source(config), config["unit"], "reward.unit")
+    clip = _limits(config["clip"])
+    try:
+        program = compile_program(source.text)
+    except ProgramError as error:
+        raise ValueError(f"reward: {source.origin}, {error}") from error
+    return Written(program, source.origin, clip)
 
 
-def file_name(flavour: str, sample: int = FIRST) -> str:
-    """What a program's file is called: ``image.txt``; of further samples ``image_2.txt``, …"""
-    return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
+def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reward's config with the program's text in it. No file can change it afterwards.
+
+    Raises:
+        ValueError: as in ``load``.
+    """
+    if config.get("kind") not in KINDS:
+        return dict(config)
+    source = scaled(_source(config), config["unit"], "reward.unit")
+    return {**config, "program": {"text": source.text, "origin": source.origin}}
+
+
+def read(path: Path) -> Source:
+    """The program in a file.
+
+    Raises:
+        ValueError: no plain file there, or one that is too large, empty or no text.
+    """
+    try:
+        return Source(read_text(path), str(path))
+    except UnreadableError as error:
+        raise ValueError(f"reward.path: {str(path)!r} {error}") from error
+
+
+def scaled(source: Source, unit: Any, key: str) -> Source:
+    """A program with another size of its scene unit.
+
+    Args:
+        source: the program.
+        unit: metres; ``None`` leaves the program as it is.
+        key: of the unit, for messages.
+
+    Raises:
+        ValueError: no length, or the program has no line that gives its scene unit.
+    """
+    if unit is None:
+        return source
+    if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0 < unit < float("inf"):
+        raise ValueError(f"{key}: {unit!r} is not null or a positive number of metres")
+    if len(_UNIT.findall(source.text)) != 1:
+        raise ValueError(
+            f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
+            " leave it null"
+        )
+    return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
 
 
 def find(
@@ -123,23 +175,23 @@ def find(
     recording: str | None,
     sample: int = FIRST,
 ) -> Source:
-    """The program that was written for a set of cameras.
+    """The program that was written for a camera set.
 
-    It is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, or else the
-    recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``. The
-    cameras' order does not matter; ``text`` may also stand in the folder ``any``.
+    First choice is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, then
+    the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``. The
+    cameras' order does not matter. A ``text`` program may also be in the folder ``any``.
 
     Args:
         cams: names of cameras.
         flavour: ``text`` or ``image``.
-        study: whose folder comes first; ``None``: the recording alone.
+        study: its name; ``None`` searches the recording alone.
         results: folder of all studies.
-        recording: the name of a shipped recording; ``None``: the study's folder alone.
+        recording: the name of a shipped recording; ``None`` searches the study alone.
         sample: which of several programs for the same cameras.
 
     Raises:
-        ValueError: a flavour or recording that is unknown, neither study nor recording, or no
-            program; the message has the command that makes one, if that is of use.
+        ValueError: an unknown flavour or recording, neither study nor recording, or no program.
+            If a command can make the missing program, the message has it.
     """
     chosen = tuple(cams)
     folders = _folders(flavour, study, results, recording)
@@ -160,10 +212,10 @@ def find(
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
-    """Whether there is the program that a reward's config asks for.
+    """Whether the program that a reward's config asks for exists.
 
     Raises:
-        ValueError: as in ``find``, but for a missing program that can be made.
+        ValueError: as in ``find``. A missing program that a model could write is no error.
     """
     flavour = FLAVOURS.get(config["kind"])
     if flavour is None or config["program"] is not None:
@@ -175,34 +227,16 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
     return _search(_folders(flavour, *place), _cams(config), name) is not None
 
 
+def file_name(flavour: str, sample: int = FIRST) -> str:
+    """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
+    return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
+
+
 def check_flavour(flavour: str) -> None:
-    """Raises ``ValueError`` for a flavour that there is not."""
+    """Raises ``ValueError`` for an unknown flavour."""
     if flavour not in FLAVOURS.values():
         valid = ", ".join(FLAVOURS.values())
         raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
-
-
-def _folders(flavour: str, study: str | None, results: str, recording: str | None) -> list[Path]:
-    check_flavour(flavour)
-    if study is None and recording is None:
-        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
-    own = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
-    return own if recording is None else [*own, _recording(recording) / "rewards"]
-
-
-def _search(folders: Iterable[Path], cams: tuple[str, ...], name: str) -> Source | None:
-    for folder in folders:
-        for place in (_folder_of(folder, cams), folder / ANY if name.startswith("text") else None):
-            file = None if place is None else place / name
-            if file is not None and file.is_file():
-                return read(file)
-    return None
-
-
-def _whole(sample: Any) -> int:
-    if isinstance(sample, bool) or not isinstance(sample, int) or sample < FIRST:
-        raise ValueError(f"reward.sample: {sample!r} is not {FIRST} or a whole number above")
-    return sample
 
 
 def command(
@@ -214,11 +248,34 @@ def command(
     return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} {place} vlm=gemini"
 
 
+def _folders(flavour: str, study: str | None, results: str, recording: str | None) -> list[Path]:
+    check_flavour(flavour)
+    if study is None and recording is None:
+        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
+    folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
+    if recording is not None:
+        shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
+        if recording not in shipped:
+            valid = ", ".join(shipped)
+            raise ValueError(f"recording: {recording!r} is unknown; choose from {valid}")
+        folders.append(RECORDINGS / recording / "rewards")
+    return folders
+
+
+def _search(folders: Iterable[Path], cams: tuple[str, ...], name: str) -> Source | None:
+    for folder in folders:
+        for place in (_folder_of(folder, cams), folder / ANY if name.startswith("text") else None):
+            file = None if place is None else place / name
+            if file is not None and file.is_file():
+                return read(file)
+    return None
+
+
 def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path | None:
-    """The folder of a set of cameras, by its name or by that of another order.
+    """The folder of a camera set, in the given order or in another.
 
     Raises:
-        ValueError: two other orders, and no way to tell which.
+        ValueError: there are two in other orders.
     """
     exact = folder / "+".join(cams)
     if exact.is_dir() or not folder.is_dir():
@@ -229,56 +286,10 @@ def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path | None:
     return same[0] if same else None
 
 
-def _recording(name: str) -> Path:
-    shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
-    if name not in shipped:
-        raise ValueError(f"recording: {name!r} is unknown; choose from {', '.join(shipped)}")
-    return RECORDINGS / name
-
-
-def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with the program's text in it, so that no file can change it.
-
-    Raises:
-        ValueError: as in ``load``.
-    """
-    if config.get("kind") not in KINDS:
-        return dict(config)
-    source = scaled(_source(config), config["unit"], "reward.unit")
-    return {**config, "program": {"text": source.text, "origin": source.origin}}
-
-
-def load(config: Mapping[str, Any]) -> Written:
-    """The reward of a config whose ``kind`` is in ``KINDS``.
-
-    Raises:
-        ValueError: missing or unknown values, no such program, or one that is refused.
-    """
-    source = scaled(_source(config), config["unit"], "reward.unit")
-    clip = _limits(config["clip"])
-    try:
-        program = compile_program(source.text)
-    except ProgramError as error:
-        raise ValueError(f"reward: {source.origin}, {error}") from error
-    return Written(program, source.origin, clip)
-
-
-def scaled(source: Source, unit: Any, key: str) -> Source:
-    """A program whose scene units have so many metres; ``None`` leaves it as it is.
-
-    Raises:
-        ValueError: not a length, or a program that names none; ``key`` is what gave it.
-    """
-    if unit is None:
-        return source
-    if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0 < unit < float("inf"):
-        raise ValueError(f"{key}: {unit!r} is not null or a positive number of metres")
-    if len(_UNIT.findall(source.text)) != 1:
-        raise ValueError(
-            f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
-            " leave it null"
-        )
-    return replace(source, text=_UNIT.sub(f"unit = {float(unit)!r}", source.text))
+def _whole(sample: Any) -> int:
+    if isinstance(sample, bool) or not isinstance(sample, int) or sample < FIRST:
+        raise ValueError(f"reward.sample: {sample!r} is not {FIRST} or a whole number above")
+    return sample
 
 
 def _limits(clip: Any) -> tuple[float, float] | None:
@@ -296,11 +307,10 @@ def _limits(clip: Any) -> tuple[float, float] | None:
 def _source(config: Mapping[str, Any]) -> Source:
     """The pinned program, or the one that the config points at."""
     kind = config["kind"]
-    keys = _KEYS[kind] | {"kind"}
-    if keys != set(config):
-        odd = ", ".join(sorted(keys ^ set(config)))
+    if odd := (_KEYS[kind] | {"kind"}) ^ set(config):
         raise ValueError(
-            f"reward: {odd} missing or unknown; {kind} takes {', '.join(sorted(_KEYS[kind]))}"
+            f"reward: {', '.join(sorted(odd))} missing or unknown; {kind} takes"
+            f" {', '.join(sorted(_KEYS[kind]))}"
         )
     pinned = config["program"]
     if pinned is not None:
@@ -321,20 +331,8 @@ def _cams(config: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _place(config: Mapping[str, Any]) -> tuple[str | None, str, str | None]:
-    """Study, results and shipped recording, in which a program is looked for."""
+    """The study, the results' folder and the shipped recording to search."""
     study, recording = (
         strict.structure(config[key], str | None, f"reward.{key}") for key in ("study", "recording")
     )
     return study, strict.structure(config["results"], str, "reward.results"), recording
-
-
-def read(path: Path) -> Source:
-    """The program in a file.
-
-    Raises:
-        ValueError: no plain file there, or one that is too large, empty or no text.
-    """
-    try:
-        return Source(read_text(path), str(path))
-    except UnreadableError as error:
-        raise ValueError(f"reward.path: {str(path)!r} {error}") from error

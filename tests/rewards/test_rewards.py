@@ -12,7 +12,7 @@ from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.config import composing
-from needlehoop.rewards.human import Human
+from needlehoop.rewards.built_in import Human
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import trim_mean
 from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
-from needlehoop.rewards import yardstick
+from needlehoop.rewards import reference_reward
 from needlehoop.study.data import paper
 from needlehoop.study.data.combinations import label, reward_label
 from needlehoop.study.data.findings import Findings, paper_findings, study_findings
@@ -244,7 +244,11 @@ def test_rewards_say_how_soon_each_seed_threads(findings):
 def test_points_of_another_scene_unit_say_so(tmp_path):
     pairs = [("rgb_default", "human"), ("rgb_default", "vlm_text"), ("rgb_default", "vlm_img")]
     study = write_study(tmp_path / "main", pairs, seeds=2)
-    said = {"human": {}, "vlm_text": {"human_unit": yardstick().unit}, "vlm_img": {"human_unit": 1}}
+    said = {
+        "human": {},
+        "vlm_text": {"human_unit": reference_reward().unit},
+        "vlm_img": {"human_unit": 1},
+    }
     for reward, unit in said.items():
         for path in (study / "rgb_default" / reward).glob("*/evaluation.json"):
             found = json.loads(path.read_text())

@@ -21,7 +21,7 @@ from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import NONE
-from needlehoop.rewards.human import Human
+from needlehoop.rewards.built_in import Human
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import vocabulary

@@ -1,4 +1,4 @@
-"""The paper's hand-written reward (its appendix A)."""
+"""The rewards of the package: the paper's hand-written one (its appendix A), and success alone."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ class Human:
     """Approach, grasp, lift, insert; values in ``conf/reward/human.yaml``.
 
     ``tolerance``, ``rate`` and ``reach`` shape the distance terms
-    ``exp(-rate * clamp(d - tolerance, 0, reach))``, where ``d`` is in scene units of ``unit`` m:
-    the paper gives 0.05, 4 and 100, and not the unit. That one is 1/10 m is our choice: half of
-    it would fit the size of its instrument, and is learnt from more slowly
-    (``results/README.md``). The weights are ours as well; their sum is the top of the paper's 0
-    to 9.
+    ``exp(-rate * clamp(d - tolerance, 0, reach))``, where ``d`` is in scene units of ``unit`` m.
+    The paper gives 0.05, 4 and 100 for them, and does not give the unit. We chose 1/10 m. Half
+    of it would fit the size of the paper's instrument, but agents learn from it more slowly
+    (``results/README.md``). We chose the weights too; they sum to the paper's highest value, 9.
     """
 
     unit: Positive
@@ -58,3 +57,14 @@ class Human:
     def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
         beyond = distance(a, b) - self.tolerance * self.unit
         return torch.exp(-self.rate / self.unit * beyond.clamp(0.0, self.reach * self.unit))
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """Pays ``success`` once the needle is through the hoop."""
+
+    success: Real
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` by name."""
+        return {"success": self.success * signals.threaded.double()}
