@@ -11,10 +11,9 @@ from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.rewards import written
 from needlehoop.training.options import inquiry
 from needlehoop.vlm.card import card
-from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.config import Gates
 from needlehoop.vlm.inquiry import Inquiry
-from needlehoop.vlm.workshop import open_workshop
-from needlehoop.vlm.writing import Workshop
+from needlehoop.vlm.writing import ProgramRules, program_rules
 
 
 def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
@@ -38,7 +37,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     try:
         with Inquiry(settings, asked, provider) as opened:
             flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
-            found = opened.reward(flavour, workshop(values), sample)
+            found = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
         raise written.RewardError(f"reward: no program was written: {error}") from error
     print(f"reward written to {found.paths[-1]}")
@@ -60,7 +59,7 @@ def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 
-def workshop(values: Mapping[str, Any]) -> Workshop:
+def rules_of(values: Mapping[str, Any]) -> ProgramRules:
     """The language of rewards and its judge, for a composed config."""
     gates = strict.as_type(values["gates"], Gates, "gates")
-    return open_workshop(settings_from(dict(values)), gates)
+    return program_rules(settings_from(dict(values)), gates)

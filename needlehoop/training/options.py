@@ -11,8 +11,7 @@ from needlehoop.config import strict
 from needlehoop.config.strict import Range, shown
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.rewards import NONE
-from needlehoop.vlm.asked import InquiryConfig
-from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.config import Gates, InquiryConfig
 from needlehoop.vlm.providers.contract import config_of
 
 EXISTING = ("auto", "stop", "resume")

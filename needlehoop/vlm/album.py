@@ -1,4 +1,4 @@
-"""The pictures that a model is shown: taken once, kept beside the transcript."""
+"""The pictures that a model is shown. They are drawn once and kept beside the transcript."""
 
 from __future__ import annotations
 
@@ -17,61 +17,59 @@ from needlehoop.pictures.stills import stages
 from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
-from needlehoop.vlm import edition
-from needlehoop.vlm.messages import Part, Picture
+from needlehoop.vlm import prompts
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.transcript import Transcript
 
 PICTURES = "pictures.json"
 STATES = ("start", "grasped", "lifted", "goal")
 SEEN = "seen"
-"""The start once more, in the agent's own pixels."""
+"""The start again, at the agent's own resolution."""
 
 _GAP = 48
-"""Two pictures in one are this share of their size apart."""
+"""The gap between two pictures in one is their size divided by this."""
 
 
 class Album:
     """All cameras' pictures of the stages of one episode.
 
-    They are kept because their bytes are part of what is asked: another machine may draw
-    a pixel differently, and would then find no recorded answer.
+    They are kept because their bytes are part of a request. Another machine may draw a pixel
+    differently, and its requests would then match no recorded answer.
 
     Args:
         pictures: by state (``STATES`` and ``SEEN``) and camera.
-        pixels: of the agent's images.
+        pixels: the size of the agent's images.
     """
 
-    def __init__(self, pictures: Mapping[str, Mapping[str, Picture]], pixels: int):
+    def __init__(self, pictures: Mapping[str, Mapping[str, Png]], pixels: int):
         self._pictures, self._pixels = pictures, pixels
 
     def show(self, state: str, cameras: Sequence[str]) -> list[Part]:
-        """Pictures, each after a line that says what it is."""
+        """Pictures, each after a line that names its camera and state."""
         parts: list[Part] = []
         for camera in cameras:
             parts += [f"{camera}, {state}:", self._pictures[state][camera]]
         return parts
 
     def show_seen(self, camera: str) -> list[Part]:
-        """The start in the agent's own pixels, enlarged."""
+        """The start at the agent's own resolution, enlarged."""
         n = self._pixels
         said = f"{camera}, start, as the agent sees it, {n} x {n} pixels (enlarged):"
         return [said, self._pictures[SEEN][camera]]
 
 
 def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
-    """The pictures of a record, or, where it has none yet, new ones.
+    """The pictures of a record. If it has none yet, they are drawn and saved.
 
     Args:
-        transcript: beside which they are kept.
+        transcript: the record.
         settings: the scene; its own cameras are ignored.
-        size: pixels.
+        size: pixels of a picture's side.
 
     Raises:
-        ValueError: the record shows another scene, or ``size`` is below 16.
+        ValueError: the record shows another scene, or its index is damaged.
         RuntimeError: the expert did not reach the goal state.
     """
-    if size < 16:
-        raise ValueError(f"size: {size} must be at least 16")
     index, scene = transcript.folder / PICTURES, _scene(settings, size)
     if not index.exists():
         pictures = _take(settings, size)
@@ -87,9 +85,9 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         return Album(pictures, settings.image_size)
     kept = _index(index)
     if kept["scene"] != scene:
-        others = edition.others(transcript.folder)
-        if others is not None:
-            raise ValueError(f"{transcript.path} {others}")
+        other = prompts.other_edition(transcript.folder)
+        if other is not None:
+            raise ValueError(f"{transcript.path} {other}")
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
         raise ValueError(
             f"{index} shows another scene (its {', '.join(odd)} differs); give the settings it"
@@ -105,7 +103,7 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
 
 
 def _index(path: Path) -> dict[str, Any]:
-    """Which pictures are kept, and of what scene."""
+    """The hashes of the kept pictures, and the scene they show."""
     try:
         kept = read_json(path)
     except UnreadableError as error:
@@ -138,13 +136,13 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
     return json.loads(json.dumps(values))
 
 
-def _take(settings: Settings, size: int) -> dict[str, dict[str, Picture]]:
+def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
     s = replace(settings, cams=cameras, image_size=size, num_envs=1)
     kinds = {camera.name: s.renderings[camera.rendering] for camera in s.cameras}
     taken = stages(s, *STATES)
     own = stages(replace(s, image_size=settings.image_size), "start")["start"]
-    # Whole pixels, as many as come nearest to the other pictures' size.
+    # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))
     taken[SEEN] = {name: image.repeat(times, 1).repeat(times, 2) for name, image in own.items()}
     return {
@@ -154,9 +152,9 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Picture]]:
 
 
 def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
-    """An agent's image ``(channels, h, w)`` as a picture ``(h, w', 3)`` of all that is in it.
+    """An agent's image ``(channels, h, w)`` as a picture ``(h, w', 3)`` with all its channels.
 
-    A depth channel stands in grey to the right of the colours.
+    A depth channel is shown in grey, to the right of the colours.
     """
     flat = image.transpose(1, 2, 0)
     if rendering.depth != "channel":
@@ -168,7 +166,7 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
     return np.concatenate((flat[:, :, :3], gap, depth), axis=1)
 
 
-def _png(image: np.ndarray) -> Picture:
+def _png(image: np.ndarray) -> Png:
     file = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(file, "PNG")
-    return Picture(file.getvalue())
+    return Png(file.getvalue())

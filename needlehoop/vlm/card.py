@@ -13,22 +13,23 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import potential
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals
-from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect, random_signals
 
 CHEATING = "touching the goal without threading"
-"""How a card says what the audit found; no model is told (see ``workshop``)."""
+"""How a card names the cheat. No model is told this (see ``program_rules``)."""
 
 
 @dataclass(frozen=True)
 class Card:
     """A program's figures, and why it was refused or flagged.
 
-    ``lowest`` and ``highest`` are over the recorded moments, before any clipping, and so are
-    ``random_lowest`` and ``random_highest`` over the finite ones of the random signals.
-    ``expert``, ``random`` and ``cheat`` are mean final values, clipped if asked; ``cheat`` is
-    judged at the expert's ``elapsed``, so that it does not lose by being slow. ``paid`` is the
-    share of a random policy's steps that change the value; what is never paid is never learnt.
+    ``lowest`` and ``highest`` are its values over the recorded moments, before clipping.
+    ``random_lowest`` and ``random_highest`` are its finite values over the random signals.
+    ``expert``, ``random`` and ``cheat`` are mean final values of the scripted controllers, clipped
+    if the gates say so. The cheat is judged at the expert's ``elapsed``: it must not fail by
+    being slow alone. ``paid`` is the share of a random policy's steps that change the value. An
+    agent can hardly learn from a reward that random steps never change.
     """
 
     terms: tuple[str, ...]
@@ -50,7 +51,7 @@ class Card:
 
     @property
     def passed(self) -> bool:
-        """Whether nothing refuses the program; flags do not."""
+        """Whether no gate refuses the program. Flags do not refuse."""
         return not self.reasons
 
     def as_dict(self) -> dict[str, Any]:
@@ -92,10 +93,10 @@ def card(
 
     Args:
         program: compiled.
-        settings: the environment that trajectories are recorded in; its cameras, reward
-            and number of environments do not matter.
-        gates: what is asked.
-        trajectories: of an earlier ``collect``, to save the second or two.
+        settings: the environment in which trajectories are recorded. Its cameras, its reward
+            and its number of environments do not matter.
+        gates: what the program must pass.
+        trajectories: those of an earlier ``collect``, which takes a second or two.
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
     wild = random_signals(gates.random_signals, gates.seed)
@@ -128,7 +129,7 @@ def card(
 
 
 def values_of(program: Program, seen: Trajectories, gates: Gates) -> Tensor:
-    """A program's value at every recorded moment, ``(total,)``, clipped if that is asked."""
+    """A program's value at every recorded moment, ``(total,)``, clipped if the gates say so."""
     return _judged(program, seen.moments, gates)
 
 
@@ -141,7 +142,7 @@ def _refusals(c: Card) -> tuple[str, ...]:
         if count:
             reasons.append(f"not finite on {count} of {of} {what}")
     if g.range == "refuse":
-        # Written so that NaN, which compares false with everything, is refused.
+        # "not >=" refuses NaN too, which compares false with everything.
         if not c.lowest >= g.low - g.tolerance:
             reasons.append(f"falls to {c.lowest:.3f}; the least allowed is {g.low:g}")
         if not c.highest <= g.top + g.tolerance:
@@ -176,7 +177,7 @@ def _seldom(c: Card) -> tuple[str, ...]:
 
 
 def _level(last: Mapping[str, Signals]) -> dict[str, Signals]:
-    """The last moments, with the cheat's clock put to the expert's."""
+    """The last moments, with the expert's ``elapsed`` in place of the cheat's."""
     cheat = last["cheat"].clone()
     cheat.elapsed = last["expert"].elapsed.clone()
     return {**last, "cheat": cheat}
@@ -192,7 +193,7 @@ def _judged(program: Program, signals: Signals, gates: Gates) -> Tensor:
 
 
 def _paid(program: Program, seen: Trajectories, gates: Gates) -> float:
-    """Share of random steps that change the value as it is judged."""
+    """Share of random steps that change the judged value."""
     change = _judged(program, seen.after, gates) - _judged(program, seen.before, gates)
     return float((change.abs() >= gates.paid_by).double().mean())
 

@@ -1,4 +1,4 @@
-"""A conversation: questions one after the other, each answered in a given form."""
+"""A conversation: questions one after the other, each with the form of its answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from needlehoop.vlm.messages import Message, Part, Request
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.totals import totals
+from needlehoop.vlm.tables import totals
 from needlehoop.vlm.transcript import Exchange
 
 F = TypeVar("F", bound=BaseModel)
@@ -26,27 +26,22 @@ class Attempt:
 
 
 class NoAnswerError(RuntimeError):
-    """No answer could be used, however often the question went back."""
+    """A question has no usable answer within its attempts."""
 
 
 class Conversation:
-    """What has been said to a model and by it; every request carries all of it.
+    """All that a model was asked and answered. Every request carries all of it.
 
     Args:
         recorder: who answers.
         name: for the record.
         attempts: answers to one question, at most.
-
-    Raises:
-        ValueError: fewer than one attempt.
     """
 
     def __init__(self, recorder: Recorder, name: str, attempts: int):
-        if attempts < 1:
-            raise ValueError(f"attempts: {attempts} must be at least 1")
         self._recorder, self._attempts = recorder, attempts
         self.name = name
-        """Of the requests to come; a continued conversation changes it."""
+        """The name of the next requests. It changes when another command goes on from here."""
         self._messages: tuple[Message, ...] = ()
         self.attempts: list[Attempt] = []
         """All answers so far."""
@@ -57,12 +52,12 @@ class Conversation:
         form: type[F],
         judge: Callable[[F], str | None] | None = None,
     ) -> F:
-        """A question, put until its answer can be used.
+        """Ask a question until its answer can be used.
 
         Args:
             parts: text and pictures.
             form: the answer's form.
-            judge: says why an answer of the right form can't be used; ``None`` if it can.
+            judge: gives the reason why an answer of the right form can't be used, or ``None``.
 
         Raises:
             NoAnswerError: the attempts are used up.
@@ -87,7 +82,7 @@ class Conversation:
         )
 
     def totals(self) -> dict[str, int]:
-        """Prompts, tokens and answers that could not be used, so far."""
+        """Prompts, tokens and unusable answers so far."""
         return totals_of(self.attempts)
 
     def _say(self, role: str, *parts: Part) -> None:
@@ -95,21 +90,22 @@ class Conversation:
 
 
 def totals_of(attempts: Sequence[Attempt]) -> dict[str, int]:
-    """Prompts, tokens and answers that could not be used."""
+    """Prompts, tokens and unusable answers."""
     invalid = sum(attempt.reason is not None for attempt in attempts)
     return totals([attempt.exchange for attempt in attempts], invalid)
 
 
 def models(attempts: Sequence[Attempt]) -> list[str]:
-    """Who answered, as ``provider model``, each once."""
+    """The models that answered, each once, as ``provider model``."""
     named = (f"{a.exchange.provider} {a.exchange.answered_by}" for a in attempts)
     return list(dict.fromkeys(named))
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:
-    """A form's JSON schema, without titles and descriptions: those come from our source.
+    """A form's JSON schema without titles and descriptions.
 
-    They would be part of what is hashed, and a reworded docstring would lose recordings.
+    Those come from names and docstrings. With them a reworded docstring would change the hash of
+    a request, and its recorded answer would not be found.
     """
     return _without_notes(form.model_json_schema())
 
@@ -119,14 +115,14 @@ def _without_notes(value: Any) -> Any:
         return {
             key: _without_notes(inner)
             for key, inner in value.items()
-            # As a field's name, either stands before a dict.
+            # A field may have either name; its value is a dict.
             if not (key in ("title", "description") and isinstance(inner, str))
         }
     return [_without_notes(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
-    """The answer, or the reason why it is none."""
+    """The answer, or the reason why it can't be used."""
     if exchange.outcome == "truncated":
         return None, "it was cut off at the limit of length; answer more briefly"
     try:

@@ -1,7 +1,7 @@
-"""The scene, its cameras, signals and the language of rewards in words, from what defines them.
+"""The scene, its cameras, its signals and the language of rewards, in words for a model.
 
-Numbers come from the settings. Nothing of the rewards that people wrote is said here, and none
-of the limits by which the task decides on success.
+Numbers come from the settings. A model is told nothing of the human reward, and none of the
+limits by which the task decides on success.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _GRASPED = {
 
 
 def scene(settings: Settings) -> str:
-    """What stands where, what is to be done, and what an agent can do."""
+    """What stands where, what the task is, and what an agent can do."""
     task, episode = settings.task, settings.episode
     x, y, z = task.hoop_position
     pickup = (*task.needle_position, task.needle_thickness / 2)
@@ -60,7 +60,7 @@ def scene(settings: Settings) -> str:
 
 
 def sharp_end_is_nearer(task: Layout) -> bool:
-    """Whether of a needle that lies as it is meant to, the sharp end is the one at the hoop."""
+    """Whether the sharp end of a needle in its nominal place is the end nearer to the hoop."""
     cos, sin = math.cos(task.needle_yaw), math.sin(task.needle_yaw)
     ends = task.centre_line(np.array(task.needle_angles))[:, :2] @ np.array(
         [[cos, sin], [-sin, cos]]
@@ -70,7 +70,7 @@ def sharp_end_is_nearer(task: Layout) -> bool:
 
 
 def signals(settings: Settings) -> str:
-    """The signals that a program may read: their table, and what in them is a number."""
+    """The signals that a program may read: their table and the numbers behind them."""
     task, episode = settings.task, settings.episode
     return fill(
         "signals",
@@ -89,7 +89,7 @@ def signals(settings: Settings) -> str:
 
 
 def cameras(settings: Settings, renderings: Sequence[str]) -> str:
-    """All views, some renderings, and how cameras are named."""
+    """All views, the given renderings, and how cameras are named."""
     views = settings.views
     return fill(
         "cameras",
@@ -112,7 +112,7 @@ def view(view: View) -> str:
 
 
 def rendering(rendering: Rendering) -> str:
-    """What a camera reports, and how its picture is shown to the model."""
+    """What a camera gives the agent, and how its picture is shown to the model."""
     classes = ", ".join(f"{name} {tuple(rgb)}" for name, rgb in rendering.colours.items())
     colours = {
         "rgb": "colours as an ordinary camera sees them",
@@ -146,7 +146,7 @@ def language(functions: Mapping[str, tuple[str, str]], result: str) -> str:
 
 
 def bullets(entries: Mapping[str, str]) -> str:
-    """One line for each entry: its name, then what it is."""
+    """One line for each entry: its name, then its text."""
     return "\n".join(f"- {name}: {text}" for name, text in entries.items())
 
 

@@ -1,4 +1,4 @@
-"""The forms of answers. A form's JSON schema goes to the model; its checks stay here."""
+"""The forms of answers. A form's JSON schema goes to the model; its checks run here."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Text = Annotated[str, AfterValidator(_not_empty)]
 
 
 class Form(BaseModel):
-    """An answer: all fields, and no others."""
+    """An answer with all fields and no others."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -38,8 +38,8 @@ class Subtasks(Form):
     second: Subtask
 
 
-class Program(Form):
-    """A reward program and the thoughts behind it."""
+class ProgramAnswer(Form):
+    """A reward program, and why it is as it is."""
 
     explanation: Text
     program: Text

@@ -1,4 +1,4 @@
-"""A study's dealings with a model: where they are kept and who answers."""
+"""The questions of one study to a model: asks them and writes down the answers."""
 
 from __future__ import annotations
 
@@ -12,28 +12,25 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.run import Run
 from needlehoop.study.report.table import Table
-from needlehoop.vlm import sheets
+from needlehoop.vlm import tables
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.asked import InquiryConfig
+from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
 from needlehoop.vlm.messages import Part
+from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
-from needlehoop.vlm.providers.factory import build_provider
-from needlehoop.vlm.questions import Questions, question
-from needlehoop.vlm.ranking import Lists, rank
+from needlehoop.vlm.questions import Lists, Questions, question, rank
 from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.samples import Sample, comparison
-from needlehoop.vlm.totals import of_transcript
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import Work, Workshop, reward_prompt, write_program
+from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, reward_prompt, write_program
 
 QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
 
 
 class Rewards(NamedTuple):
-    """Programs that were written: their files, what they cost, and how they differ.
+    """Accepted programs: their files, what they cost, and how they differ.
 
-    ``comparison`` is ``None`` for one.
+    ``comparison`` is ``None`` for a single program.
     """
 
     paths: tuple[Path, ...]
@@ -42,11 +39,11 @@ class Rewards(NamedTuple):
 
 
 class Inquiry(AbstractContextManager):
-    """Asks, and writes down what was answered.
+    """Asks a model and writes down its answers.
 
     Args:
         settings: the scene.
-        config: where, and how persistently.
+        config: where answers are kept, and how often a question is repeated.
         vlm: who answers.
 
     Raises:
@@ -75,8 +72,8 @@ class Inquiry(AbstractContextManager):
     def __exit__(self, *_: object) -> None:
         self._recorder.close()
         if self._files.folder.exists():
-            # Also after a failure, which was paid for as well.
-            self._files.replace(TOTALS, sheets.totals(self.totals()))
+            # Also after a failure, because that cost something too.
+            self._files.replace(TOTALS, tables.totals_csv(self.totals()))
 
     @property
     def folder(self) -> Path:
@@ -84,11 +81,14 @@ class Inquiry(AbstractContextManager):
         return self._files.folder
 
     def totals(self) -> dict[str, dict[str, int]]:
-        """What the transcript cost so far, as in ``totals.of_transcript``."""
-        return of_transcript(self.transcript.exchanges)
+        """What the transcript cost so far, as in ``totals_of_transcript``."""
+        return tables.totals_of_transcript(self.transcript.exchanges)
 
     def question(self, questions: Questions) -> dict[str, Any]:
-        """The questioning, into ``questions.json`` and ``.csv``; errors as in ``question``."""
+        """Ask the questions on cameras, into ``questions.json`` and ``.csv``.
+
+        Errors as in ``questions.question``.
+        """
         questions.check(self._settings)
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         conversation = self._begin("question")
@@ -96,9 +96,10 @@ class Inquiry(AbstractContextManager):
         return self._answered(answers, conversation)
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
-        """The rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
+        """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
-        The totals count the questionings too; errors as in ``ranking.rank_lists``.
+        Each sample begins with the questions on cameras, which the totals count too. Errors as in
+        ``questions.rank``.
         """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
@@ -117,25 +118,25 @@ class Inquiry(AbstractContextManager):
         ranked = rank(begin, lists)
         attempts = [attempt for conversation in held for attempt in conversation.attempts]
         found = self._write(RANKINGS, {"lists": ranked}, attempts)
-        self._files.write("rankings.csv", sheets.rankings(ranked))
-        self._files.write("agreement.csv", sheets.agreement(ranked))
+        self._files.write("rankings.csv", tables.rankings_csv(ranked))
+        self._files.write("agreement.csv", tables.agreement_csv(ranked))
         return found
 
-    def reward(self, flavour: str, workshop: Workshop, samples: int = FIRST) -> Rewards:
-        """Reward programs for the settings' cameras.
+    def reward(self, flavour: str, rules: ProgramRules, samples: int = FIRST) -> Rewards:
+        """Ask for reward programs for the settings' cameras.
 
-        ``text`` does not depend on cameras: sets of a study that ask for it get the same
-        recorded answers, as in the paper.
+        A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
+        recorded answers to it, as in the paper.
 
         Args:
             flavour: ``text`` or ``image``.
-            workshop: the language and its judge.
-            samples: how many, each in a conversation of its own.
+            rules: the language and its judge.
+            samples: how many programs, each from a conversation of its own.
 
         Raises:
-            ValueError: no cameras, an unknown flavour, or the programs are there already.
-            NoAnswerError: a sample of which none was accepted, once all have been asked for;
-                all attempts are in the files beside them.
+            ValueError: no cameras, an unknown flavour, or the programs exist already.
+            NoAnswerError: some sample has no accepted program. It is raised after all samples
+                were asked for, and all attempts are in files.
             RefusalError: the model would not answer.
         """
         cameras = "+".join(self._settings.cams)
@@ -150,19 +151,19 @@ class Inquiry(AbstractContextManager):
         name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
         self._clear(name)
         album = self._album() if flavour == "image" else None
-        prompt = reward_prompt(self._settings, workshop, flavour, album)
+        prompt = reward_prompt(self._settings, rules, flavour, album)
         accepted, attempts, failed = {}, [], []
         for sample in range(FIRST, FIRST + samples):
-            work = Work(self._begin(name if sample == FIRST else f"{name}/{sample}"))
+            tried = ProgramAttempts(self._begin(name if sample == FIRST else f"{name}/{sample}"))
             try:
-                source = self._write_reward(work, prompt, workshop, flavour, sample)
-                accepted[sample] = Sample(work.card, workshop.values(source))
+                source = self._write_reward(tried, prompt, rules, flavour, sample)
+                accepted[sample] = tables.AcceptedProgram(tried.card, rules.values(source))
             except NoAnswerError as error:
                 failed.append(error)
-            attempts += work.conversation.attempts
+            attempts += tried.conversation.attempts
         table = None
         if len(accepted) > 1:
-            table = comparison(f"{flavour}.samples", accepted)
+            table = tables.compared(f"{flavour}.samples", accepted)
             place = f"rewards/{cameras}/{table.name}.csv"
             self._files.write(place, table.csv())
         if failed:
@@ -171,7 +172,7 @@ class Inquiry(AbstractContextManager):
         return Rewards(paths, totals_of(attempts), table)
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
-        """Whether all samples of a reward for the settings' cameras are there."""
+        """Whether all samples of a reward for the settings' cameras exist."""
         wanted = range(FIRST, FIRST + samples)
         return all(self._reward_file(flavour, sample).exists() for sample in wanted)
 
@@ -180,16 +181,21 @@ class Inquiry(AbstractContextManager):
         return self._files.folder / "rewards" / cameras / file_name(flavour, sample)
 
     def _write_reward(
-        self, work: Work, prompt: list[Part], workshop: Workshop, flavour: str, sample: int
+        self,
+        tried: ProgramAttempts,
+        prompt: list[Part],
+        rules: ProgramRules,
+        flavour: str,
+        sample: int,
     ) -> str:
-        """One program and the attempts at it, into files; errors as in ``reward``."""
+        """Write one program and the attempts at it into files. Errors as in ``reward``."""
         path = self._reward_file(flavour, sample)
         place = path.parent.relative_to(self._files.folder)
         try:
-            program = write_program(work, prompt, workshop)
+            program = write_program(tried, prompt, rules)
         finally:
-            # Those of a failure above all.
-            rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in work.attempts())
+            # Failed attempts are kept too.
+            rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in tried.rows())
             if rows:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._files.write(f"{place / path.stem}.attempts.jsonl", rows)
@@ -203,7 +209,7 @@ class Inquiry(AbstractContextManager):
         return open_album(self.transcript, self._settings, self._config.size)
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
-        """With ``overwrite``, make way for new answers; a replay has none to give."""
+        """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""
         if not (self._config.overwrite and self._live):
             return
         self.transcript.retire(
@@ -214,13 +220,13 @@ class Inquiry(AbstractContextManager):
 
     def _answered(self, answers: dict[str, Any], conversation: Conversation) -> dict[str, Any]:
         found = self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
-        self._files.write("questions.csv", sheets.questions(answers))
+        self._files.write("questions.csv", tables.questions_csv(answers))
         return found
 
     def _write(
         self, name: str, found: dict[str, Any], attempts: Sequence[Attempt]
     ) -> dict[str, Any]:
-        """Write results with who gave them and what they cost; files of a replay are the same."""
+        """Write results with their models and their cost. A replay writes the same file."""
         whole = {**found, "models": models(attempts), "totals": totals_of(attempts)}
         self._files.folder.mkdir(parents=True, exist_ok=True)
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")

@@ -1,4 +1,4 @@
-"""What is said to a model: text and pictures in turns, and a form for the answer."""
+"""What is said to a model: text and pictures in turns, and the form of its answer."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Picture:
-    """An image as the bytes of a PNG file."""
+class Png:
+    """A picture as the bytes of a PNG file."""
 
     png: bytes
 
     @property
     def sha256(self) -> str:
-        """Of the bytes; the picture's name in records."""
+        """The hash of the bytes, which is the picture's name in records."""
         return hashlib.sha256(self.png).hexdigest()
 
 
-Part = str | Picture
+Part = str | Png
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class Message:
 
 @dataclass(frozen=True)
 class Request:
-    """A conversation so far, whose next turn is the model's.
+    """A conversation so far. The next turn is the model's.
 
-    ``schema`` is the JSON schema of the answer.
+    ``schema`` is the JSON schema of its answer.
     """
 
     messages: tuple[Message, ...]
     schema: Mapping[str, Any]
 
     def canonical(self) -> dict[str, Any]:
-        """The request as plain values, with the hashes of pictures in their place."""
+        """The request as plain values, with hashes in place of pictures."""
         return {
             "messages": [
                 {"role": message.role, "parts": [_plain(part) for part in message.parts]}
@@ -54,11 +54,11 @@ class Request:
 
     @property
     def sha256(self) -> str:
-        """Of the canonical form: what is said, shown and asked for.
+        """The hash of the canonical form: what is said, shown and asked for.
 
-        Who is asked, and with what sampling, is left out: a recording has to be found by
-        those who have neither model nor key. A transcript is of one model with one
-        sampling (see ``Recorder``), so this confuses nothing.
+        It leaves out who is asked and with what sampling, because people without a model or a
+        key must find a recording too. A transcript has one model and one sampling (see
+        ``Recorder``), so no two requests in it are confused.
         """
         text = json.dumps(
             self.canonical(), sort_keys=True, separators=(",", ":"), ensure_ascii=False
@@ -66,12 +66,12 @@ class Request:
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
-    def pictures(self) -> tuple[Picture, ...]:
+    def pictures(self) -> tuple[Png, ...]:
         """All pictures, in order."""
         return tuple(
-            part for message in self.messages for part in message.parts if isinstance(part, Picture)
+            part for message in self.messages for part in message.parts if isinstance(part, Png)
         )
 
 
 def _plain(part: Part) -> dict[str, str]:
-    return {"image": part.sha256} if isinstance(part, Picture) else {"text": part}
+    return {"image": part.sha256} if isinstance(part, Png) else {"text": part}

@@ -1,4 +1,4 @@
-"""Moments that reward programs are tried on: scripted controllers' and drawn ones."""
+"""Moments on which reward programs are judged: from scripted episodes, and drawn at random."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import NONE
 from needlehoop.scene.signals import Signals
 from needlehoop.scene.vocabulary import TABLE
-from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.config import Gates
 
 _REACH = 0.3
-"""Random points lie within this of the origin along each axis, m."""
+"""Random points lie within this distance of the origin along each axis, m."""
 _TURN = 3.2
 """Random angles lie within this of 0, rad."""
 
@@ -29,13 +29,14 @@ _JUDGED_BY = ("expert", "cheat", "random")
 
 @dataclass(frozen=True)
 class Trajectories:
-    """What the scripted controllers went through.
+    """Episodes of the scripted controllers.
 
     Args:
         moments: every moment of every episode, ``(total,)``, the starts included.
         last: each episode's last moment, ``(episodes,)``, by controller.
-        before: of every step of more random episodes, ``(steps,)``.
-        after: the same steps' ends, with the clock held still: what passes by itself is no pay.
+        before: the start of every step of more random episodes, ``(steps,)``.
+        after: the end of the same steps, with ``elapsed`` as at their start: a change that time
+            alone brings does not count as paid.
     """
 
     moments: Signals
@@ -56,9 +57,9 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         cams=(),
         num_envs=gates.episodes,
         seed=gates.seed,
-        # Not looked at: the moments are scored later, by as many programs as need be.
+        # Nobody reads this reward: programs score the moments later.
         reward=NONE,
-        # The cheat must get to stay where it is, and the expert to stop once through.
+        # The expert's episodes end at success; the cheat's touch must not end its own.
         episode=replace(settings.episode, end_on_success=True, success="thread"),
     )
     simulation, _ = build(blind)
@@ -100,11 +101,11 @@ def _episodes(steps: Iterator[Step]) -> tuple[list[Signals], Signals]:
 
 
 def random_signals(count: int, seed: int) -> Signals:
-    """``count`` moments drawn from the table: each possible by itself, together often not.
+    """``count`` moments with signals drawn one by one. Their combination is often impossible.
 
     Points within ±0.3 m, unit quaternions and axes, angles within ±3.2 rad, insertion within
-    0 to 0.24 m, shares of 0 to 1, facts true or false. Each in eight, all points coincide,
-    because that is where a division by a distance shows.
+    0 to 0.24 m, shares of 0 to 1, facts true or false. In every eighth moment all points
+    coincide, to find programs that divide by a distance.
     """
     generator = torch.Generator().manual_seed(seed)
 

@@ -1,20 +1,23 @@
-"""The questioning: what suits which part of the task, and what shows how far it has come."""
+"""The questions on cameras: which suit the task's parts, and how camera sets rank."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
+from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Subtasks, choice, choices, ranking
 from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.tables import agreement
 
 _SHOWN = ("start", "grasped", "goal")
-"""Before the question of what suits the subtasks; what is lifted comes with its own."""
+"""States to show before the question on the subtasks; ``lifted`` has a question of its own."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class Questions:
     """Values in ``conf/vlm_question.yaml``."""
 
     shown: tuple[str, ...]
-    """Renderings to show and to choose from; the first alone for the first question."""
+    """Renderings to show and to choose from; the first question shows the first one alone."""
     layouts: Mapping[str, str]
     """Ways to place cameras, to be ranked: name and description."""
 
@@ -40,19 +43,45 @@ class Questions:
                 raise ValueError(f"shown: {name!r} is unknown; choose from {valid}")
 
 
+@dataclass(frozen=True)
+class Lists:
+    """Values in ``conf/vlm_rank.yaml``."""
+
+    lists: tuple[tuple[str, ...], ...]
+    """Lists of camera sets, such as ``dep_front+seg_side``; each list is ranked by itself."""
+    samples: Samples
+    """Conversations in which the lists are ranked."""
+
+    def __post_init__(self) -> None:
+        if not self.lists:
+            raise ValueError("lists: there is nothing to rank")
+        for sets in self.lists:
+            if len(sets) < 2 or len(set(sets)) < len(sets):
+                raise ValueError(f"lists: {list(sets)} must be two or more different sets")
+
+    def check(self, settings: Settings, shown: Sequence[str]) -> None:
+        """Raises ``ValueError`` for a camera that the questions do not show."""
+        for sets in self.lists:
+            for name in sets:
+                try:
+                    parse_cameras(name.split("+"), settings.views, shown)
+                except ValueError as error:
+                    raise ValueError(f"lists: {name}: {error}") from error
+
+
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
 ) -> dict[str, Any]:
     """Put all questions, in one conversation; answers by question, as plain values.
 
     Args:
-        conversation: nothing has been said in it yet.
+        conversation: a new one.
         settings: the scene.
         album: its pictures.
         questions: what to show and to offer.
 
     Raises:
-        NoAnswerError: an answer could not be used, however often its question was put.
+        NoAnswerError: no usable answer to a question within its attempts.
         RefusalError: the model would not answer.
     """
     views, shown = list(settings.views), list(questions.shown)
@@ -81,3 +110,38 @@ def question(
         "lifted": lifted.model_dump(),
         "layouts": layouts.model_dump()["places"],
     }
+
+
+def rank(begin: Callable[[int], Conversation], lists: Lists) -> list[dict[str, Any]]:
+    """Rank the lists in one or more conversations.
+
+    Args:
+        begin: gives the conversation of a sample (1, 2, …) in which ``question`` is done.
+        lists: what to rank, and how often.
+
+    Returns:
+        For each list its camera sets (``combinations``), the rankings by sample, each the sets
+        as ``name`` and ``reason``, best first, and how far the rankings agree.
+
+    Raises:
+        NoAnswerError: no usable answer to a question within its attempts.
+        RefusalError: the model would not answer.
+    """
+    samples = [_rank_lists(begin(number), lists) for number in range(1, lists.samples + 1)]
+    return [
+        {
+            "combinations": list(sets),
+            "rankings": list(rankings),
+            "agreement": agreement([[entry["name"] for entry in places] for places in rankings]),
+        }
+        for sets, *rankings in zip(lists.lists, *samples, strict=True)
+    ]
+
+
+def _rank_lists(conversation: Conversation, lists: Lists) -> list[list[dict[str, str]]]:
+    ranked = []
+    for sets in lists.lists:
+        prompt = fill("rank", combinations="\n".join(f"- {name}" for name in sets))
+        answer = conversation.ask([prompt], ranking(sets))
+        ranked.append(answer.model_dump()["places"])
+    return ranked

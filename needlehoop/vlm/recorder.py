@@ -1,4 +1,4 @@
-"""Answers from the record where it has them, from the model where there is one."""
+"""Answers from the record if it has them, else from the model if there is one."""
 
 from __future__ import annotations
 
@@ -8,36 +8,66 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from needlehoop.vlm import edition
+from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import Request
 from needlehoop.vlm.providers.contract import AskingConfig, Provider, ProviderError, Reply
-from needlehoop.vlm.providers.retries import persist
 from needlehoop.vlm.transcript import Exchange, Transcript
 
 
+def persist(
+    ask: Callable[[], Reply], config: AskingConfig, sleep: Callable[[float], None]
+) -> tuple[Reply, tuple[int | str, ...]]:
+    """Try until there is a reply, a lasting failure, or no try left.
+
+    Nothing else decides on retries: those of the SDKs are off.
+
+    Args:
+        ask: one try.
+        config: ``tries``, ``first_wait`` and ``longest_wait``.
+        sleep: waits a number of seconds.
+
+    Returns:
+        The reply, and the status of each try.
+
+    Raises:
+        ProviderError: the last failure, with the statuses of all tries.
+    """
+    attempts: tuple[int | str, ...] = ()
+    while True:
+        try:
+            return ask(), (*attempts, config.arrived)
+        except ProviderError as error:
+            attempts = (*attempts, error.status)
+            if error.passing and len(attempts) < config.tries:
+                sleep(min(config.longest_wait, config.first_wait * 2 ** (len(attempts) - 1)))
+                continue
+            tried = f" (tried {len(attempts)} times)" if len(attempts) > 1 else ""
+            raise ProviderError(f"{error}{tried}", error.status, attempts) from None
+
+
 class MissError(ValueError):
-    """Nothing recorded answers a request."""
+    """The record has no answer to a request."""
 
 
 class RefusalError(RuntimeError):
-    """The model, or a filter before it, gave no answer."""
+    """The model, or a filter, refused to answer or gave an empty answer."""
 
 
 class Recorder:
-    """Puts requests to the record, then to a provider, whose replies join the record.
+    """Looks a request up in the record, else asks a provider and records the reply.
 
-    The same request, put again, gets the next of its recorded answers. So a session that
-    broke off goes on where it stopped and pays for nothing twice, and with everything
-    recorded a run needs no provider.
+    The same request, made again, gets the next of its recorded answers. So an interrupted
+    session continues where it stopped and pays for nothing twice. A session that is recorded
+    completely needs no provider.
 
     Args:
         transcript: the record.
-        provider: whom to ask what the record does not answer; ``None`` to replay.
+        provider: whom to ask if the record has no answer; ``None`` to replay.
         config: of the provider.
-        sleep: waits between tries, s.
+        sleep: waits a number of seconds between tries.
 
     Raises:
-        ValueError: the record is of another provider, model or sampling than ``config``'s.
+        ValueError: the record is of another provider, model or sampling than ``config``.
     """
 
     def __init__(
@@ -61,7 +91,7 @@ class Recorder:
             conversation: its name, for the record.
 
         Raises:
-            RefusalError: the model would not answer, or said nothing.
+            RefusalError: the model would not answer, or its answer is empty.
             MissError: nothing is recorded, and there is no provider.
             ProviderError: the provider could not be made to reply.
         """
@@ -71,12 +101,12 @@ class Recorder:
         return exchange
 
     def close(self) -> None:
-        """Let go of the provider's connections."""
+        """Close the provider's connections."""
         if self._provider is not None:
             self._provider.close()
 
     def _recall(self, request: Request) -> Exchange | None:
-        """The next recorded answer; what brought none counts only where nobody can be asked."""
+        """The next recorded answer. A recorded refusal counts only if nobody can be asked."""
         sha256 = request.sha256
         found = [e for e in self.transcript.exchanges if e.sha256 == sha256 and e.usable]
         position = self._used[sha256]
@@ -115,7 +145,7 @@ class Recorder:
                 time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
             )
             self.transcript.add(exchange, request)
-            edition.sign(self.transcript.folder)
+            prompts.sign(self.transcript.folder)
             return exchange
 
         try:
@@ -148,7 +178,7 @@ def _refusal(exchange: Exchange) -> str:
 
 
 def _miss(transcript: Transcript, request: Request) -> str:
-    """What is not recorded, and what is that comes nearest."""
+    """Says what is not recorded, and how the nearest recorded request differs."""
     answered = [exchange for exchange in transcript.exchanges if exchange.outcome != "failed"]
     if not answered:
         return (
@@ -162,9 +192,9 @@ def _miss(transcript: Transcript, request: Request) -> str:
             f" it ends: {_lines(wanted)[-1]!r}"
         )
 
-    others = edition.others(transcript.folder)
-    if others is not None:
-        return f"{transcript.path} {others}"
+    other = prompts.other_edition(transcript.folder)
+    if other is not None:
+        return f"{transcript.path} {other}"
 
     def likeness(exchange: Exchange) -> float:
         return difflib.SequenceMatcher(None, _lines(exchange.request), _lines(wanted)).ratio()
@@ -179,7 +209,7 @@ def _miss(transcript: Transcript, request: Request) -> str:
 
 
 def _difference(recorded: dict[str, Any], wanted: dict[str, Any]) -> str:
-    """What differs between two canonical requests, a few lines at most."""
+    """The difference of two canonical requests, in a few lines."""
     said = []
     lines = difflib.unified_diff(_lines(recorded), _lines(wanted), "recorded", "asked", "", "", 0)
     changes = [line for line in lines if not line.startswith(("---", "+++", "@@"))]

@@ -12,7 +12,7 @@ from typing import Any
 from needlehoop.runs.files import naming
 from needlehoop.runs.reading import RECORD, UnreadableError, parse_json, read_bytes
 from needlehoop.runs.run import Run
-from needlehoop.vlm.messages import Picture, Request
+from needlehoop.vlm.messages import Png, Request
 
 TRANSCRIPT, IMAGES = "transcript.jsonl", "images"
 
@@ -32,23 +32,23 @@ _KINDS: dict[str, Any] = {
     "time": str,
     "seconds": int | float,
 }
-"""Of an exchange that is read back."""
+"""The types of an exchange's fields, for one that is read back."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """One request and what came back; ``outcome`` and ``detail`` as in ``Reply``.
+    """One request and its reply; ``outcome`` and ``detail`` are as in ``Reply``.
 
-    ``attempts`` are the HTTP statuses of all tries, ``seconds`` what they took together,
-    ``time`` when they began (UTC).
+    ``attempts`` are the HTTP statuses of all tries. ``seconds`` is the time of all tries, ``time``
+    the start of the first (UTC).
     """
 
     sha256: str
-    """Of the canonical request."""
+    """The hash of the canonical request."""
     conversation: str
     """``question``, ``rank``, ``rank/2``, ``reward/text`` or ``reward/<cameras>/image``."""
     request: dict[str, Any]
-    """The canonical request."""
+    """In its canonical form."""
     provider: str
     model: str
     """The model asked for."""
@@ -65,34 +65,34 @@ class Exchange:
 
     @property
     def usable(self) -> bool:
-        """Whether the model said something that a conversation can go on from."""
+        """Whether the model gave an answer that a conversation can go on from."""
         return self.outcome in ("answered", "truncated")
 
     @property
     def asked(self) -> dict[str, Any]:
-        """Who was asked and how, as in ``LiveConfig``."""
+        """Who was asked and how, as in ``LiveConfig.asked``."""
         return {"provider": self.provider, "model": self.model, "sampling": self.sampling}
 
 
 class Transcript:
-    """The transcript in a folder, and the pictures that were shown, beside it.
+    """The transcript in a folder, with the pictures that were shown beside it.
 
     Args:
-        folder: with ``transcript.jsonl`` and ``images/``; made when something is written.
+        folder: of ``transcript.jsonl`` and ``images/``. It is made at the first writing.
 
     Raises:
-        ValueError: a line that is no exchange.
+        ValueError: a line is not an exchange.
     """
 
     def __init__(self, folder: Path):
         self.folder = folder
         self.path = folder / TRANSCRIPT
         self.torn: str | None = None
-        """What was left out of the file: a last line without its end."""
+        """What to say of a last line that is cut off and left out; ``None`` if there is none."""
         self.exchanges: list[Exchange] = list(self._read())
 
     def add(self, exchange: Exchange, request: Request) -> None:
-        """Append an exchange, and its pictures where they are new."""
+        """Append an exchange, and save its new pictures."""
         for picture in request.pictures:
             self.save(picture)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ class Transcript:
             os.fsync(file.fileno())
         self.exchanges.append(exchange)
 
-    def save(self, picture: Picture) -> None:
+    def save(self, picture: Png) -> None:
         """Keep a picture as ``images/<hash>.png``, once."""
         path = self.folder / IMAGES / f"{picture.sha256}.png"
         if not path.exists():
@@ -115,17 +115,17 @@ class Transcript:
             partial.write_bytes(picture.png)
             partial.replace(path)
 
-    def picture(self, sha256: str) -> Picture:
-        """A picture that was kept.
+    def picture(self, sha256: str) -> Png:
+        """A saved picture.
 
         Raises:
-            ValueError: it is not there, or not what its name says.
+            ValueError: it is not there, or its content does not have that hash.
         """
         path = self.folder / IMAGES / f"{sha256}.png"
         if not path.is_file():
             raise ValueError(f"{path}: missing; it belongs to the record")
         try:
-            picture = Picture(read_bytes(path, _PICTURE))
+            picture = Png(read_bytes(path, _PICTURE))
         except UnreadableError as error:
             raise ValueError(f"{path} {error}") from error
         if picture.sha256 != sha256:
@@ -133,7 +133,7 @@ class Transcript:
         return picture
 
     def retire(self, chosen: Callable[[str], bool]) -> None:
-        """Take conversations out; the whole file as it was is kept under a number."""
+        """Remove conversations by their names. The file as it was is kept under a number."""
         kept = [exchange for exchange in self.exchanges if not chosen(exchange.conversation)]
         if len(kept) < len(self.exchanges):
             Run(self.folder).write(TRANSCRIPT, "".join(map(_line, kept)))
@@ -142,7 +142,7 @@ class Transcript:
     def _read(self) -> Iterator[Exchange]:
         if not self.path.exists():
             return
-        # Bytes: the cut may be inside a character.
+        # Split as bytes: the file may be cut off inside a character.
         *lines, rest = self._bytes().split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
@@ -160,12 +160,12 @@ class Transcript:
 
 
 def _exchange(values: Any) -> Exchange:
-    """One that was read back; errors of any kind where it is none."""
+    """An exchange that is read back; an error of any kind if it is none."""
     exchange = Exchange(**{**values, "attempts": tuple(values["attempts"])})
     for name, kind in _KINDS.items():
         if not isinstance(getattr(exchange, name), kind):
             raise ValueError(f"{name} is {getattr(exchange, name)!r:.60}")
-    # Whatever is said goes out again with the next request, and into files.
+    # It must be UTF-8: it goes into files and into the next request.
     f"{exchange.answer}{exchange.detail}{exchange.request}".encode()
     for message in exchange.request["messages"]:
         if not all(isinstance(part, dict) for part in message["parts"]):

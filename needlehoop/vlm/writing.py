@@ -8,27 +8,38 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from needlehoop.envs.settings import Settings
+from needlehoop.rewards.language.functions import FUNCTIONS
+from needlehoop.rewards.language.grammar import ProgramError
+from needlehoop.rewards.language.program import compile_program
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
+from needlehoop.vlm.card import CHEATING, card, values_of
+from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import Program
+from needlehoop.vlm.forms import ProgramAnswer
 from needlehoop.vlm.messages import Part
+from needlehoop.vlm.moments import collect
 from needlehoop.vlm.prompts import fill
+
+_RESULT = (
+    "The program's value is what it last assigns to the variable reward. Assigned names may not be"
+    " those of signals or functions."
+)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a program; ``reason`` is what the model is told of a refusal."""
+    """Whether a program is accepted; ``reason`` is what the model is told of a refusal."""
 
     accepted: bool
     reason: str
     card: Mapping[str, Any]
-    """Figures, for the record."""
+    """Figures at the gates, for the record."""
 
 
 @dataclass(frozen=True)
-class Workshop:
-    """The language that rewards are written in, and who judges them."""
+class ProgramRules:
+    """The language of reward programs as a model is told it, and the judge of what it writes."""
 
     functions: Mapping[str, tuple[str, str]]
     """Signature and meaning by name."""
@@ -39,12 +50,44 @@ class Workshop:
     """The range that a program's value must keep to."""
     judge: Callable[[str], Verdict]
     values: Callable[[str], Sequence[float]]
-    """Of an accepted program, at each recorded moment."""
+    """An accepted program's value at each recorded moment."""
+
+
+def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
+    """The language as it is compiled, with the gates as its judge.
+
+    Args:
+        settings: the environment in which the gates' trajectories are recorded, once.
+        gates: what a program must pass.
+    """
+    trajectories = collect(settings, gates)
+
+    def judge(source: str) -> Verdict:
+        try:
+            program = compile_program(source)
+        except ProgramError as error:
+            return Verdict(False, str(error), {})
+        found = card(program, settings, gates, trajectories)
+        # Naming the cheat would tell the model what success is.
+        reason = "; ".join(found.reasons).replace(CHEATING, "an episode that fails at the task")
+        return Verdict(found.passed, reason, found.as_dict())
+
+    def values(source: str) -> list[float]:
+        return values_of(compile_program(source), trajectories, gates).tolist()
+
+    return ProgramRules(
+        functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},
+        result=_RESULT,
+        lowest=gates.low,
+        highest=gates.high,
+        judge=judge,
+        values=values,
+    )
 
 
 @dataclass
-class Work:
-    """The attempts at one program."""
+class ProgramAttempts:
+    """A conversation about one program, and what was found of each attempt."""
 
     conversation: Conversation
     verdicts: dict[int, tuple[str, Verdict]] = field(default_factory=dict)
@@ -55,8 +98,8 @@ class Work:
         """The last judged program's figures."""
         return self.verdicts[max(self.verdicts)][1].card
 
-    def attempts(self) -> list[dict[str, Any]]:
-        """All attempts, those in a wrong form included, as plain values."""
+    def rows(self) -> list[dict[str, Any]]:
+        """All attempts as plain values, those in a wrong form included."""
         rows = []
         for number, attempt in enumerate(self.conversation.attempts):
             source, verdict = self.verdicts.get(number, (None, None))
@@ -74,53 +117,54 @@ class Work:
         return rows
 
 
-def write_program(work: Work, prompt: list[Part], workshop: Workshop) -> str:
+def write_program(attempts: ProgramAttempts, prompt: list[Part], rules: ProgramRules) -> str:
     """Ask for a program until one is accepted; its source.
 
     Raises:
         NoAnswerError: none was accepted within the conversation's attempts.
         RefusalError: the model would not answer.
     """
+    conversation = attempts.conversation
 
-    def judge(answer: Program) -> str | None:
+    def judge(answer: ProgramAnswer) -> str | None:
         source = _bare(answer.program)
-        verdict = workshop.judge(source)
-        work.verdicts[len(work.conversation.attempts)] = source, verdict
+        verdict = rules.judge(source)
+        attempts.verdicts[len(conversation.attempts)] = source, verdict
         return None if verdict.accepted else f"the program was refused: {verdict.reason}"
 
-    return _bare(work.conversation.ask(prompt, Program, judge).program)
+    return _bare(conversation.ask(prompt, ProgramAnswer, judge).program)
 
 
 def reward_prompt(
-    settings: Settings, workshop: Workshop, flavour: str, album: Album | None = None
+    settings: Settings, rules: ProgramRules, flavour: str, album: Album | None = None
 ) -> list[Part]:
     """The text that asks for a program and, for ``image``, the cameras' start pictures.
 
     Args:
         settings: the scene, and the cameras to show.
-        workshop: the language.
+        rules: the language.
         flavour: ``text`` or ``image``.
         album: needed for ``image``.
     """
     text = fill(
         "reward",
         scene=description.scene(settings),
-        lowest=f"{workshop.lowest:g}",
-        highest=f"{workshop.highest:g}",
+        lowest=f"{rules.lowest:g}",
+        highest=f"{rules.highest:g}",
         signals=description.signals(settings),
-        language=description.language(workshop.functions, workshop.result),
+        language=description.language(rules.functions, rules.result),
     )
     if flavour == "text":
         return [text]
     assert album is not None
-    said = {
+    cameras = {
         camera.name: f"{description.view(settings.views[camera.view])};"
         f" {description.rendering(settings.renderings[camera.rendering])}"
         for camera in settings.cameras
     }
-    pixels, listed = settings.image_size, description.bullets(said)
+    pixels, listed = settings.image_size, description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
-    return [text, *album.show("start", list(said)), *album.show_seen(next(iter(said)))]
+    return [text, *album.show("start", list(cameras)), *album.show_seen(next(iter(cameras)))]
 
 
 def _bare(program: str) -> str:

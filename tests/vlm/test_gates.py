@@ -14,7 +14,7 @@ from needlehoop.rewards import written
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.scene.vocabulary import TABLE
 from needlehoop.vlm.card import card
-from needlehoop.vlm.gates import Gates
+from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect, random_signals
 
 # Tells threading from touching: the tip must be beyond the hoop's plane.

@@ -15,11 +15,11 @@ from needlehoop.config import composing
 from needlehoop.envs.settings import settings_from
 from needlehoop.rewards.written import find
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.vlm import edition
+from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers.contract import transcripts
 from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.totals import of_transcript
+from needlehoop.vlm.tables import totals_of_transcript
 from needlehoop.vlm.transcript import Transcript
 
 CLAUDE = RECORDINGS / "claude"
@@ -52,7 +52,7 @@ def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcr
 
 
 def test_it_says_with_which_prompts_it_was_made():
-    made_with = edition.read(CLAUDE)
+    made_with = prompts.edition(CLAUDE)
     assert made_with is not None
     assert made_with.commit == "8210a798af59"
     assert made_with.commit[:7] in (CLAUDE / "README.md").read_text()
@@ -74,7 +74,7 @@ def test_programs_are_those_that_were_answered(transcript):
 def test_tables_are_of_the_transcript(transcript):
     with (CLAUDE / "totals.csv").open(newline="") as file:
         rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
-    found = of_transcript(transcript.exchanges)
+    found = totals_of_transcript(transcript.exchanges)
     assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
     ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
     orders = [json.loads(e.answer).get("places") for e in ranked]

@@ -22,7 +22,7 @@ from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward
 from needlehoop.vlm.moments import random_signals
-from needlehoop.vlm.writing import Verdict, Workshop
+from needlehoop.vlm.writing import ProgramRules, Verdict
 
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"
@@ -56,8 +56,8 @@ def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
-    monkeypatch.setattr(missing_reward, "workshop", lambda _: workshop)
+    rules = ProgramRules({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
+    monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
     server.script.clear()
     server.requests.clear()
     server.otherwise = by_schema
@@ -474,7 +474,7 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
 
 
 def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
-    words[words.index("size=16")] = "missing_reward.size=16"
+    words[words.index("size=16")] = "asking.size=16"
     server.script[:] = [json.dumps({"program": GOOD, "explanation": "held"})]
     (_, run), *_ = trained(monkeypatch, *words)
     assert Path("results/main/vlm/rewards/dep_front+seg_side/image.txt").read_text() == GOOD
@@ -493,7 +493,7 @@ def test_training_asks_nobody_unless_told_to(server, monkeypatch):
 
 
 def test_training_stops_where_no_program_is_accepted(words, server, monkeypatch):
-    words[words.index("size=16")] = "missing_reward.size=16"
+    words[words.index("size=16")] = "asking.size=16"
     server.script[:] = [json.dumps({"program": "import os", "explanation": ""})] * 3
     with pytest.raises(RewardError, match="no program was written"):
         trained(monkeypatch, *words)

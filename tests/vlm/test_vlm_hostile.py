@@ -16,11 +16,10 @@ from vlm_server import KEY, Server, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
 from needlehoop.vlm.messages import Message, Request
+from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import Provider, ProviderError
-from needlehoop.vlm.providers.factory import build_provider
-from needlehoop.vlm.providers.retries import persist
 from needlehoop.vlm.providers.wire import LARGEST
-from needlehoop.vlm.recorder import Recorder, RefusalError
+from needlehoop.vlm.recorder import Recorder, RefusalError, persist
 from needlehoop.vlm.transcript import TRANSCRIPT, Transcript
 
 

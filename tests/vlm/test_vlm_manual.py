@@ -15,9 +15,9 @@ from vlm_server import by_schema
 
 from needlehoop.cli.main import main
 from needlehoop.training import missing_reward
-from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers.manual import find_json, write_request
-from needlehoop.vlm.writing import Verdict, Workshop
+from needlehoop.vlm.writing import ProgramRules, Verdict
 
 VLM = Path("results/main/vlm")
 WORDS = ["vlm=manual", "vlm.model=somebody", "vlm.poll=0.02", "size=16"]
@@ -29,8 +29,8 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    workshop = Workshop({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, lambda _: [])
-    monkeypatch.setattr(missing_reward, "workshop", lambda _: workshop)
+    rules = ProgramRules({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, lambda _: [])
+    monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
 
 
 def judge(source: str) -> Verdict:
@@ -100,7 +100,7 @@ def test_what_is_asked_can_be_read_and_its_pictures_found():
 
 
 def test_a_request_carries_what_was_said_and_numbers_all_pictures(tmp_path):
-    one, two = Picture(b"1"), Picture(b"2")
+    one, two = Png(b"1"), Png(b"2")
     messages = (
         Message("user", ("See:", one)),
         Message("assistant", ("Seen.",)),

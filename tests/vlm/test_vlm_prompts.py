@@ -29,23 +29,28 @@ from needlehoop.task.crossing import centre_line
 from needlehoop.task.expert import expert
 from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import SEEN, STATES, Album, all_channels
+from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
-from needlehoop.vlm.forms import Program
-from needlehoop.vlm.gates import Gates
-from needlehoop.vlm.messages import Picture, Request
+from needlehoop.vlm.forms import ProgramAnswer
+from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.providers.contract import LiveConfig, Reply
-from needlehoop.vlm.questions import Questions, question
-from needlehoop.vlm.ranking import Lists, rank
+from needlehoop.vlm.questions import Lists, Questions, question, rank
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.workshop import open_workshop
-from needlehoop.vlm.writing import Verdict, Work, Workshop, reward_prompt, write_program
+from needlehoop.vlm.writing import (
+    ProgramAttempts,
+    ProgramRules,
+    Verdict,
+    program_rules,
+    reward_prompt,
+    write_program,
+)
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
 FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
-WORKSHOP = Workshop(
+RULES = ProgramRules(
     FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
 )
 CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
@@ -70,7 +75,7 @@ class Obliging:
 def album(settings: Settings) -> Album:
     names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
     states = (*STATES, SEEN)
-    pictures = {s: {n: Picture(f"{s} {n}".encode()) for n in names} for s in states}
+    pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in states}
     return Album(pictures, settings.image_size)
 
 
@@ -87,8 +92,8 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     rank(begin, LISTS)
     seen = replace(settings, cams=("dep_front", "seg_side"))
     for flavour in ("text", "image"):
-        parts = reward_prompt(seen, WORKSHOP, flavour, album(seen))
-        Conversation(recorder, "reward", 1).ask(parts, Program)
+        parts = reward_prompt(seen, RULES, flavour, album(seen))
+        Conversation(recorder, "reward", 1).ask(parts, ProgramAnswer)
     return provider.asked
 
 
@@ -123,18 +128,18 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     gates = strict.as_type(composing.compose([], "check")["gates"], Gates, "gates")
     gates = replace(gates, episodes=1, random_signals=50, random_episodes=1, audit="refuse")
     quick = replace(settings, engine=replace(settings.engine, threads=1))
-    workshop = open_workshop(quick, gates)
+    rules = program_rules(quick, gates)
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
     provider = Obliging(programs)
     recorder = Recorder(Transcript(tmp_path_factory.mktemp("bad")), provider, CONFIG)
-    work = Work(Conversation(recorder, "reward", len(BAD)))
+    tried = ProgramAttempts(Conversation(recorder, "reward", len(BAD)))
     with pytest.raises(NoAnswerError):
-        write_program(work, reward_prompt(settings, workshop, "text"), workshop)
+        write_program(tried, reward_prompt(settings, rules, "text"), rules)
     return provider.asked
 
 
 def test_one_conversation_shows_every_stage(asked):
-    counts = [sum(isinstance(p, Picture) for p in r.messages[-1].parts) for r in asked]
+    counts = [sum(isinstance(p, Png) for p in r.messages[-1].parts) for r in asked]
     # Five questions, one list, a reward from text and one from text and pictures: three views
     # and one as the agent sees it; nine cameras at three stages; nine with the needle lifted.
     assert counts == [3 + 1, 3 * 9, 0, 9, 0, 0, 0, 2 + 1]
@@ -147,17 +152,17 @@ def test_pictures_come_after_a_line_that_names_them(asked, settings):
     parts = asked[1].messages[-1].parts
     for state in ("start", "grasped", "goal"):
         at = parts.index(f"dep_side, {state}:")
-        assert parts[at + 1] == Picture(f"{state} dep_side".encode())
+        assert parts[at + 1] == Png(f"{state} dep_side".encode())
     lifted = asked[3].messages[-1].parts
-    assert lifted[lifted.index("seg_front, lifted:") + 1] == Picture(b"lifted seg_front")
+    assert lifted[lifted.index("seg_front, lifted:") + 1] == Png(b"lifted seg_front")
     views, seen = asked[0].messages[0].parts[-4:-2], asked[0].messages[0].parts[-2:]
-    assert views == ("rgb_side, start:", Picture(b"start rgb_side"))
+    assert views == ("rgb_side, start:", Png(b"start rgb_side"))
     assert seen == (
         "rgb_default, start, as the agent sees it, 64 x 64 pixels (enlarged):",
-        Picture(b"seen rgb_default"),
+        Png(b"seen rgb_default"),
     )
     assert asked[7].messages[0].parts[-6:-2:2] == ("dep_front, start:", "seg_side, start:")
-    assert asked[7].messages[0].parts[-1] == Picture(b"seen dep_front")
+    assert asked[7].messages[0].parts[-1] == Png(b"seen dep_front")
 
 
 def test_a_picture_has_all_that_the_agent_is_given(settings):

@@ -13,17 +13,17 @@ from pathlib import Path
 import pytest
 from vlm_server import KEY, Server, by_schema, serve
 
-from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.messages import Message, Png, Request
+from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import (
     LiveConfig,
     Provider,
     ProviderError,
     Reply,
 )
-from needlehoop.vlm.providers.factory import build_provider
-from needlehoop.vlm.providers.retries import persist
+from needlehoop.vlm.recorder import persist
 
-PICTURE = Picture(b"\x89PNG not really")
+PICTURE = Png(b"\x89PNG not really")
 SCHEMA = {
     "type": "object",
     "properties": {"a": {"type": "string"}},

@@ -8,16 +8,15 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from needlehoop.vlm import edition
+from needlehoop.vlm import prompts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
-from needlehoop.vlm.forms import Program, Subtasks, choice, ranking
-from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.forms import ProgramAnswer, Subtasks, choice, ranking
+from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
 from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
-from needlehoop.vlm.repeats import agreement
-from needlehoop.vlm.totals import in_words, of_transcript, papers
+from needlehoop.vlm.tables import agreement, in_words, papers_totals, totals_of_transcript
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import Verdict, Work, Workshop, write_program
+from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, Verdict, write_program
 
 CONFIG = LiveConfig(
     kind="gemini",
@@ -30,7 +29,7 @@ CONFIG = LiveConfig(
     first_wait=1.0,
     longest_wait=1.0,
 )
-PICTURE = Picture(b"a picture")
+PICTURE = Png(b"a picture")
 
 
 def reply(answer: str, outcome: str = "answered", detail: str = "") -> Reply:
@@ -69,7 +68,7 @@ def request(*texts: str, schema: dict | None = None) -> Request:
 
 def test_the_hash_of_a_request_is_golden():
     messages = (
-        Message("user", ("Größe?", Picture(b"png"))),
+        Message("user", ("Größe?", Png(b"png"))),
         Message("assistant", ("12",)),
         Message("user", ("Sure?",)),
     )
@@ -84,7 +83,7 @@ def test_the_hash_of_a_request_is_golden():
         request("Which one?"),
         request("Which view?", " "),
         request("Which view?", schema={"type": "string"}),
-        Request((Message("user", ("Which view?", Picture(b"other"))),), {"type": "object"}),
+        Request((Message("user", ("Which view?", Png(b"other"))),), {"type": "object"}),
         Request((Message("assistant", ("Which view?", PICTURE)),), {"type": "object"}),
     ],
 )
@@ -150,7 +149,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     assert "+The hoop is 50 mm high." in said
     assert "altogether" not in said
 
-    other = Request((Message("user", ("Something else altogether", Picture(b"x"))),), {})
+    other = Request((Message("user", ("Something else altogether", Png(b"x"))),), {})
     with pytest.raises(MissError, match=r"images: 1 recorded, 1 asked, 0 in both; the form"):
         replay(tmp_path).ask(other, "question")
 
@@ -158,7 +157,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
 def test_a_miss_says_that_the_prompts_were_others(tmp_path):
     live(tmp_path, reply("1")).ask(request("a"), "question")
     noted = json.loads((tmp_path / "prompts.json").read_text())
-    assert noted["sha256"] == edition.sha256()
+    assert noted["sha256"] == prompts.sha256()
     # As long as they are the same, what differs is shown.
     with pytest.raises(MissError, match="differs in"):
         replay(tmp_path).ask(request("b"), "question")
@@ -179,11 +178,11 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert edition.read(tmp_path).sha256 == edition.sha256()
+    assert prompts.edition(tmp_path).sha256 == prompts.sha256()
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):
-        edition.read(tmp_path)
+        prompts.edition(tmp_path)
 
 
 def test_a_replay_without_a_recording_says_so(tmp_path):
@@ -323,8 +322,8 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     for error in (ProviderError, RefusalError):
         with pytest.raises(error):
             recorder.ask(request("else"), "reward/text")
-    found = of_transcript(Transcript(tmp_path).exchanges)
-    assert found == of_transcript(recorder.transcript.exchanges)
+    found = totals_of_transcript(Transcript(tmp_path).exchanges)
+    assert found == totals_of_transcript(recorder.transcript.exchanges)
     assert list(found) == ["question", "rank", "reward/text", "all"]
     assert found["question"] == {
         "prompts": 2,
@@ -342,7 +341,7 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     assert in_words(found["all"]) == (
         "5 prompts, 52 tokens (40 in, 12 out; 1 prompts not counted), 3 invalid answers"
     )
-    assert papers() == "25 prompts, 14137 tokens"
+    assert papers_totals() == "25 prompts, 14137 tokens"
 
 
 def places(*names: str) -> str:
@@ -400,13 +399,13 @@ def judge(source: str) -> Verdict:
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
     recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
-    work = Work(Conversation(recorder, "reward/text", 3))
-    workshop = Workshop({}, "", 0.0, 9.0, judge, lambda _: [])
-    assert write_program(work, ["write"], workshop) == "reward = 9\n"
+    tried = ProgramAttempts(Conversation(recorder, "reward/text", 3))
+    rules = ProgramRules({}, "", 0.0, 9.0, judge, lambda _: [])
+    assert write_program(tried, ["write"], rules) == "reward = 9\n"
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
-    rows = work.attempts()
+    rows = tried.rows()
     assert [row["accepted"] for row in rows] == [False, False, True]
     assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
     assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
     assert "Field required" in rows[1]["reason"]
-    assert schema_of(Program)["required"] == ["explanation", "program"]
+    assert schema_of(ProgramAnswer)["required"] == ["explanation", "program"]

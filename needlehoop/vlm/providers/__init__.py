@@ -1,1 +1,33 @@
-"""Those who answer: models behind servers. What is asked is made one floor up."""
+"""Those who answer: models behind servers, or a person with a chat window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from needlehoop.vlm.providers.contract import KINDS, AskingConfig, ManualConfig, Provider
+
+
+def build_provider(config: AskingConfig, folder: Path) -> Provider:
+    """A provider by its kind. It sends nothing yet.
+
+    Args:
+        config: whom to ask and how.
+        folder: of the study's record, for providers that ask by files.
+
+    Raises:
+        ValueError: an unknown kind, or no key.
+        RuntimeError: the provider's package is not installed.
+    """
+    if isinstance(config, ManualConfig):
+        from needlehoop.vlm.providers.manual import Manual
+
+        return Manual(config, folder)
+    if config.kind == "gemini":
+        from needlehoop.vlm.providers.gemini import Gemini
+
+        return Gemini(config)
+    if config.kind == "openai":
+        from needlehoop.vlm.providers.compatible import Compatible
+
+        return Compatible(config)
+    raise ValueError(f"vlm.kind: {config.kind!r} is unknown; choose from {', '.join(KINDS)}")

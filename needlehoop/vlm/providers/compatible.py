@@ -1,4 +1,4 @@
-"""Any server that speaks OpenAI's chat completions: OpenAI, vLLM, Ollama, …"""
+"""Any server with OpenAI's chat completions: OpenAI, vLLM, Ollama, …"""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pydantic import ConfigDict, Field
 
 from needlehoop.vlm.messages import Message, Part, Request
 from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
-from needlehoop.vlm.providers.replies import Count, ReplyPart, read_reply
 from needlehoop.vlm.providers.sdk import SdkProvider
+from needlehoop.vlm.providers.wire import Count, ReplyPart, read_reply
 
 if TYPE_CHECKING:
     import openai
@@ -79,7 +79,7 @@ class Compatible(SdkProvider):
             model=self._config.model,
             messages=messages,
             response_format={"type": "json_schema", "json_schema": form},
-            # In the body as they are: servers differ in what they take.
+            # Sent unchecked: servers differ in the settings that they take.
             extra_body=self._config.sent,
         )
         return _reply(read_reply(raw.content, _Completion, self._key), self._config.model)

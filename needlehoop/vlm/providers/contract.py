@@ -1,4 +1,4 @@
-"""Those who answer: what they are told, what they give back, how they fail."""
+"""Providers: their settings, what they return, and how they fail."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")
 
 @dataclass(frozen=True)
 class Reply:
-    """What came back from a model.
+    """What a model returned.
 
-    ``outcome`` is ``answered``, ``truncated`` (cut off at the limit of length), ``refused``
-    (by the model or by a filter) or ``empty``; ``detail`` says why, in the provider's
-    words. ``model`` is the one that answered. Tokens are ``None`` where not reported.
+    ``outcome`` is ``answered``, ``truncated`` (cut off at the limit of length), ``refused`` (by
+    the model or by a filter) or ``empty``. ``detail`` is the reason in the provider's words.
+    ``model`` is the one that answered. Tokens are ``None`` if they were not reported.
     """
 
     outcome: str
@@ -35,10 +35,10 @@ class Reply:
 
 
 class ProviderError(RuntimeError):
-    """A request that brought no reply.
+    """A request got no reply.
 
-    ``status`` is the HTTP status, or ``timeout``, ``unreachable`` or ``unreadable``;
-    ``attempts`` are the statuses of all tries, this one last.
+    ``status`` is the HTTP status, or ``timeout``, ``unreachable`` or ``unreadable``.
+    ``attempts`` are the statuses of all tries, the last one included.
     """
 
     def __init__(self, message: str, status: int | str, attempts: tuple[int | str, ...] = ()):
@@ -68,11 +68,7 @@ class ReplayConfig:
     """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own."""
 
     def folder(self, own: Path) -> Path:
-        """Where the answers are.
-
-        Args:
-            own: the study's folder.
-        """
+        """The folder of the answers; ``own`` is the study's."""
         if self.recording is None:
             return own
         shipped = transcripts()
@@ -86,28 +82,21 @@ class LiveConfig:
     kind: str
     model: str
     key: str | None
-    """Environment variable that holds the key; ``None`` for servers that ask for none."""
+    """Environment variable that holds the key; ``None`` for servers without keys."""
     base_url: str | None
     """The server's address; ``None`` is the provider's own."""
     sampling: Mapping[str, Any]
-    """Passed on by name; ``None`` is not sent."""
+    """Sent by name, except for ``None``."""
     timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
-    """Seconds that one try may take, from its first byte to its last."""
+    """Seconds that one try may take in all."""
     tries: Annotated[int, Range(1, 1000)]
     first_wait: Annotated[float, Range(0.0, 86_400.0)]
     """Seconds before the second try; they double with each further one."""
     longest_wait: Annotated[float, Range(0.0, 86_400.0)]
 
     def __post_init__(self) -> None:
-        if self.tries < 1:
-            raise ValueError(f"vlm.tries: {self.tries} must be at least 1")
-        if not self.timeout > 0:
-            raise ValueError(f"vlm.timeout: {self.timeout} must be positive")
-        for key in ("first_wait", "longest_wait"):
-            if getattr(self, key) < 0:
-                raise ValueError(f"vlm.{key}: {getattr(self, key)} is negative")
         if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
-            # Not repeated: it may be the key itself.
+            # The value is not shown: it may be the key itself.
             raise ValueError(
                 "vlm.key: give the name of an environment variable, such as GEMINI_API_KEY"
             )
@@ -151,7 +140,7 @@ class ManualConfig:
     kind: str
     model: str
     wait: Annotated[float, Range(0.0, 1e9)] | None
-    """Seconds to wait for an answer; ``None``: for ever."""
+    """Seconds to wait for an answer; ``None`` waits for ever."""
     poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
     """Seconds between two looks for it."""
 
@@ -163,10 +152,6 @@ class ManualConfig:
     def __post_init__(self) -> None:
         if not self.model.strip():
             raise ValueError("vlm.model: say who answers, for the record")
-        if self.wait is not None and self.wait < 0:
-            raise ValueError(f"vlm.wait: {self.wait} is negative")
-        if not self.poll > 0:
-            raise ValueError(f"vlm.poll: {self.poll} must be positive")
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -175,7 +160,7 @@ class ManualConfig:
 
 
 AskingConfig = LiveConfig | ManualConfig
-"""Of those who answer anew."""
+"""The settings of a provider that gives new answers."""
 
 KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
     "replay": ReplayConfig,
@@ -183,22 +168,22 @@ KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
     "openai": LiveConfig,
     "manual": ManualConfig,
 }
-"""The config of each ``vlm.kind``."""
+"""The type of settings of each ``vlm.kind``."""
 
 
 def config_of(kind: str) -> type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]:
-    """Raises ``ValueError`` for a kind that there is not."""
+    """The type of a kind's settings; ``ValueError`` for an unknown kind."""
     if kind not in KINDS:
         raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
     return KINDS[kind]
 
 
 class UnansweredError(RuntimeError):
-    """Nobody answered in the time given; nothing is lost, and nothing is recorded."""
+    """Nobody answered in time. Nothing is lost, and nothing is recorded."""
 
 
 class Provider(Protocol):
-    """A model behind a server."""
+    """Somebody who answers."""
 
     def ask(self, request: Request) -> Reply:
         """One try.
@@ -214,14 +199,14 @@ class Provider(Protocol):
 
 
 def lacking(kind: str, package: str) -> RuntimeError:
-    """The error for a provider whose package is not there."""
+    """The error for a provider whose package is not installed."""
     return RuntimeError(
         f"vlm={kind} needs {package}; install it with: pip install 'needlehoop[vlm]'"
     )
 
 
 def failure(config: LiveConfig, key: str | None, status: int | str, said: str) -> ProviderError:
-    """A ``ProviderError`` in one line, without the key and control characters of a server's."""
+    """A ``ProviderError`` in one line, without the key and without control characters."""
     if key:
         said = said.replace(key, "***")
     said = printable(re.sub(r"\s+", " ", said)).strip()[:300]

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
-from needlehoop.vlm.providers.replies import Count, ReplyPart, read_reply
 from needlehoop.vlm.providers.sdk import SdkProvider
+from needlehoop.vlm.providers.wire import Count, ReplyPart, read_reply
 
 if TYPE_CHECKING:
     from google import genai
@@ -89,7 +89,7 @@ class Gemini(SdkProvider):
             **self._config.sent,
             response_mime_type="application/json",
             response_json_schema=dict(request.schema),
-            # Read here: the SDK's own reading takes much for an answer that is none.
+            # The reply is read here: the SDK accepts much that is no valid reply.
             should_return_http_response=True,
         )
         contents: list[Any] = [self._content(message) for message in request.messages]
@@ -123,7 +123,7 @@ class Gemini(SdkProvider):
 
 
 def _reply(response: _Response, asked: str) -> Reply:
-    """The first candidate; anything but a stop or a full page is a filter's work."""
+    """The first candidate. A finish other than a stop or a full page is a filter's."""
     usage, feedback = response.usage_metadata, response.prompt_feedback
     candidate = response.candidates[0] if response.candidates else None
     parts = (candidate.content.parts or []) if candidate and candidate.content else []
@@ -145,7 +145,7 @@ def _reply(response: _Response, asked: str) -> Reply:
             outcome, detail = "truncated", finish
     spent = None
     if usage and usage.candidates_token_count is not None:
-        # Thoughts are paid for as output.
+        # Thoughts are billed as output.
         spent = usage.candidates_token_count + (usage.thoughts_token_count or 0)
     return Reply(
         outcome=outcome,

@@ -1,4 +1,4 @@
-"""Questions put into folders, for those who have a chat window and no key."""
+"""Questions in folders, for people who have a chat window and no key."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pathlib import Path
 
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
-from needlehoop.vlm.messages import Message, Picture, Request
+from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
 
 ASKED, ANSWERED = "asked", "answered"
-"""Folders of questions: those that wait, one at a time, and those that are done."""
+"""Folders of questions: the one that waits for its answer, and those that are answered."""
 
 ANSWERS = ("answer.json", "answer.md", "answer.txt")
-"""What an answer may be called."""
+"""Names that an answer's file may have."""
 
 _GUIDE = """\
 Give a vision-language model what stands below the line, with each picture at the place that
@@ -31,7 +31,7 @@ class Manual:
 
     Args:
         config: who answers, and how long to wait.
-        folder: a study's, for the folders of questions.
+        folder: of the study's record; the folders of questions are made in it.
     """
 
     def __init__(self, config: ManualConfig, folder: Path):
@@ -39,7 +39,7 @@ class Manual:
         self._done: Path | None = None
 
     def ask(self, request: Request) -> Reply:
-        """The answer, once it is there; a request that waits already goes on waiting.
+        """The answer, once its file is there. A request whose folder exists is not written again.
 
         Raises:
             UnansweredError: the time to wait is over.
@@ -53,7 +53,7 @@ class Manual:
         return Reply("answered", find_json(answer), "", self._config.model, None, None)
 
     def close(self) -> None:
-        """Put away the question that was answered last: asked once more, it is a new one."""
+        """Move the last answered question away. If it is asked again, it is a new question."""
         if self._done is not None:
             done = self._folder / ANSWERED
             done.mkdir(parents=True, exist_ok=True)
@@ -67,11 +67,11 @@ class Manual:
         began, before, said = time.monotonic(), None, False
         while True:
             answer = _read(place)
-            # The same twice: nobody is writing it any more.
+            # It has not changed since the last look, so nobody is still writing it.
             if answer is not None and answer == before:
                 return _text(*answer)
             if answer is None and not said:
-                print(self._told(place), file=sys.stderr, flush=True)
+                print(self._instruction(place), file=sys.stderr, flush=True)
                 said = True
             wait = self._config.wait
             if answer is None and wait is not None and time.monotonic() - began >= wait:
@@ -81,7 +81,7 @@ class Manual:
             before = answer
             time.sleep(self._config.poll)
 
-    def _told(self, place: Path) -> str:
+    def _instruction(self, place: Path) -> str:
         return (
             f"vlm=manual: give {place / 'request.md'} and its pictures to {self._config.model}, and"
             f" save the answer beside it as {ANSWERS[0]} (as it is: {ANSWERS[1]}); Ctrl-C stops,"
@@ -94,7 +94,7 @@ def write_request(request: Request, place: Path) -> None:
 
     Args:
         request: the conversation so far.
-        place: a folder, made here; ``request.md`` is the last file to be written.
+        place: the folder, which is made here. ``request.md`` is written last.
     """
     place.mkdir(parents=True, exist_ok=True)
     for number, picture in enumerate(request.pictures, 1):
@@ -115,9 +115,9 @@ def write_request(request: Request, place: Path) -> None:
 
 
 def find_json(said: str) -> str:
-    """The JSON object in what a model said: all of it, or what stands in a fence or in braces.
+    """The JSON object in a model's text: all of it, in a fence, or between braces.
 
-    What has none comes back as it is, to be refused as any other answer would be.
+    A text without one is returned as it is. It is refused later, like any malformed answer.
     """
     fenced = re.findall(r"^```\w*[ \t]*\n(.*?)^```", said, re.DOTALL | re.MULTILINE)
     braces = said[said.find("{") : said.rfind("}") + 1]
@@ -131,22 +131,22 @@ def find_json(said: str) -> str:
 
 
 def _in_words(request: Request) -> list[str]:
-    """Each turn as text; pictures are numbered through all of them."""
+    """Each turn as text. The pictures of all turns are numbered through."""
     numbers = count(1)
 
-    def told(message: Message) -> str:
+    def turn(message: Message) -> str:
         lines = [
-            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Picture) else f"{part}\n"
+            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Png) else f"{part}\n"
             for part in message.parts
         ]
         who = "## The model answered\n" if message.role == "assistant" else "## It was asked\n"
         return "\n".join((who, *lines) if message is not request.messages[-1] else lines)
 
-    return [told(message) for message in request.messages]
+    return [turn(message) for message in request.messages]
 
 
 def _read(place: Path) -> tuple[Path, bytes] | None:
-    """An answer with something in it, by the first name that there is."""
+    """The answer's file and its content, unless it is empty; of several files the first name."""
     found = next((place / name for name in ANSWERS if (place / name).is_file()), None)
     try:
         content = b"" if found is None else read_bytes(found)

@@ -1,4 +1,4 @@
-"""What providers that go through a company's own package have in common."""
+"""What the providers that use a company's own package (SDK) have in common."""
 
 from __future__ import annotations
 
@@ -34,20 +34,21 @@ class SdkProvider(ABC):
             self._http = careful(self._http_client(), self._config.timeout)
             self._client = self._connect(self._http)
         came: list[Reply | Exception] = []
-        # On a thread: a server that sends a byte now and then keeps every single wait short.
+        # On a thread, to bound the whole try: a server that sends a byte now and then never
+        # exceeds the limit of a single wait.
         thread = threading.Thread(target=self._try, args=(request, came), daemon=True)
         thread.start()
         thread.join(self._config.timeout)
         if not came:
-            # What is still under way is nobody's, and ends by itself.
+            # The thread goes on with the old client and ends by itself.
             self._client = None
             raise self._failure("timeout", "")
         if isinstance(came[0], Reply):
             return came[0]
-        status = self._told(came[0])
+        status = self._status_of(came[0])
         if status is None:
             raise came[0]
-        # The SDK's own error may carry what the server said of the key.
+        # Not chained: the SDK's own error may repeat the key.
         raise self._failure(*status) from None
 
     def close(self) -> None:
@@ -62,8 +63,8 @@ class SdkProvider(ABC):
         except Exception as error:
             came.append(error)
 
-    def _told(self, error: Exception) -> tuple[int | str, str] | None:
-        """As ``_status``; our own error may be wrapped in one of the SDK's."""
+    def _status_of(self, error: Exception) -> tuple[int | str, str] | None:
+        """As ``_status``. The SDK may have wrapped our own error in one of its own."""
         for one in _causes(error):
             if isinstance(one, ReplyError):
                 return "unreadable", str(one)
@@ -77,17 +78,17 @@ class SdkProvider(ABC):
 
     @abstractmethod
     def _connect(self, http: Any) -> Any:
-        """The SDK's client, on ``http``, with retries off: the policy is in ``retries`` alone."""
+        """The SDK's client, on ``http``, with its retries off: ``Recorder`` decides on them."""
 
     @abstractmethod
     def _send(self, request: Request) -> Reply:
-        """One try with ``_client``; errors are the SDK's, or ``ProviderError``."""
+        """One try with ``_client``. It raises the SDK's errors or ``ProviderError``."""
 
     @abstractmethod
     def _status(self, error: Exception) -> tuple[int | str, str] | None:
-        """An error's status as in ``ProviderError``, and what it says.
+        """An error's status as in ``ProviderError``, and its message.
 
-        ``None`` for what is no failure to communicate.
+        ``None`` if the error is no failure to communicate.
         """
 
     def _failure(self, status: int | str, said: str) -> ProviderError:
@@ -96,7 +97,7 @@ class SdkProvider(ABC):
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An error and those that it came from."""
+    """An error and its causes."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__

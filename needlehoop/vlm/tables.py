@@ -1,0 +1,189 @@
+"""A model's answers and what they cost, as tables."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from scipy.stats import kendalltau, rankdata
+
+from needlehoop.rewards.written import FIRST
+from needlehoop.runs.files import csv_text
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.study.data.answers import as_rows
+from needlehoop.study.report.table import Table
+from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.transcript import Exchange
+
+_SENT_BACK = fill("again", reason="\n").partition("\n")[0]
+"""How a message begins that sends an answer back."""
+
+
+def questions_csv(answers: Mapping[str, Any]) -> str:
+    """``question``, ``answer``, ``reason``: the rows of the paper's Table I, and Appendix B's."""
+    rows = [(row.question, row.answer, row.reason) for row in as_rows(answers)]
+    return csv_text(("question", "answer", "reason"), rows)
+
+
+def rankings_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``sample``, ``place``, ``cameras``, ``reason``; all count from 1."""
+    rows = [
+        (number, sample, place, entry["name"], entry["reason"])
+        for number, ranked in enumerate(lists, 1)
+        for sample, places in enumerate(ranked["rankings"], 1)
+        for place, entry in enumerate(places, 1)
+    ]
+    return csv_text(("list", "sample", "place", "cameras", "reason"), rows)
+
+
+def agreement_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``samples``, ``tau_b``, ``same_top``; empty cells where there is one sample."""
+    rows = []
+    for number, ranked in enumerate(lists, 1):
+        agreed = ranked["agreement"] or {"tau_b": "", "same_top": ""}
+        rows.append((number, len(ranked["rankings"]), agreed["tau_b"], agreed["same_top"]))
+    return csv_text(("list", "samples", "tau_b", "same_top"), rows)
+
+
+def totals_csv(found: Mapping[str, Mapping[str, int]]) -> str:
+    """``conversation`` and its totals, one row each; the last row, ``all``, is their sum."""
+    head = ("conversation", *found["all"])
+    return csv_text(head, [(name, *row.values()) for name, row in found.items()])
+
+
+def totals(exchanges: Sequence[Exchange], invalid: int) -> dict[str, int]:
+    """Prompts and tokens of exchanges. Tokens that were not reported count nothing.
+
+    Args:
+        exchanges: those that reached a model.
+        invalid: how many of their answers could not be used.
+    """
+    return {
+        "prompts": len(exchanges),
+        "tokens_in": sum(e.tokens_in or 0 for e in exchanges),
+        "tokens_out": sum(e.tokens_out or 0 for e in exchanges),
+        "prompts_without_token_count": sum(
+            e.tokens_in is None or e.tokens_out is None for e in exchanges
+        ),
+        "invalid_answers": invalid,
+    }
+
+
+def totals_of_transcript(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
+    """Totals by conversation, then of all of them as ``all``.
+
+    A request without a reply is not a prompt. An answer is invalid if it was cut off, refused,
+    empty or sent back. The last attempt at a question is never sent back, so a transcript does
+    not show that it was invalid; only the totals of the command that gave up do.
+    """
+    asked = [e for e in exchanges if e.outcome != "failed"]
+    sent_back = {
+        _key(messages[:-2], messages[-2])
+        for messages in (e.request["messages"] for e in asked)
+        if len(messages) > 2 and messages[-1]["parts"][0].get("text", "").startswith(_SENT_BACK)
+    }
+
+    def invalid(exchange: Exchange) -> bool:
+        answer = {"role": "assistant", "parts": [{"text": exchange.answer}]}
+        key = _key(exchange.request["messages"], answer)
+        return exchange.outcome != "answered" or key in sent_back
+
+    def of(chosen: list[Exchange]) -> dict[str, int]:
+        return totals(chosen, sum(map(invalid, chosen)))
+
+    names = dict.fromkeys(exchange.conversation for exchange in asked)
+    rows = {name: of([e for e in asked if e.conversation == name]) for name in names}
+    return {**rows, "all": of(asked)}
+
+
+def in_words(found: Mapping[str, int]) -> str:
+    """Totals in a line."""
+    tokens = found["tokens_in"] + found["tokens_out"]
+    unknown = found["prompts_without_token_count"]
+    return (
+        f"{found['prompts']} prompts, {tokens} tokens ({found['tokens_in']} in,"
+        f" {found['tokens_out']} out{f'; {unknown} prompts not counted' if unknown else ''}),"
+        f" {found['invalid_answers']} invalid answers"
+    )
+
+
+def papers_totals() -> str:
+    """The paper's totals in words; it does not say how many answers were invalid."""
+    with (RECORDINGS / "paper" / "totals.csv").open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    return f"{row['prompts']} prompts, {row['tokens']} tokens"
+
+
+def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
+    """How far repeated rankings of one list agree; ``None`` for fewer than two.
+
+    Args:
+        orders: permutations of one list, the best first.
+
+    Returns:
+        ``tau_b``: Kendall's, mean over all pairs of rankings. ``same_top``: share of the rankings
+        that have the commonest first place.
+    """
+    if len(orders) < 2:
+        return None
+    names = list(orders[0])
+    places = [[order.index(name) for name in names] for order in orders]
+    taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
+    top = Counter(order[0] for order in orders).most_common(1)[0][1]
+    return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}
+
+
+@dataclass(frozen=True)
+class AcceptedProgram:
+    """Its figures at the gates, and its values at the recorded moments."""
+
+    card: Mapping[str, Any]
+    values: Sequence[float]
+
+    def gap(self, to: str) -> float:
+        """The expert's mean final value less that of ``random`` or ``cheat``."""
+        return self.card["expert"] - self.card[to]
+
+
+def compared(name: str, programs: Mapping[int, AcceptedProgram]) -> Table:
+    """How several programs for the same cameras differ: one row each.
+
+    Args:
+        name: of the table's file.
+        programs: by the number of the sample.
+    """
+    numbers = sorted(programs)
+    rows = [
+        (
+            str(number),
+            *(f"{programs[number].gap(to):.3f}" for to in ("random", "cheat")),
+            f"{100 * programs[number].card['paid']:.1f}",
+            *(_rho(programs[number].values, programs[other].values) for other in numbers),
+        )
+        for number in numbers
+    ]
+    head = ("sample", "expert - random", "expert - cheat", "paid, %")
+    head += tuple(f"rho with {number}" for number in numbers)
+    widest = {to: max(numbers, key=lambda n: programs[n].gap(to)) for to in ("random", "cheat")}
+    note = (
+        "rho: Spearman's, of the values over the recorded trajectories. The expert stands out most"
+        f" from random actions in sample {widest['random']}, from cheating in sample"
+        f" {widest['cheat']}. Trained on: sample {FIRST}, or that of reward.sample=."
+    )
+    return Table(name, "Samples compared", head, tuple(rows), note)
+
+
+def _rho(a: Sequence[float], b: Sequence[float]) -> str:
+    """Spearman's rank correlation; nothing where one side is constant."""
+    x, y = (rankdata(side) - (len(side) + 1) / 2 for side in (a, b))
+    size = math.sqrt(float((x**2).sum() * (y**2).sum()))
+    return f"{float((x * y).sum()) / size:.3f}" if size else ""
+
+
+def _key(messages: Sequence[Any], answer: Any) -> str:
+    return repr([*messages, answer])
