@@ -81,10 +81,6 @@ class Conversation:
             " (all are recorded; more attempts= go on from there)"
         )
 
-    def totals(self) -> dict[str, int]:
-        """Prompts, tokens and unusable answers so far."""
-        return totals_of(self.attempts)
-
     def _say(self, role: str, *parts: Part) -> None:
         self._messages = (*self._messages, Message(role, parts))
 

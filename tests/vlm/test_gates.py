@@ -308,7 +308,7 @@ def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
 def test_check_reads_a_program_in_another_unit(capsys):
     paid = {}
     for unit in ("null", "0.05", "0.1"):
-        check("cams=[rgb_default]", "flavour=text", f"unit={unit}", "--json")
+        check("cams=[rgb_default]", "flavour=text", f"unit={unit}", "--json", *QUICK)
         paid[unit] = json.loads(capsys.readouterr().out)["paid"]
     assert paid["0.05"] < paid["0.1"] == paid["null"]
 

@@ -382,13 +382,16 @@ def test_programs_for_all_sets_are_one_command(study, words, server, capsys):
     sets = re.findall(r"\[[^\]]*\]", swept["hydra"]["sweeper"]["params"]["cams"])
     assert len(sets) == 14
     for cams in sets:
+        name = cams.strip("[]").replace(",", "+")
+        assert (study / f"rewards/{name}/image.txt").read_text() == "reward = 3\n"
+    for cams in (sets[0], sets[-1]):
         job = composing.compose([f"cams={cams}", "reward=vlm_img", "reward.recording=null"], "job")
         found = rewards.load(job["reward"])(random_signals(1, seed=0))
         assert float(rewards.potential(found)[0]) == 3
     capsys.readouterr()
     (study / "rewards/rgb_default/image.txt").unlink()
-    assert main(["vlm", "reward", *words, "cams=all"]) == 0
-    assert capsys.readouterr().out.count("is there already") == 13
+    assert main(["vlm", "reward", *words, "cams=[rgb_default],[dep_front,seg_side]"]) == 0
+    assert capsys.readouterr().out.count("is there already") == 1
     # What was removed is in the record.
     assert len(server.requests) == 14
 

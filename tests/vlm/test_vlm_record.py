@@ -255,7 +255,7 @@ def test_a_conversation_carries_everything_said(tmp_path):
         ("user", ("two?",)),
     ]
     assert provider.asked[1].schema == schema_of(Subtasks)
-    assert conversation.totals()["prompts"] == 2
+    assert totals_of(conversation.attempts)["prompts"] == 2
 
 
 def subtasks(name: str) -> dict:
@@ -280,7 +280,7 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, re
     correction = provider.asked[1].messages[-1].parts[0]
     assert reason in correction
     assert provider.asked[1].messages[-2].parts == (bad.answer,)
-    assert conversation.totals() == {
+    assert totals_of(conversation.attempts) == {
         "prompts": 2,
         "tokens_in": 20,
         "tokens_out": 6,
@@ -290,7 +290,7 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, re
     assert len(Transcript(tmp_path).exchanges) == 2
     again = Conversation(replay(tmp_path), "question", 3)
     assert again.ask(["?"], Subtasks).first.name == "a"
-    assert again.totals() == conversation.totals()
+    assert totals_of(again.attempts) == totals_of(conversation.attempts)
 
 
 def test_attempts_are_bounded(tmp_path):
@@ -299,7 +299,7 @@ def test_attempts_are_bounded(tmp_path):
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
-    assert conversation.totals()["invalid_answers"] == 3
+    assert totals_of(conversation.attempts)["invalid_answers"] == 3
 
 
 def test_tokens_that_nobody_counted_are_said_to_be_missing(tmp_path):

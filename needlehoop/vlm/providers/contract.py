@@ -14,8 +14,6 @@ from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.runs.terminal import printable
 from needlehoop.vlm.messages import Request
 
-OUTCOMES = ("answered", "truncated", "refused", "empty", "failed")
-
 
 @dataclass(frozen=True)
 class Reply:
