@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.api.registration import register
+from wrapt import register_post_import_hook
 
 if TYPE_CHECKING:
     import dm_env
@@ -133,4 +133,15 @@ def __getattr__(name: str) -> ModuleType:
     raise AttributeError(f"module 'needlehoop' has no attribute {name!r}")
 
 
-register()
+def _register(gymnasium: Any) -> None:
+    """Tell Gymnasium of the environment."""
+    entries = "needlehoop.api.entries"
+    gymnasium.register(
+        "needlehoop/NeedleHoop-v0",
+        entry_point=f"{entries}:single",
+        vector_entry_point=f"{entries}:batch",
+    )
+
+
+# Gymnasium takes 0.3 s to import, which is left to those who use it.
+register_post_import_hook(_register, "gymnasium")

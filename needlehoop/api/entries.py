@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 from needlehoop.api.making import settings, settings_of
@@ -12,20 +11,12 @@ from needlehoop.gym.env import METADATA, GymnasiumEnv
 from needlehoop.gym.vector import GymnasiumVectorEnv
 
 PAIR = ("dep_front", "seg_side")
-"""What is seen if nothing is said: the cameras of the first run in the README."""
+"""Cameras by default: those of the first run in the README."""
+
+_SETTINGS = ("cams", "reward", "task", "obs", "conf_dir")
 
 
-def single(
-    cams: str | Iterable[str] | None = None,
-    reward: str | Callable[..., Any] | None = None,
-    task: str | None = None,
-    obs: str | None = None,
-    overrides: Iterable[str] = (),
-    conf_dir: str | Path | None = None,
-    run: str | Path | None = None,
-    trust: bool = False,
-    **kwargs: Any,
-) -> GymnasiumEnv:
+def single(**kwargs: Any) -> GymnasiumEnv:
     """One environment.
 
     Args:
@@ -42,47 +33,26 @@ def single(
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    words = (cams, reward, task, obs, overrides, conf_dir, run, trust)
-    return GymnasiumEnv(_settings(1, *words), **kwargs)
+    return GymnasiumEnv(_settings(1, kwargs), **kwargs)
 
 
 # Gymnasium reads it before the call, to wrap environments for modes that they do not have.
 single.metadata = METADATA  # pyright: ignore[reportFunctionMemberAccess]
 
 
-def batch(
-    num_envs: int,
-    cams: str | Iterable[str] | None = None,
-    reward: str | Callable[..., Any] | None = None,
-    task: str | None = None,
-    obs: str | None = None,
-    overrides: Iterable[str] = (),
-    conf_dir: str | Path | None = None,
-    run: str | Path | None = None,
-    trust: bool = False,
-    **kwargs: Any,
-) -> GymnasiumVectorEnv:
+def batch(num_envs: int, **kwargs: Any) -> GymnasiumVectorEnv:
     """``num_envs`` environments; arguments as in ``single``, and ``autoreset_mode``."""
-    words = (cams, reward, task, obs, overrides, conf_dir, run, trust)
-    return GymnasiumVectorEnv(_settings(num_envs, *words), **kwargs)
+    return GymnasiumVectorEnv(_settings(num_envs, kwargs), **kwargs)
 
 
-def _settings(
-    num_envs: int,
-    cams: str | Iterable[str] | None,
-    reward: str | Callable[..., Any] | None,
-    task: str | None,
-    obs: str | None,
-    overrides: Iterable[str],
-    conf_dir: str | Path | None,
-    run: str | Path | None,
-    trust: bool,
-) -> Settings:
-    words = list(overrides)
-    if run is None:
-        chosen, paid = PAIR if cams is None else cams, reward or "human"
-        more = {"task": task, "obs": obs, "conf_dir": conf_dir}
-        return settings(chosen, paid, words, num_envs=num_envs, **more)
-    if words or any(value is not None for value in (cams, reward, task, obs, conf_dir)):
-        raise ValueError("run: its environment has settings of its own; give no others with it")
-    return settings_of(run, num_envs, None, trust)
+def _settings(num_envs: int, kwargs: dict[str, Any]) -> Settings:
+    """The settings that are among ``kwargs``, which are taken out of it."""
+    given = {key: kwargs.pop(key, None) for key in _SETTINGS}
+    overrides: Iterable[str] = kwargs.pop("overrides", ())
+    run, trust = kwargs.pop("run", None), kwargs.pop("trust", False)
+    if run is not None:
+        if overrides or any(value is not None for value in given.values()):
+            raise ValueError("run: its environment has settings of its own; give no others with it")
+        return settings_of(run, num_envs, None, trust)
+    cams, reward = given.pop("cams"), given.pop("reward") or "human"
+    return settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **given)

@@ -1,15 +1,15 @@
-"""From names, or from a run, to an environment's settings: for ``make_env`` and its kin."""
+"""An environment's settings from names, or from a run: for ``make_env`` and the like."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Seed
+from needlehoop.config.strict import Count, Seed, shown
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.learning.job import recorded_job
 from needlehoop.runs.files import listed
@@ -33,12 +33,13 @@ def settings(
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
-    names = [name for word in listed(cams) for name in word.split("+")]
+    chosen = listed(cams) if isinstance(cams, str) else _texts("cams", cams)
+    names = [name for word in chosen for name in word.split("+")]
     named = {"cams": f"[{','.join(names)}]", "reward": reward, **more}
     if callable(reward):
         del named["reward"]
     words = [f"{key}={value}" for key, value in named.items() if value is not None]
-    found = compose_settings([*words, *overrides])
+    found = compose_settings([*words, *_texts("overrides", overrides)])
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
@@ -54,6 +55,8 @@ def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = 
     Raises:
         ValueError: no run there, no such number or seed, or code without ``trust``.
     """
+    if not isinstance(run, str | Path):
+        raise ValueError(f"run: {shown(run)} is no folder")
     job = recorded_job(Run.open(Path(run)).config(), trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
@@ -61,3 +64,12 @@ def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = 
         num_envs=strict.structure(num_envs, Count, "num_envs"),
         seed=strict.structure(chosen, Seed, "seed"),
     )
+
+
+def _texts(key: str, given: Any) -> list[str]:
+    """Raises ``ValueError`` for anything but a list of texts."""
+    is_list = isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping)
+    found: list[Any] = list(given) if is_list else []
+    if not is_list or not all(isinstance(one, str) for one in found):
+        raise ValueError(f"{key}: {shown(given)} is no list of texts")
+    return found

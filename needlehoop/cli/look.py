@@ -7,13 +7,11 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from needlehoop.cli.command import add_command
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Range
-
-Pixels = Annotated[int, Range(1, 4096)]
+from needlehoop.config.strict import Count, Pixels
 
 
 def add_commands(commands: Any) -> None:

@@ -1,30 +1,34 @@
-"""Options that are made and not files: cameras, and the models that experiments sweep over."""
+"""Hydra's options that are no files: cameras, and the models that experiments sweep over."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from needlehoop.config.strict import shown
+from needlehoop.runs.reading import UnreadableError, read_yaml
 
 CAMERAS = "cameras"
-"""Where a composed config holds the options of the group ``cams`` that were chosen."""
+"""The key of the chosen cameras in a composed config."""
 
 
 _LONGEST = 100
-"""Characters of an option's name: it is that of a file."""
+"""Characters of an option's name, at most: it is the name of a file."""
 
 
-def register(*folders: Path) -> None:
-    """Tell Hydra of what follows from the files of config folders.
+def register(words: Sequence[str], *folders: Path) -> None:
+    """Tell Hydra which cameras and models there are.
 
-    Reading the folders keeps a new view or rendering a matter of one file: all of them are in
-    an environment's config, and every pair of them is an option of the group ``cams``.
+    Args:
+        words: the command line.
+        folders: the shipped one first.
+
+    A new view or rendering is one new file: every file is part of an environment's config, and
+    every pair of view and rendering is an option of the group ``cams``.
     """
     store = ConfigStore.instance()
     found = {
@@ -35,30 +39,30 @@ def register(*folders: Path) -> None:
         {f"{group}@{group}s.{name}": name} for group, names in found.items() for name in names
     ]
     store.store(name="views_and_renderings", node={"defaults": defaults})
-    # What an earlier call told of another folder is no longer true.
+    # An earlier call may have registered another folder.
     store.repo.pop("cams", None)
     for rendering in found["rendering"]:
         for view in found["view"]:
             name = f"{rendering}_{view}"
             node = {"view": view, "rendering": rendering}
             store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
-    for name in (name for folder in folders for name in _models(folder)):
+    for name in _models(words, folders):
         cameras, _, reward = name.rpartition(".")
         node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}
         store.store(group="model", name=name, node=node, package="_global_")
 
 
 def check_choice(overrides: Iterable[str], conf: Path) -> None:
-    """What Hydra lets pass, or stumbles over, in the choice of options.
+    """Check chosen options where Hydra itself says nothing, or nothing clear.
 
     Args:
         overrides: as Hydra takes them, sweeps included.
         conf: folder of the groups.
 
     Raises:
-        ValueError: a choice of ``cams`` that is no list of names, or has one of them twice; of
-            another group, one that is no name.
-        HydraException: what is no override at all.
+        ValueError: ``cams`` is no list of names or repeats one, or the choice of another group
+            is no name.
+        HydraException: a word is no override.
     """
     groups = {folder.name for folder in conf.iterdir() if folder.is_dir()}
     for override in OverridesParser.create().parse_overrides(list(overrides)):
@@ -84,10 +88,10 @@ def _check_cams(chosen: Any) -> None:
 
 
 def check_cameras(cameras: Mapping[str, Any]) -> None:
-    """Whether the chosen cameras of a composed config, by name, are what their names say.
+    """Check that the chosen cameras of a composed config are what their names say.
 
     Raises:
-        ValueError: one was given another view or rendering.
+        ValueError: one has another view or rendering.
     """
     for name, camera in cameras.items():
         if not isinstance(camera, Mapping) or name != "_".join(
@@ -104,12 +108,19 @@ def options(folder: Path, group: str) -> list[str]:
     return sorted(file.stem for file in (folder / group).glob("*.yaml"))
 
 
-def _models(conf: Path) -> list[str]:
-    """What experiments sweep over as ``+model``: cameras and reward in one word."""
-    found = []
-    for file in sorted((conf / "experiment").glob("*.yaml")):
-        # Not every experiment is a sweep.
-        hydra = yaml.safe_load(file.read_text()).get("hydra", {})
-        params = hydra.get("sweeper", {}).get("params", {})
-        found += [name.strip() for name in params.get("+model", "").split(",") if name.strip()]
-    return found
+def _models(words: Iterable[str], folders: Sequence[Path]) -> list[str]:
+    """Values of ``+model`` (cameras and reward in one word), typed or of a chosen experiment."""
+    found = [word.partition("=")[2] for word in words if word.startswith("+model=")]
+    chosen = {word.partition("=")[2] for word in words if word.startswith("+experiment=")}
+    for file in (folder / "experiment" / f"{name}.yaml" for folder in folders for name in chosen):
+        if file.exists():
+            try:
+                values: Any = read_yaml(file)
+            except UnreadableError as error:
+                raise ValueError(f"experiment: {file} {error}") from error
+            # Not every experiment is a sweep.
+            for key in ("hydra", "sweeper", "params", "+model"):
+                values = values.get(key) if isinstance(values, Mapping) else None
+            found += [values] if isinstance(values, str) else []
+    names = [name.strip() for text in found for name in text.split(",")]
+    return [name for name in names if "." in name]

@@ -1,7 +1,8 @@
-"""From Hydra's YAML and overrides to plain values. Nothing outside this room knows omegaconf."""
+"""From Hydra's YAML and overrides to plain values. No other room knows omegaconf."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,6 +18,30 @@ from omegaconf.errors import OmegaConfBaseException
 from needlehoop.config import camera_groups, own_folder
 from needlehoop.runs.shipped import CONF
 
+_typed: set[str] | None = None
+"""Environment variables that were typed; ``None`` where a launcher's process does not know yet."""
+
+
+def allow_variables(words: Iterable[str]) -> None:
+    """From now on ``${oc.env:NAME}`` is read where these words name it, and nowhere else.
+
+    A config file of somebody else's could otherwise carry a secret into a run's files.
+    """
+    global _typed
+    _typed = {name for word in words for name in re.findall(r"\$\{oc\.env:\s*(\w+)", word)}
+
+
+def _variable(name: str, *default: Any) -> Any:
+    """OmegaConf's ``oc.env``, for variables that were typed."""
+    if _typed is not None and name not in _typed:
+        raise ValueError(f"environment variables are read only where you type them: {name}")
+    if name not in os.environ and not default:
+        raise ValueError(f"the environment variable {name} is not set")
+    return os.environ.get(name, *default)
+
+
+OmegaConf.register_new_resolver("oc.env", _variable, replace=True)
+
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
     """A config of ``conf/`` with overrides, as plain values.
@@ -25,14 +50,12 @@ def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any
         ValueError: an unknown key, option or value; the message lists the valid ones.
     """
     words, folders = prepare(overrides)
-    places = ",".join(repr(f"file://{folder}") for folder in folders)
-    searched = [f"hydra.searchpath=[{places}]"] if places else []
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose_here([*words, *searched], config)
+        return compose_here([*words, *own_folder.search_path(folders)], config)
 
 
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
-    """The same where Hydra is set up, and knows the options, already."""
+    """The same, where Hydra is set up and knows the options already."""
     try:
         camera_groups.check_choice(overrides, CONF)
         return plain(hydra_compose(config, overrides=list(overrides)))
@@ -44,10 +67,10 @@ def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
 
 
 def check_choice(words: Iterable[str]) -> None:
-    """Whether the words of a sweep choose cameras as Hydra takes them.
+    """Check the choices of options in the words of a sweep.
 
     Raises:
-        ValueError: they do not, or a word is no override.
+        ValueError: a bad choice, or a word is no override.
     """
     try:
         camera_groups.check_choice(words, CONF)
@@ -58,7 +81,7 @@ def check_choice(words: Iterable[str]) -> None:
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
-    Under ``-m`` a bare comma list stays what Hydra makes of it: a sweep.
+    Under ``-m`` a bare comma list stays a sweep.
     """
     given = list(words)
     if {"-m", "--multirun"} & set(given):
@@ -77,15 +100,16 @@ def quoted(word: str) -> str:
 
 
 def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
-    """A command line as Hydra takes it, and the folders of one's own that it named.
+    """A command line as Hydra takes it, and the folders that ``conf_dir=`` named.
 
-    Hydra is told of the options that are not files, here and in those folders.
+    Also registers the options that are no files.
 
     Raises:
         ValueError: ``conf_dir`` is no config folder.
     """
     rest, folders = own_folder.part(words)
-    camera_groups.register(CONF, *folders)
+    allow_variables(rest)
+    camera_groups.register(rest, CONF, *folders)
     return in_brackets(rest), folders
 
 
@@ -103,7 +127,7 @@ def plain(composed: DictConfig) -> dict[str, Any]:
 
 
 def _explain(error: Exception, config: str) -> str:
-    """Hydra's message; for an unknown key or option, with those that there are."""
+    """Hydra's message; an unknown key or option comes with the valid ones."""
     text = str(error)
     if option := re.search(r"Could not load '([^']+)/[^']+'", text):
         # One of several options of a group; of a single one, Hydra itself lists the others.

@@ -1,7 +1,7 @@
 """The one converter: from plain values, as a config has them, to what a dataclass's fields say.
 
-It makes nothing up: no text for a number, no ``off`` for false, no NaN, no ``None`` for a name.
-What numbers a field may have stands with it: ``steps: Annotated[int, Range(1)]``.
+It guesses nothing: no text for a number, no ``off`` for false, no NaN, no ``None`` for a name.
+A field's type has its range: ``steps: Annotated[int, Range(1)]``.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
 
-from needlehoop.runs.terminal import printable
+from needlehoop.runs.reading import printable
 
 T = TypeVar("T")
 
 _LONGEST = 1_000
-"""Characters of a text, at most."""
+"""Characters of a text field, at most."""
 
 _LONGEST_PROGRAM = 100_000
-"""Of one that is no field of its own: a program's."""
+"""Characters of a text in a free mapping, such as a reward's program, at most."""
 
 _SHOWN = 60
-"""Of a value, at most, in an error."""
+"""Characters of a value in an error, at most."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """What a number may be, the ends included; ``above`` leaves the lower one out."""
+    """The range of a number, ends included; ``above`` excludes the lower end."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -53,24 +53,27 @@ class Range:
 _MANY = 1_000_000_000
 
 Count = Annotated[int, Range(1, _MANY)]
-"""Of what there must be one."""
+"""A count of at least 1."""
 
 Number = Annotated[int, Range(0, _MANY)]
-"""Of what there may be none."""
+"""A count that may be 0."""
 
 Seed = Annotated[int, Range(0, 2**63 - 2)]
-"""That of torch and numpy, and of which there is a next one."""
+"""A seed that torch and numpy take, and after which there is a next one."""
 
 Positive = Annotated[float, Range(0.0, 1e9, above=True)]
 Amount = Annotated[float, Range(0.0, 1e9)]
 """A number that is not negative."""
+
+Pixels = Annotated[int, Range(1, 4096)]
+"""Side of a picture for people, px."""
 
 Real = Annotated[float, Range(-1e9, 1e9)]
 Share = Annotated[float, Range(0.0, 1.0)]
 
 
 class _BelowError(ValueError):
-    """What is wrong below a key, a line each, with the rest of the way."""
+    """Errors in a mapping: a line each, which begins with the keys that lead there."""
 
     def __init__(self, lines: list[str]):
         super().__init__("; ".join(lines))
@@ -134,13 +137,13 @@ def _flatten(error: BaseException, path: str = "") -> Iterable[str]:
 
 
 def shown(value: Any) -> str:
-    """A value in an error, in a line."""
+    """A value as one short line, for errors."""
     text = printable(repr(value))
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
 
 
 def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:
-    """Raises ``ValueError`` for a name of a setting's that is not valid, or is there twice."""
+    """Raises ``ValueError`` for an unknown or repeated name in a setting."""
     for name in names:
         if name not in valid:
             raise ValueError(f"{key}: {name!r} is unknown; choose from {', '.join(valid)}")
@@ -188,14 +191,14 @@ def _maybe(value: Any, kind: Any) -> Any:
 
 
 def _by_kind(value: Any, union: Any) -> Any:
-    """Of two dataclasses, that which has a ``kind``, for values that have one, or the other."""
+    """A union of two dataclasses: values with a ``kind`` are of the one that has that field."""
     named = isinstance(value, Mapping) and "kind" in value
     (own,) = (one for one in get_args(union) if ("kind" in one.__dataclass_fields__) is named)
     return _converter.structure(value, own)
 
 
 def _names(value: Any, _: Any) -> tuple[str, ...]:
-    """A list of names, or one text with commas between them."""
+    """A list of names, also as one text with commas."""
     names = value.split(",") if isinstance(value, str) else value
     if not isinstance(names, list | tuple):
         raise ValueError(f"{shown(value)} is no list of names")
@@ -250,7 +253,7 @@ def _ranged(value: Any, kind: Any) -> Any:
 
 
 def _keyed(kind: Any) -> Any:
-    """A dataclass from keys: the hook for one."""
+    """The hook that makes a dataclass from a mapping."""
     # cattrs reads the types of fields without what is annotated to them.
     hints = get_type_hints(kind, include_extras=True)
     hooks: Any = {

@@ -1,7 +1,7 @@
 """The task for Gymnasium's users: Env, VectorEnv, Stable-Baselines3's VecEnv. Extra ``gym``."""
 
 try:
-    # 1.0, whose vector environments know one way of resetting, is too old as well.
+    # 1.0 is too old: its vector environments know one way of resetting.
     from gymnasium.vector import AutoresetMode as _AutoresetMode  # noqa: F401
 except ImportError as error:
     raise ImportError(

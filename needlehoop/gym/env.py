@@ -7,11 +7,11 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.screen import MODES, Picture, check_mode
-from needlehoop.gym.stage import Stage, info, row
+from needlehoop.gym.stage import MODES, Picture, Stage, check_mode, check_options, info, row
 from needlehoop.pictures.window import Window, has_display
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
@@ -63,7 +63,7 @@ class GymnasiumEnv(gymnasium.Env):
             )
         self.observation_space = self._stage.observation_space
         self.action_space = self._stage.action_space
-        # What can be had here, where METADATA has what can be asked for.
+        # METADATA has every mode; this has those that work on this machine.
         modes = [mode for mode in MODES if mode != "human" or has_display()]
         self.metadata = {"render_modes": modes, "render_fps": 1.0 / settings.period}
 
@@ -75,7 +75,12 @@ class GymnasiumEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode; there are no options."""
+        """Begin an episode.
+
+        Raises:
+            Error: options, of which there are none, or a seed that is no whole number from 0 on.
+        """
+        check_options(options)
         super().reset(seed=seed)
         if seed is None and self.simulation.state is None:
             seed = self.np_random_seed
@@ -85,8 +90,16 @@ class GymnasiumEnv(gymnasium.Env):
     def step(
         self, action: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """One control step."""
-        moment = self._stage.step(np.asarray(action)[None])
+        """One control step.
+
+        Raises:
+            ResetNeeded: before the first reset.
+            InvalidAction: not ``(action_size,)`` real numbers.
+            ValueError: a number that is not finite.
+        """
+        if self.simulation.state is None:
+            raise ResetNeeded("reset the environment before the first step")
+        moment = self._stage.step(self._stage.numbers(action)[None])
         seen, known = self._seen(moment)
         ends = bool(moment.terminated[0]), bool(moment.truncated[0])
         return seen, float(moment.reward[0]), *ends, known

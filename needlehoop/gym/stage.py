@@ -1,18 +1,27 @@
-"""Simulation and observer with numpy on the outside: what Env and VectorEnv share."""
+"""What Env and VectorEnv share: simulation and observer, with numpy on the outside."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.error import Error, InvalidAction
 from torch import Tensor
 
+from needlehoop.config import strict
+from needlehoop.config.strict import Pixels, shown
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.pictures.stills import Photographer
+
+MODES = ("human", "rgb_array")
+"""Values of ``render_mode``."""
 
 CHANNELS = ("last", "first")
 """Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
@@ -27,9 +36,19 @@ class Stage:
 
     Raises:
         ValueError: settings that do not go together, or nothing to observe; names the key.
+        Error: this process was forked from one whose environments had been used.
     """
 
+    _used_in: int | None = None
+    """The process in which an environment was used first: its threads are not in a fork."""
+
     def __init__(self, settings: Settings, channels: str):
+        if Stage._used_in not in (None, os.getpid()):
+            raise Error(
+                "environments were used before this process was forked, and would hang or crash"
+                ' here; use AsyncVectorEnv(..., context="spawn"), or make_vec, which needs no'
+                " processes"
+            )
         if channels not in CHANNELS:
             raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
         if not (settings.cams or vectors(settings.obs)):
@@ -59,6 +78,7 @@ class Stage:
 
         With a seed, everywhere that seed's first.
         """
+        Stage._used_in = os.getpid()
         if seed is not None:
             self.simulation.reseed(seed)
         if self.simulation.state is None:
@@ -69,6 +89,21 @@ class Stage:
         """One control step of every environment under ``action`` ``(n, action_size)``."""
         # A copy: torch would warn of arrays that it may not write to.
         return self.simulation.step(torch.from_numpy(np.array(action, dtype=np.float64)))
+
+    def numbers(self, action: Any, count: int | None = None) -> np.ndarray:
+        """An action, or ``count`` of them, as an array of real numbers.
+
+        Raises:
+            InvalidAction: something else, or another shape.
+        """
+        found = np.asarray(action)
+        size = self.action_space.shape
+        shape = size if count is None else (count, *size)
+        if found.dtype.kind not in "iuf" or found.shape != shape:
+            raise InvalidAction(
+                f"action: {found.dtype} {found.shape}; expected real numbers {shape} in [-1, 1]"
+            )
+        return found
 
     def look(self, moment: Moment, ids: Tensor | None = None) -> dict[str, np.ndarray]:
         """What all ``n`` environments observe, as new arrays by name.
@@ -83,9 +118,43 @@ class Stage:
             name: image.permute(0, 2, 3, 1) if self._last else image
             for name, image in pixels.items()
         }
-        # The observer keeps its images; what is handed out may be written to.
+        # Copies: the observer keeps its images, and callers may write to theirs.
         vectors: dict[str, Any] = seen
         return {name: _array(value) for name, value in (turned | vectors).items()}
+
+
+def check_mode(mode: str | None, modes: Iterable[str], size: Any) -> None:
+    """Raises ``ValueError`` for a mode that is not among ``modes``, or a bad ``render_size``."""
+    if mode is not None and mode not in modes:
+        raise ValueError(f"render_mode: {mode!r} is unknown; choose from {', '.join(modes)}")
+    strict.structure(size, Pixels, "render_size")
+
+
+def check_options(options: Any, valid: Iterable[str] = ()) -> None:
+    """Raises Gymnasium's ``Error`` for options of ``reset`` that there are not."""
+    if options is not None and not isinstance(options, Mapping):
+        raise Error(f"options: {shown(options)} has no keys")
+    for key in options or ():
+        if key not in valid:
+            known = f"choose from {', '.join(valid)}" if valid else "reset takes none"
+            raise Error(f"options: {shown(key)} is unknown; {known}")
+
+
+class Picture:
+    """Pictures of the scene from the place where those for people are taken.
+
+    Args:
+        simulation: what is pictured.
+        size: height and width, px.
+    """
+
+    def __init__(self, simulation: Simulation, size: int):
+        self._engine = simulation.engine
+        self._photographer = Photographer(self._engine.model, size)
+
+    def __call__(self, env: int) -> np.ndarray:
+        """One environment at this moment: ``(size, size, 3)`` uint8."""
+        return self._photographer(self._engine.data(env))
 
 
 def info(moment: Moment) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.screen import Picture, check_mode
-from needlehoop.gym.stage import Stage, info, masked
+from needlehoop.gym.stage import Picture, Stage, check_mode, check_options, info, masked
 
 _MODES = ("rgb_array",)
 
@@ -83,6 +82,7 @@ class GymnasiumVectorEnv(VectorEnv):
         """Begin episodes: everywhere, or where ``options["reset_mask"]`` ``(n,)`` is true.
 
         Raises:
+            Error: an unknown option.
             ValueError: a mask that is none, or one with a seed: a seed is of all environments.
             ResetNeeded: a mask before the first reset.
         """
@@ -104,8 +104,11 @@ class GymnasiumVectorEnv(VectorEnv):
         Raises:
             ResetNeeded: before the first reset, or an episode is over and the mode is
                 ``DISABLED``.
+            InvalidAction: not ``(n, action_size)`` real numbers.
+            ValueError: a number that is not finite.
         """
         self._check_begun()
+        actions = self._stage.numbers(actions, self.num_envs)
         before = self._over
         if self.autoreset_mode == AutoresetMode.DISABLED and before.any():
             raise ResetNeeded(
@@ -168,7 +171,8 @@ class GymnasiumVectorEnv(VectorEnv):
             raise ResetNeeded("reset all environments first")
 
     def _mask(self, options: dict[str, Any] | None) -> np.ndarray | None:
-        if options is None or "reset_mask" not in options:
+        check_options(options, ("reset_mask",))
+        if not options:
             return None
         mask = np.asarray(options["reset_mask"])
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from needlehoop.config import strict
+from needlehoop.config.strict import Pixels
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.rollout import Step, rollout
@@ -28,9 +30,13 @@ class Photographer:
     Args:
         model: a compiled scene.
         size: pixels.
+
+    Raises:
+        ValueError: a size below 1 or above 4096.
     """
 
     def __init__(self, model: mujoco.MjModel, size: int):
+        strict.structure(size, Pixels, "size")
         # Imported where it is used: mujoco_warp takes two seconds.
         from needlehoop.engines.tracer import Tracer
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,9 @@ _DEPTH = 64
 
 # libyaml's is ten times as fast, where it was built in.
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Control characters but for tab and line feed, turns of direction, and halves of characters."""
 
 
 class UnreadableError(ValueError):
@@ -173,3 +177,8 @@ def _number(text: str) -> float:
 
 def _no_number(name: str) -> float:
     raise UnreadableError(f"has {name}, which is no JSON")
+
+
+def printable(text: str) -> str:
+    r"""A text for a terminal: control characters are written out, such as ``\x1b``."""
+    return _COMMANDS.sub(lambda found: ascii(found[0])[1:-1], text)

@@ -61,6 +61,8 @@ def _check_action(episode: Episode, state: State, action: Tensor) -> None:
             f"action: shape {tuple(action.shape)}; expected {expected}"
             f" for control={episode.control}"
         )
+    if action.is_complex():
+        raise ValueError(f"action: {str(action.dtype).rpartition('.')[2]}; expected real numbers")
     finite = torch.isfinite(action).all(-1)
     if not bool(finite.all()):
         bad = (~finite).nonzero().flatten().tolist()
