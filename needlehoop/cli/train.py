@@ -19,8 +19,9 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop.config import composing
-from needlehoop.runs.terminal import printable
+from needlehoop.config import composing, own_folder
+from needlehoop.runs.interruption import terminable
+from needlehoop.runs.reading import printable
 from needlehoop.training import sweep, sweep_checks
 
 KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
@@ -41,26 +42,28 @@ def run(words: Sequence[str], command: str) -> None:
     words = [composing.quoted(word) for word in words]
     try:
         given, folders = composing.prepare(words)
-        # Hydra's parser takes settings in one piece, with nothing between them.
-        given.sort(key=lambda word: word not in sweep_checks.MULTIRUN)
         _check(given, words)
     except ValueError as error:
         sys.exit(f"{name}: {in_a_line(error)}")
     if said := sweep_checks.reminder(given):
         print(f"{name}: {said}", file=sys.stderr)
 
-    # A closure, so that a launcher's worker, whose own command line says nothing, knows it too.
+    # A closure: the process of a launcher has another command line.
     def job(composed: DictConfig) -> None:
+        composing.allow_variables(given)
         _run_one(composed, command)
 
-    # Where Hydra looks for them; and it is to pass on what goes wrong, not to print it.
-    sys.argv[1:] = [*given, *(f"--config-dir={folder}" for folder in folders)]
+    # Hydra's parser takes settings in one piece, with nothing between them.
+    asked = [*own_folder.search_path(folders), *given]
+    sys.argv[1:] = sorted(asked, key=lambda word: word not in sweep_checks.MULTIRUN)
+    # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")(
         job
     )
     try:
-        with _in_a_line(name):
+        # A scheduler's SIGTERM stops a sweep as Ctrl-C does.
+        with _in_a_line(name), terminable():
             main()
     except KeyboardInterrupt:
         sweeps = sweep_checks.MULTIRUN & set(given) or any("+experiment=" in word for word in given)

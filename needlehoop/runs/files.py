@@ -1,7 +1,4 @@
-"""The names of a run's folder and files, for those who write and those who only read them.
-
-And how a file is written: whole, and tables as CSV.
-"""
+"""The names of a run's folder and files; how a file is written: whole, and tables as CSV."""
 
 from __future__ import annotations
 
@@ -24,16 +21,16 @@ SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
 
 DAGGER, EXPERT = "dagger", "expert"
-"""``algo.kind`` of imitation, and what stands where others have the name of their reward."""
+"""``algo.kind`` of imitation, and its part of a path, where others have their reward's name."""
 
 SIGNALS = "signals"
-"""Stands among the cameras where the agent is told the state."""
+"""Stands among the cameras of an agent that is told the state."""
 
 
 _NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
 _LONGEST_NAME = 100
 _LONGEST_PART, _LONGEST_PATH = 255, 1_000
-"""Bytes that file systems take, and that leave room for what is below."""
+"""Bytes of a folder's name and of a path, at most; file systems take them and the files below."""
 
 
 def listed(names: str | Iterable[Any]) -> list[str]:
@@ -42,25 +39,22 @@ def listed(names: str | Iterable[Any]) -> list[str]:
 
 
 def seen(cams: Iterable[str], signals: bool = False) -> str:
-    """What a run's folder calls that which its agent sees: ``dep_front+seg_side``."""
+    """The part of a run's path that names what its agent sees: ``dep_front+seg_side``."""
     return "+".join((*cams, *([SIGNALS] if signals else [])))
 
 
 def reward_name(reward: Mapping[str, Any]) -> str:
-    """What a run's folder calls its reward: ``reward.name``, or else the reward's kind."""
+    """The part of a run's path that names its reward: ``reward.name``, or else its kind."""
     return str(reward["kind"] if reward.get("name") is None else reward["name"])
 
 
 def taught_by(values: Mapping[str, Any]) -> str:
-    """What the run of a composed config is called by: its reward, or ``expert`` in imitation."""
+    """The part of a run's path that names its teacher: the reward, or ``expert`` in imitation."""
     return EXPERT if values["algo"].get("kind") == DAGGER else reward_name(values["reward"])
 
 
 def check_name(key: str, name: str) -> None:
-    """Raises ``ValueError`` for a name that is none for a folder.
-
-    A shell, Hydra and every file system take ours as they are.
-    """
+    """Raises ``ValueError`` for a name that a shell, Hydra or a file system would not take."""
     if not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST_NAME:
         raise ValueError(
             f"{key}: {name[:40]!r} is no name for a folder; it begins with a letter or digit, and"
@@ -69,7 +63,7 @@ def check_name(key: str, name: str) -> None:
 
 
 def check_folder(key: str, path: str) -> None:
-    """Raises ``ValueError`` for a text that is no path of a folder."""
+    """Raises ``ValueError`` for a text that cannot be the path of a folder."""
     parts = [part.encode() for part in path.split("/")]
     too_long = len(path.encode()) > _LONGEST_PATH or max(map(len, parts)) > _LONGEST_PART
     if not path.strip() or too_long or path.startswith("~"):
@@ -92,7 +86,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Has an ``OSError`` say which file it is about: that of a write, on a full disk, does not."""
+    """Adds the file to an ``OSError`` that does not name it, as on a full disk."""
     try:
         yield
     except OSError as error:

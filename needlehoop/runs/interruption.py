@@ -13,7 +13,7 @@ from typing import Any
 class Interruption:
     """A context in which the first signal only sets ``asked``; the second acts at once.
 
-    A run can so finish its buffer and write a checkpoint.
+    So a run can finish its buffer and write a checkpoint.
     """
 
     _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -46,7 +46,7 @@ class Interruption:
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """A context in which SIGTERM raises ``KeyboardInterrupt`` too, so that files are cleared."""
+    """A context in which SIGTERM raises ``KeyboardInterrupt``, as Ctrl-C does."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

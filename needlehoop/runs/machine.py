@@ -1,9 +1,26 @@
-"""The machine that a process runs on, as far as it may use it."""
+"""The machine that a process runs on, and what files note of it: commit, versions, time."""
 
 from __future__ import annotations
 
 import os
 import platform
+import subprocess
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = (
+    "needlehoop",
+    "torch",
+    "torchrl",
+    "tensordict",
+    "mujoco",
+    "mujoco-warp",
+    "warp-lang",
+    "dm_control",
+    "hydra-core",
+)
 
 
 def machine() -> str:
@@ -16,3 +33,36 @@ def available_cpus() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def provenance() -> dict[str, Any]:
+    """Commit, versions, machine and time, as plain values for a manifest."""
+    # Imported where it is used: those who ask for CPUs need not wait for it.
+    import torch
+
+    return {
+        "commit": commit(),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in _PACKAGES},
+        "platform": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cpus": os.cpu_count(),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }
+
+
+def commit() -> str | None:
+    """The git commit, with ``+`` where the source differs from it; ``None`` outside git."""
+    source = (".", "../train.py", "../conf")
+    here = Path(__file__).parents[1]
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        commit = git("rev-parse", "--short=12", "HEAD")
+        return commit + ("+" if git("status", "--porcelain", "--", *source) else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None

@@ -1,4 +1,4 @@
-"""Train an agent to thread the needle: collect a buffer, learn from it, write down what came of it.
+"""Train an agent to thread the needle: collect a buffer, learn from it, write the results down.
 
 ``train`` is the method. ``python train.py`` and ``needlehoop train`` come here with a composed
 config, once for each run (``cli/train.py``).
@@ -89,7 +89,7 @@ def train(
 
 
 def _check_finite(losses: Mapping[str, float], update: int) -> None:
-    """Raises ``FloatingPointError`` where nothing more can be learnt."""
+    """Raises ``FloatingPointError`` for a loss that is no number."""
     for name, value in losses.items():
         if name.startswith("loss_") and not math.isfinite(value):
             raise FloatingPointError(
@@ -99,7 +99,7 @@ def _check_finite(losses: Mapping[str, float], update: int) -> None:
 
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
-    """Evaluate the trained agent at length, film it, and print what the run gave."""
+    """Evaluate the trained agent at length, film it, and print the results."""
     agent = load_agent(run, job, job.torch_device)
     write_weights(run.folder, agent.actor, run.config(), job.weights)
     own = job.evaluation
@@ -119,7 +119,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
     Args:
         values: the config.
         overrides: what was typed.
-        command: after what: ``python train.py`` or ``needlehoop train``.
+        command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Returns:
         ``done``, ``done before``, ``paused`` or ``stopped``.

@@ -1,4 +1,4 @@
-"""A reward for a training that nobody has written yet."""
+"""Rewards that a model writes when a training needs them, and what the gates say of programs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from needlehoop.vlm.writing import ProgramRules, program_rules
 def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
 
-    It is kept in the study's folder, where the reward looks for it. A provider that only
-    replays is not asked: its recording would have left the program there.
+    It is kept in the study's folder, where the reward looks for it. ``vlm=replay`` is not asked:
+    it has only what is recorded.
 
     Args:
         values: the composed config of a training.
@@ -44,9 +44,9 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
 
 
 def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
-    """What the gates have against the program that a training is about to be paid by.
+    """What the gates refuse or flag in the program that is the reward of a training.
 
-    Empty where nothing is refused or flagged, and for rewards that are no programs.
+    Empty for rewards that are no programs.
 
     Args:
         values: the composed config of the training, for its gates.

@@ -1,4 +1,4 @@
-"""What a training is to do, checked to the last key before anything is made."""
+"""Every setting of a training, checked before anything is made."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ EXISTING = ("auto", "stop", "resume")
 
 @dataclass(frozen=True)
 class Options:
-    """What is to become of a run that exists; values in ``conf/config.yaml``."""
+    """What to do with a run that exists; values in ``conf/config.yaml``."""
 
     resume: str | None
-    """Its folder, to go on in; ``None``: the settings say which run is meant."""
+    """The folder of a run to go on with; ``None``: the other settings name the run."""
     overwrite: bool
-    """Whether it is set aside and begun anew."""
+    """Whether it is set aside and a new run begins."""
     existing: str
     until: Annotated[int, Range(1, 10**15)] | None
     """Environment steps after which a run pauses."""
@@ -40,7 +40,7 @@ class Options:
 
 
 def check_options(values: Mapping[str, Any]) -> Options:
-    """Check all settings of a training but for its reward's program, which may yet be written.
+    """Check all settings of a training except its reward's program, which may not exist yet.
 
     Args:
         values: the composed config.
@@ -58,7 +58,7 @@ def check_options(values: Mapping[str, Any]) -> Options:
 
 
 def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
-    """How a model would be asked for a reward, and which; errors as in ``check_options``."""
+    """How a reward would be asked for, and which model; errors as in ``check_options``."""
     asking = values["asking"]
     if not isinstance(asking, Mapping):
         raise ValueError(f"asking: {shown(asking)} has no keys")

@@ -1,4 +1,4 @@
-"""Sweeps: what became of each run, and how many CPUs it may use."""
+"""Sweeps: how each run ended, and how many CPUs it may use."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from hydra.experimental.callback import Callback
 from needlehoop.runs.files import OUTCOME, listed, seen, taught_by, write_whole
 from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
-from needlehoop.runs.reading import UnreadableError, read_json
-from needlehoop.runs.terminal import printable
+from needlehoop.runs.reading import UnreadableError, printable, read_json
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
 
 DONE_BEFORE, STOPPED, PAUSED = "done before", "stopped", "paused"
 FAILED, HELD = "failed", "under way elsewhere"
-
+UNDER_WAY = "under way"
+"""What a note says until its run has ended: for good, where the process was killed."""
 
 _LOG = "error.log"
 """In a failed job's folder: where in the source it failed."""
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
-    """Which run of a sweep it is, for its note; known before anything of it is checked.
+    """The names of a sweep's run, for its note; its settings are not checked yet.
 
     Args:
         values: the composed config.
@@ -46,7 +46,7 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
 
 
 def _is_grouped(values: Mapping[str, Any]) -> bool:
-    """Whether what names a run is where it belongs."""
+    """Whether the groups that name a run are groups."""
     return isinstance(values["algo"], Mapping) and _part(values["reward"], "kind") is not None
 
 
@@ -55,24 +55,25 @@ def _part(group: Any, key: str) -> Any:
 
 
 def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> None:
-    """Do one run of a sweep and note what became of it; a failure does not stop the others.
+    """Do one run of a sweep and note how it ended; a failure does not stop the others.
 
     Args:
-        run: does it; returns what became of it in a word, such as ``done``.
+        run: does it; returns how it ended in a word, such as ``done``.
         folder: the job's own.
         note: what is known of the run, as ``identity`` gives it.
 
     Raises:
         KeyboardInterrupt: somebody stopped the run, and with it the sweep.
     """
+    write_whole(folder / OUTCOME, json.dumps({**note, "outcome": UNDER_WAY}, indent=2) + "\n")
     try:
         end = {"outcome": run()}
     except HeldError as error:
-        # Another sweep's, say: the two do a study together.
+        # Another sweep may be at work on the same study.
         print(error, file=sys.stderr)
         end = {"outcome": HELD}
     except Exception as error:
-        # Whatever it is: the next run may do better, and the summary says what this one did.
+        # Any error: the next run may do better, and the summary names this one.
         log = folder / _LOG
         write_whole(log, traceback.format_exc())
         said = f"{type(error).__name__}: {' '.join(str(error).split())}"
@@ -84,7 +85,7 @@ def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> No
 
 
 class Summary(Callback):
-    """Says at a sweep's end what is not done; the exit status is then 1."""
+    """Says at a sweep's end what is missing; the exit status is then 1."""
 
     def on_multirun_end(self, config: Any, **kwargs: Any) -> None:
         """Called by Hydra where the sweep was started."""
@@ -96,11 +97,11 @@ class Summary(Callback):
 
 
 def summary(folder: Path) -> tuple[list[str], int]:
-    """What became of the jobs whose folders are in a sweep's.
+    """How the jobs of a sweep ended, from the notes in its folder.
 
     Returns:
-        Lines to be printed, and how many jobs failed, ended without a note, or found their run
-        in the hands of another process.
+        Lines to print, and the number of jobs that failed, were killed, or found their run in
+        the hands of another process.
     """
     jobs = sorted(
         (job for job in folder.iterdir() if job.name.isdigit()), key=lambda job: int(job.name)
@@ -112,14 +113,16 @@ def summary(folder: Path) -> tuple[list[str], int]:
         outcomes[note["outcome"] if note else FAILED] += 1
         if note is None:
             lines.append(f"  {job}: ended without a word")
-        elif note["outcome"] == FAILED:
+        elif note["outcome"] in (FAILED, UNDER_WAY):
             place = f"{note['cameras']}/{note['reward']}/seed{note['seed']}"
-            lines.append(printable(f"  {place}: {note['error']}"))
-    told = f"{len(jobs)} runs, {outcomes[FAILED]} failed"
+            why = note.get("error", "its process was killed")
+            lines.append(printable(f"  {place}: {why}"))
+    failed = outcomes[FAILED] + outcomes[UNDER_WAY]
+    told = f"{len(jobs)} runs, {failed} failed"
     for other in (DONE_BEFORE, PAUSED, HELD):
         if outcomes[other]:
             told += f", {outcomes[other]} {other}"
-    return [told, *lines], outcomes[FAILED] + outcomes[HELD]
+    return [told, *lines], failed + outcomes[HELD]
 
 
 def _note(file: Path) -> dict[str, str] | None:
@@ -131,7 +134,7 @@ def _note(file: Path) -> dict[str, str] | None:
 
 
 def rest(existing: str, overwrite: bool) -> str:
-    """How to do what a sweep with these settings left undone."""
+    """How to finish a sweep with these settings."""
     changes = [] if existing in RESUMING else ["with existing=resume"]
     changes += ["without overwrite=true"] if overwrite else []
     return " ".join(("the same command", *changes, "does what is missing"))

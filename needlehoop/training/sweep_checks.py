@@ -1,4 +1,4 @@
-"""What is said about a sweep before its first run."""
+"""What is checked and said before a sweep's first run."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def check_launcher(word: str) -> None:
 
 
 def reminder(words: Sequence[str]) -> str | None:
-    """What ``-m cams=a,b`` runs, where the cameras could have been meant to be seen together.
+    """A hint for ``-m cams=a,b``, where one run with both cameras may have been meant.
 
     Args:
         words: what was typed.
@@ -61,12 +61,16 @@ def reminder(words: Sequence[str]) -> str | None:
 
 
 class Programs(Callback):
-    """Refuses a sweep in which a reward's program is missing or refused, before its first run."""
+    """Refuses a sweep with a missing or bad reward program before its first run."""
 
     def on_multirun_start(self, config: Any, **kwargs: Any) -> None:
         """Called by Hydra where the sweep is started, with the config of the sweep itself."""
+        if str(config.hydra.launcher._target_).endswith(".JoblibLauncher"):
+            from needlehoop.training.side_by_side import use_own_processes
+
+            use_own_processes()
         sweeper, typed = config.hydra.sweeper, config.hydra.overrides.task
-        # What another sweeper will run is not known before it does.
+        # Another sweeper decides later what it runs.
         if sweeper._target_ != _BASIC:
             return
         params = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
@@ -80,10 +84,10 @@ class Programs(Callback):
 
 
 def distinct(words: Iterable[str]) -> list[list[str]]:
-    """The overrides of each of a sweep's runs, as Hydra's basic sweeper makes them, at any seed.
+    """The overrides of each of a sweep's runs without seeds, as Hydra's basic sweeper makes them.
 
     Args:
-        words: what the sweep was told; of two words for one key, the later counts.
+        words: of the sweep; of two words for one key, the later counts.
     """
     choices: dict[str, list[str]] = {}
     for override in OverridesParser.create().parse_overrides(list(words)):
@@ -99,7 +103,7 @@ def distinct(words: Iterable[str]) -> list[list[str]]:
 
 
 def seeds(words: Iterable[str]) -> list[Any]:
-    """The seeds that a sweep goes through; none where it is told of none."""
+    """The seeds of a sweep; none where none are given."""
     found: list[Any] = []
     for override in OverridesParser.create().parse_overrides(list(words)):
         if override.get_key_element() == "seed":

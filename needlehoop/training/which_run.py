@@ -17,7 +17,7 @@ from needlehoop.learning.job import Job, recorded_job, typed_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
-from needlehoop.runs.provenance import provenance
+from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
 from needlehoop.training.missing_reward import ask_where_missing, objections
 from needlehoop.training.options import check_options
@@ -26,12 +26,12 @@ _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
     *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust"),
 )
-"""Settings that a run may be gone on with others of: its results are the same."""
+"""Settings that may change when a run is resumed: they do not affect its results."""
 
 
 @dataclass(frozen=True)
 class Session(AbstractContextManager):
-    """A run to be trained; nobody else writes into its folder until the context ends."""
+    """A run to train; no other process writes into its folder until the context ends."""
 
     job: Job
     run: Run
@@ -42,7 +42,7 @@ class Session(AbstractContextManager):
     lock: Lock | None
     """On its folder; ``None`` where nothing is left to do."""
     weights: dict[str, Any] | None = None
-    """Of the agent that it begins with; ``None``: of none."""
+    """Weights of the agent that it begins with; ``None``: new ones."""
 
     def __exit__(
         self,
@@ -72,16 +72,16 @@ class Session(AbstractContextManager):
 
 
 def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Session:
-    """The run that a composed config asks for, its folder made.
+    """The run that a composed config asks for; its folder is made.
 
     Args:
         values: the config.
         overrides: what was typed.
-        command: after what: ``python train.py`` or ``needlehoop train``.
+        command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Raises:
         ValueError: settings that do not go together, or a run that is in the way.
-        RewardError: no reward could be had from a model.
+        RewardError: no model wrote a reward.
     """
     asked = check_options(values)
     if asked.resume is not None:
@@ -91,7 +91,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         if session.is_finished:
             raise ValueError(f"resume: {session.run.folder} is finished")
         return session
-    # Without a program yet, so that nobody is asked for one in vain.
+    # Everything else is checked before a model is asked for a program.
     ask_where_missing(values, typed_job({**values, "reward": rewards.NONE}).env)
     values = {**values, "reward": rewards.pin(values["reward"])}
     job = typed_job(values)
@@ -101,18 +101,18 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
         run = Run.open(folder)
         _check_same(run, values)
-        # Its reward is the one that was typed, to the source.
+        # Its reward is the one that was typed, source included.
         return _continue(run, trust=True, again=True)
     weights = None if job.init is None else initial_weights(job)
     against = objections(values, job.env)
     if against:
-        # Said, not refused: others' programs are here to be tried as they are.
+        # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     lock = Lock(folder)
     try:
         reward = rewards.text(rewards.load(job.env.reward))
         run = Run.create(folder, _plain(values), reward, asked.overwrite)
-        # Not sys.argv: that of a launcher's worker says nothing, and a sweep's makes all its runs.
+        # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
         run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)
     except BaseException:
         lock.release()
@@ -157,7 +157,7 @@ def _continue(run: Run, trust: bool, again: bool = False) -> Session:
 
 
 def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any]) -> None:
-    """Whether a run's settings are those that its checkpoint was trained with."""
+    """Raises ``ValueError`` if a checkpoint was trained with other settings than its run has."""
     other = _differing(checkpoint.config, values)
     if other:
         raise ValueError(
@@ -167,7 +167,7 @@ def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any])
 
 
 def _check_same(run: Run, values: Mapping[str, Any]) -> None:
-    """Whether a run that exists is the one that is asked for."""
+    """Raises ``ValueError`` if a run that exists has other settings than those asked for."""
     other = _differing(run.config(), values)
     if other:
         raise ValueError(
@@ -177,7 +177,7 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Settings that differ, and that results depend on."""
+    """Settings that differ and affect results."""
     keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
     return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
 

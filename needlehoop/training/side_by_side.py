@@ -1,0 +1,117 @@
+"""Runs of a sweep side by side: joblib's queue, and for each run a process of its own.
+
+joblib's own pool has two faults here. Killing one of its workers ends all of them, and its workers
+outlive a parent that is killed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from functools import partial
+from multiprocessing import get_context, parent_process
+from typing import Any
+
+import cloudpickle
+from hydra.core.utils import JobReturn, JobStatus
+from joblib import register_parallel_backend
+from joblib.parallel import ThreadingBackend
+
+from needlehoop.runs.interruption import terminable
+from needlehoop.runs.reading import printable
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_STOPPED = 130
+"""Exit status of a process whose run was stopped by a signal."""
+
+
+def use_own_processes() -> None:
+    """Have joblib start our processes where Hydra's launcher asks for its pool, ``loky``."""
+    register_parallel_backend("loky", OwnProcesses)
+
+
+class OwnProcesses(ThreadingBackend):
+    """Threads of joblib's, each of which starts a process for a run and waits for it."""
+
+    def __init__(self, **kwargs: Any):
+        super().__init__(**kwargs)
+        self._context = get_context("spawn")
+        self._running: set[Any] = set()
+        self._lock = threading.Lock()
+        self._is_stopping = False
+
+    def submit(self, func: Callable[[], Any], callback: Any = None) -> Any:
+        """Called by joblib: begin a run as soon as a thread is free."""
+        return super().submit(partial(self._run, func), callback)
+
+    def terminate(self) -> None:
+        """Called by joblib at the end, whatever it is: stop in order what is still running.
+
+        A second signal while runs finish their buffers stops them at once.
+        """
+        self._ask_to_stop()
+        try:
+            self._wait()
+        except KeyboardInterrupt:
+            self._ask_to_stop()
+            self._wait()
+        super().terminate()
+
+    def _run(self, call: Callable[[], Any]) -> list[JobReturn]:
+        # The process inherits the mask: at a terminal Ctrl-C is not for it, but for its parent.
+        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        process = self._context.Process(target=_work, args=(cloudpickle.dumps(call),))
+        with self._lock:
+            if self._is_stopping:
+                return []
+            process.start()
+            self._running.add(process)
+        process.join()
+        with self._lock:
+            self._running.discard(process)
+        if process.exitcode == _STOPPED:
+            raise KeyboardInterrupt
+        if process.exitcode and process.exitcode > 0:
+            raise ChildProcessError("a run of the sweep could not begin; its error is above")
+        # A killed process left its note as it was: the summary names the run.
+        return [JobReturn(status=JobStatus.COMPLETED)]
+
+    def _ask_to_stop(self) -> None:
+        with self._lock:
+            self._is_stopping = True
+            for process in self._running:
+                process.terminate()
+
+    def _wait(self) -> None:
+        with self._lock:
+            running = [*self._running]
+        for process in running:
+            # Not join: the thread that started it does that.
+            while process in self._running:
+                threading.Event().wait(0.05)
+
+
+def _work(call: bytes) -> None:
+    """The process of one run."""
+    with terminable():
+        try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+            threading.Thread(target=_stop_with_parent, daemon=True).start()
+            (done,) = cloudpickle.loads(call)()
+            # Raises what Hydra caught.
+            _ = done.return_value
+        except KeyboardInterrupt:
+            sys.exit(_STOPPED)
+        except Exception as error:
+            sys.exit(printable(f"{type(error).__name__}: {' '.join(str(error).split())}"))
+
+
+def _stop_with_parent() -> None:
+    """Stop in order where the parent is gone: nobody else would stop this process."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os.kill(os.getpid(), signal.SIGTERM)
