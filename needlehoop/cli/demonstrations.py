@@ -40,7 +40,7 @@ def _demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
     from needlehoop.demonstrations.episodes import About, demonstrate
     from needlehoop.demonstrations.export import layout, new_folder
-    from needlehoop.runs.provenance import provenance
+    from needlehoop.runs.machine import provenance
 
     words = options.overrides
     values = composing.compose(words, "demonstrations")

@@ -73,7 +73,7 @@ def _arm(settings: Any) -> Any:
     """The arm alone, with the keyframe ``home``."""
     import numpy as np
 
-    from needlehoop.robot.posture import Posture
+    from needlehoop.robot.parallelogram import Posture
     from needlehoop.robot.psm import HOME
     from needlehoop.scene.spec import build_arm
 

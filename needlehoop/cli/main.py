@@ -21,7 +21,7 @@ from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
 from needlehoop.cli.study import add_commands as add_study_commands
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
-from needlehoop.runs.terminal import printable
+from needlehoop.runs.reading import printable
 
 _TRAIN, _VERSION = "train", "--version"
 

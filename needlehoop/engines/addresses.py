@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from needlehoop.robot.posture import Posture
+from needlehoop.robot.parallelogram import Posture
 from needlehoop.task.start import Start
 
 WELD = "grasp"

@@ -134,7 +134,7 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     weights = run.folder / POLICY
     state = None
     if (run.folder / CHECKPOINT).exists() or not weights.exists():
-        state = run.load()
+        state = run.checkpoint().state
         check_state(run.folder / CHECKPOINT, state, job)
     # Networks do not depend on the reward, and a stranger's may be code.
     alone = replace(job.env, num_envs=1, reward=NONE)

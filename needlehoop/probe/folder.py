@@ -21,7 +21,7 @@ from needlehoop.probe.frames import KINDS, PHASES
 from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.probe.scores import QUANTITIES, Errors, Interval, error, places, score
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
-from needlehoop.runs.provenance import provenance
+from needlehoop.runs.machine import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")

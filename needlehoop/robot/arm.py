@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 
 from needlehoop.robot import psm
-from needlehoop.robot.link import Z_AXIS, Link, add_joint, collision
 from needlehoop.robot.parallelogram import (
     MASS,
     MIMIC,
@@ -23,9 +22,10 @@ from needlehoop.robot.parallelogram import (
     carry_linkage_inertia,
     pivots,
 )
+from needlehoop.robot.shapes import Z_AXIS, Link, add_joint, collision
 
 _JAW_ARMATURE = 6e-5
-"""Rotor inertia that each jaw carries, kg m^2; see ``link.TOOL_ARMATURE``."""
+"""Rotor inertia that each jaw carries, kg m^2; see ``shapes.TOOL_ARMATURE``."""
 
 # Natural frequencies of the critically damped position servos, rad/s. The effort limits
 # of yaw and pitch bound theirs: stiffer, and a stop from full speed overshoots.

@@ -1,4 +1,7 @@
-"""The parallelogram that holds the remote centre: a closed chain, or its inertia alone."""
+"""The parallelogram that holds the remote centre: a closed chain, or its inertia alone.
+
+And the joint positions that keep it closed.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import mujoco
 import numpy as np
 
 from needlehoop.robot import psm
-from needlehoop.robot.link import Z_AXIS, Link, add_joint
+from needlehoop.robot.shapes import Z_AXIS, Link, add_joint
 
 # Linkage, m: WPI-AIM/dvrk_env psm.urdf.xacro and psm.sdf.
 _BAR = 0.516
@@ -140,3 +143,29 @@ def carry_linkage_inertia(yaw: Link, pitch: Link) -> None:
     yawing = pitching * np.cos(_CRANK_TILT) ** 2
     yaw.body.joints[0].armature = yawing
     pitch.body.joints[0].armature = pitching
+
+
+class Posture:
+    """Writes postures of the arm into generalised positions.
+
+    Args:
+        model: a compiled model with the arm in it.
+    """
+
+    def __init__(self, model: mujoco.MjModel):
+        def address(name: str) -> int:
+            return int(model.joint(name).qposadr[0])
+
+        self._joints = [address(name) for name in psm.JOINT_NAMES]
+        self._jaws = [address("jaw_1"), address("jaw_2")]
+        self._linkage = {address(name): ratio for name, ratio in linkage_ratios(model).items()}
+
+    def write(self, qpos: np.ndarray, joints: np.ndarray, jaw: np.ndarray) -> None:
+        """Put the arm, its linkage closed, into ``qpos`` ``(k, nq)``.
+
+        ``joints`` ``(k, 6)`` in the order of ``psm.JOINTS``, rad and m; ``jaw`` ``(k,)``, rad.
+        """
+        qpos[:, self._joints] = joints
+        for address, ratio in self._linkage.items():
+            qpos[:, address] = ratio * joints[:, psm.JOINT_NAMES.index("pitch")]
+        qpos[:, self._jaws[0]], qpos[:, self._jaws[1]] = jaw / 2, -jaw / 2

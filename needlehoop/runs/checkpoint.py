@@ -1,4 +1,4 @@
-"""Checkpoints as files: what a run goes on from, with the tables as they stood at that moment."""
+"""Checkpoints as files: the state of a training, its settings, and its tables at that moment."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read_checkpoint(path: Path) -> Checkpoint:
     """What is in a file, on the CPU; a foreign one can't run anything here.
 
     Raises:
-        UnreadableError: it is damaged, if by a single bit, or something else.
+        UnreadableError: it is damaged, even by a single bit, or no checkpoint.
     """
     data = io.BytesIO(read_bytes(path, _LARGEST))
     try:

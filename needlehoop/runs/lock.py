@@ -26,15 +26,14 @@ class HeldError(ValueError):
 class Lock:
     """Holds a folder for this process, from its making until ``release``.
 
-    The lock is flock(2) on ``.<name>.lock`` beside the folder, which may so be made, moved and
-    replaced while it is held. The kernel lets go of it when the process ends, however it ends.
+    The lock is flock(2) on ``.<name>.lock`` beside the folder, so the folder may be made, moved
+    and replaced meanwhile. The kernel releases it when the process ends, however it ends.
 
-    What is promised: on local disks, on NFS (Linux passes flock on to the server as a lock of
-    bytes) and on cluster file systems with locks, such as Lustre mounted with ``flock``, one
-    process at a time on all machines. Where a mount keeps its locks to itself (``nolock``,
-    ``localflock``), one on each machine. Where there are none at all, the file's note of who
-    holds it keeps apart those on one machine, as long as they do not begin at the same moment;
-    a line on standard error says so.
+    On local disks, on NFS (Linux sends flock to the server) and on cluster file systems with
+    locks, such as Lustre mounted with ``flock``: one process on all machines. On mounts with
+    local locks (``nolock``, ``localflock``): one process on each machine. Without any locks, the
+    file's note of its holder separates processes of one machine, unless they begin at the same
+    moment; a line on standard error says so.
 
     Args:
         folder: whether there already or not; the folders above it are made.
@@ -56,7 +55,7 @@ class Lock:
             raise
 
     def release(self) -> None:
-        """Let go, and take away the file, and the folders made above it that are empty."""
+        """Release the lock; remove its file, and empty folders that were made above it."""
         if self._file >= 0:
             # While it is held: whoever opened it before sees that it is gone.
             self._path.unlink(missing_ok=True)

@@ -22,13 +22,13 @@ from needlehoop.runs.files import (
     set_aside,
     write_whole,
 )
-from needlehoop.runs.provenance import provenance
+from needlehoop.runs.machine import provenance
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.table import Table
 
 _TABLES = (METRICS, EVALUATIONS)
 _BORN = {REWARD, MANIFEST, f"{REWARD}.partial", f"{MANIFEST}.partial", f"{CONFIG}.partial"}
-"""All that is left of a run that died while its files were made in its folder, one by one."""
+"""Files of a run whose process died before its config was written."""
 
 
 class Run:
@@ -58,7 +58,7 @@ class Run:
                 in it is no run.
         """
         _check_vacant(folder, overwrite)
-        # Beside its place: it gets its name when it is whole. One left there died in the making.
+        # Made beside its place, and renamed when it is whole. One left there is of a dead process.
         unborn = folder.with_name(f".{folder.name}.new")
         shutil.rmtree(unborn, ignore_errors=True)
         unborn.mkdir(parents=True)
@@ -78,7 +78,7 @@ class Run:
         return run
 
     def unmake(self) -> None:
-        """Take back a run that ended before anything came of it: as if it had not begun."""
+        """Remove a new run that ended before it wrote anything, and put back what it replaced."""
         if self._is_new and {path.name for path in self.folder.iterdir()} <= {*_BORN, CONFIG}:
             shutil.rmtree(self.folder)
             if self._former is not None:
@@ -144,10 +144,6 @@ class Run:
         checkpoint = Checkpoint(dict(state), self.config(), tables)
         write_checkpoint(self.folder / CHECKPOINT, checkpoint)
 
-    def load(self) -> dict[str, Any]:
-        """What was saved last, on the CPU; errors as in ``checkpoint``."""
-        return self.checkpoint().state
-
     def checkpoint(self) -> Checkpoint:
         """The last checkpoint; a foreign file can't run anything here.
 
@@ -168,8 +164,8 @@ class Run:
     def go_on(self, checkpoint: Checkpoint | None) -> None:
         """Go on with the tables as a checkpoint has them; with none where there is none.
 
-        At the next row the files are brought to that: rows after the checkpoint are dropped, for
-        they have been made again. What else differs is kept under a number, and told.
+        Before the next row the files are cut back to it: the rows after the checkpoint are made
+        again. A file that differs otherwise is kept under a number, and a line says so.
         """
         texts = checkpoint.tables if checkpoint else {}
         self._tables = {name: Table(self.folder / name, texts.get(name, "")) for name in _TABLES}
@@ -206,7 +202,7 @@ class Run:
 
 
 def _check_vacant(folder: Path, overwrite: bool) -> None:
-    """Whether a run may begin in a folder; errors as in ``Run.create``."""
+    """Check that a run may begin in a folder; errors as in ``Run.create``."""
     names = {path.name for path in folder.iterdir()} if folder.exists() else set()
     if names <= _BORN:
         return
@@ -227,7 +223,7 @@ def _damaged(path: Path, reason: UnreadableError) -> ValueError:
 
 
 class _Plain(yaml.SafeDumper):
-    """Writes what is there twice twice: aliases are not read back."""
+    """Writes repeated values in full: aliases are not read back."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""A table of a run: a CSV file that grows by a row at a time, and what was written of it."""
+"""A table of a run: a CSV file that grows row by row, with a copy in memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes
 
 
 class Table:
-    """The rows are kept here as well: a file can be emptied, cut or lost, and is then put right.
+    """A CSV file and its text in memory, from which a damaged file is restored.
 
     A row's first column is its ``update``.
 
@@ -44,10 +44,10 @@ class Table:
         self.text += added
 
     def settle(self) -> str | None:
-        """See that the file holds what was written, and no more.
+        """Bring the file to what was written so far.
 
-        What comes after that is of rows that are about to be made again, and is cut off. A file
-        that says something else is kept under a number, and another put in its place.
+        Later rows are cut off: they are made again. A file that differs otherwise is kept under
+        a number, and replaced.
 
         Returns:
             What was wrong, in a line.

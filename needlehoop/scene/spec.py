@@ -15,8 +15,7 @@ import numpy as np
 
 from needlehoop.robot.arm import add_arm
 from needlehoop.robot.joints import JOINT_NAMES
-from needlehoop.robot.link import collision
-from needlehoop.robot.meshes import Mesh, torus, tube
+from needlehoop.robot.shapes import Mesh, collision, torus, tube
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.scene.layout import Layout
 

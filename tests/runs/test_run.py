@@ -267,7 +267,7 @@ def test_a_checkpoint_comes_back_as_it_was_saved(run):
         "groups": [{"lr": 1e-3, "betas": (0.9, 0.999)}],
     }
     run.save(state)
-    loaded = Run.open(run.folder).load()
+    loaded = Run.open(run.folder).checkpoint().state
     for name, value in state["weights"].items():
         assert loaded["weights"][name].dtype == value.dtype
         assert torch.equal(loaded["weights"][name], value)
@@ -280,7 +280,7 @@ def test_a_checkpoint_comes_back_as_it_was_saved(run):
 def test_a_later_checkpoint_replaces_the_earlier(run):
     run.save({"update": 1})
     run.save({"update": 2})
-    assert run.load() == {"update": 2}
+    assert run.checkpoint().state == {"update": 2}
 
 
 def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
@@ -295,15 +295,15 @@ def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
             run.save({"update": 2, "weights": torch.zeros(3)})
         with pytest.raises(OSError, match="No space left"):
             run.note(steps=1)
-    assert run.load()["update"] == 1
-    assert torch.equal(run.load()["weights"], torch.ones(3))
+    assert run.checkpoint().state["update"] == 1
+    assert torch.equal(run.checkpoint().state["weights"], torch.ones(3))
     assert run.manifest()["steps"] == 0
     assert [path.name for path in run.folder.iterdir() if path.suffix == ".partial"] == []
 
 
 def test_a_run_without_a_checkpoint_says_so(run):
     with pytest.raises(ValueError, match=r"has no checkpoint\.pt.*nothing can go on from there"):
-        run.load()
+        run.checkpoint()
 
 
 @pytest.mark.parametrize(
@@ -333,7 +333,7 @@ def test_no_flipped_bit_is_trained_on(run):
         flipped = bytes([whole[place] ^ (1 << place % 8)])
         path.write_bytes(whole[:place] + flipped + whole[place + 1 :])
         try:
-            found = run.load()
+            found = run.checkpoint().state
         except ValueError:
             refused += 1
             continue
@@ -345,7 +345,7 @@ def test_no_flipped_bit_is_trained_on(run):
 def test_a_checkpoint_that_is_no_plain_file_is_refused(run):
     os.mkfifo(run.folder / CHECKPOINT)
     with pytest.raises(ValueError, match=r"checkpoint\.pt is no plain file"):
-        run.load()
+        run.checkpoint()
 
 
 class Trap:
@@ -362,7 +362,7 @@ def test_a_checkpoint_from_elsewhere_runs_no_code(run, tmp_path):
     sprung = tmp_path / "sprung"
     torch.save({"update": 1, "trap": Trap(sprung)}, run.folder / CHECKPOINT)
     with pytest.raises(ValueError, match=r"checkpoint\.pt is damaged"):
-        run.load()
+        run.checkpoint()
     assert not sprung.exists()
     torch.load(run.folder / CHECKPOINT, weights_only=False)
     assert sprung.exists()

@@ -20,7 +20,7 @@ from needlehoop.envs.build import compile_scene
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
 from needlehoop.robot.joints import VARIANTS
-from needlehoop.robot.posture import Posture
+from needlehoop.robot.parallelogram import Posture
 from needlehoop.scene import export, mjcf
 from needlehoop.scene.spec import build_arm
 

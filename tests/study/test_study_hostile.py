@@ -11,8 +11,14 @@ import pytest
 from study_files import write_answers, write_run
 
 from needlehoop.cli.main import main
-from needlehoop.runs.reading import TEXT, UnreadableError, read_json, read_text, read_yaml
-from needlehoop.runs.terminal import printable
+from needlehoop.runs.reading import (
+    TEXT,
+    UnreadableError,
+    printable,
+    read_json,
+    read_text,
+    read_yaml,
+)
 from needlehoop.study.data.records import read_study
 
 NAMES = ("config.yaml", "manifest.json", "reward.txt", "metrics.csv", "evaluations.csv")

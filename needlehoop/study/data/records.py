@@ -15,11 +15,11 @@ from needlehoop.runs import files
 from needlehoop.runs.reading import (
     UnreadableError,
     check_within,
+    printable,
     read_json,
     read_text,
     read_yaml,
 )
-from needlehoop.runs.terminal import printable
 from needlehoop.study.data.media import check_film
 from needlehoop.study.data.rows import Rows, read_rows
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
 from needlehoop.config.strict import Range
+from needlehoop.runs.reading import printable
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.runs.terminal import printable
 from needlehoop.vlm.messages import Request
 
 
