@@ -11,7 +11,8 @@ from gymnasium.error import ResetNeeded
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import MODES, Picture, Stage, check_mode, check_options, info, row
+from needlehoop.gym.stage import MODES, Stage, check_mode, check_options, info, row
+from needlehoop.pictures.portrait import Photographer
 from needlehoop.pictures.window import Window, has_display
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
@@ -54,9 +55,9 @@ class GymnasiumEnv(gymnasium.Env):
         check_mode(render_mode, MODES, render_size)
         self.settings, self.render_mode = replace(settings, num_envs=1), render_mode
         self._stage = Stage(self.settings, channels)
-        self._picture = self._window = None
+        self._photographer = self._window = None
         if render_mode == "rgb_array":
-            self._picture = Picture(self.simulation, render_size)
+            self._photographer = Photographer(self.simulation.engine.model, render_size)
         elif render_mode == "human":
             self._window = Window(
                 self.simulation, self.settings, "render_mode=rgb_array gives pictures"
@@ -106,7 +107,9 @@ class GymnasiumEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:
         """The scene ``(size, size, 3)`` uint8; nothing in the mode ``human``."""
-        return None if self._picture is None else self._picture(0)
+        if self._photographer is None:
+            return None
+        return self._photographer(self.simulation.engine.data(0))
 
     def close(self) -> None:
         """Close the window, if there is one."""

@@ -17,8 +17,7 @@ from needlehoop.config.strict import Pixels, shown
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.pictures.stills import Photographer
+from needlehoop.envs.simulation import Moment
 
 MODES = ("human", "rgb_array")
 """Values of ``render_mode``."""
@@ -138,23 +137,6 @@ def check_options(options: Any, valid: Iterable[str] = ()) -> None:
         if key not in valid:
             known = f"choose from {', '.join(valid)}" if valid else "reset takes none"
             raise Error(f"options: {shown(key)} is unknown; {known}")
-
-
-class Picture:
-    """Pictures of the scene from the place where those for people are taken.
-
-    Args:
-        simulation: what is pictured.
-        size: height and width, px.
-    """
-
-    def __init__(self, simulation: Simulation, size: int):
-        self._engine = simulation.engine
-        self._photographer = Photographer(self._engine.model, size)
-
-    def __call__(self, env: int) -> np.ndarray:
-        """One environment at this moment: ``(size, size, 3)`` uint8."""
-        return self._photographer(self._engine.data(env))
 
 
 def info(moment: Moment) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from gymnasium.vector.utils import batch_space
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import Picture, Stage, check_mode, check_options, info, masked
+from needlehoop.gym.stage import Stage, check_mode, check_options, info, masked
+from needlehoop.pictures.portrait import Photographer
 
 _MODES = ("rgb_array",)
 
@@ -64,7 +65,8 @@ class GymnasiumVectorEnv(VectorEnv):
             "autoreset_mode": self.autoreset_mode,
         }
         self._stage = Stage(settings, channels)
-        self._picture = Picture(self.simulation, render_size) if render_mode else None
+        model = self.simulation.engine.model
+        self._photographer = Photographer(model, render_size) if render_mode else None
         self.single_observation_space = self._stage.observation_space
         self.single_action_space = self._stage.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -132,9 +134,10 @@ class GymnasiumVectorEnv(VectorEnv):
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The scene in each environment ``(size, size, 3)`` uint8."""
-        if self._picture is None:
+        if self._photographer is None:
             return None
-        return tuple(self._picture(env) for env in range(self.num_envs))
+        engine = self.simulation.engine
+        return tuple(self._photographer(engine.data(env)) for env in range(self.num_envs))
 
     def _reset_all(self, seed: int | None) -> tuple[Observation, dict[str, Any]]:
         if seed is not None and not isinstance(seed, int | np.integer):

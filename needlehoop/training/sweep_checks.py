@@ -61,7 +61,7 @@ def reminder(words: Sequence[str]) -> str | None:
 
 
 class Programs(Callback):
-    """Refuses a sweep with a missing or bad reward program before its first run."""
+    """Before a sweep's first run: refuses missing or bad reward programs, sets joblib up."""
 
     def on_multirun_start(self, config: Any, **kwargs: Any) -> None:
         """Called by Hydra where the sweep is started, with the config of the sweep itself."""
