@@ -8,11 +8,13 @@ import json
 import logging
 import traceback
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from vlm_server import KEY, Server, by_schema, serve
 
+from needlehoop.config import strict
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import (
@@ -235,8 +237,10 @@ def test_unknown_kinds_and_settings_name_the_valid_ones(monkeypatch):
         build_provider(config_of("bard", None), NOWHERE)
     with pytest.raises(ValueError, match=r"vlm.sampling: unknown key 'heat'"):
         build_provider(config_of("gemini", None, sampling={"heat": 2}), NOWHERE)
-    with pytest.raises(ValueError, match=r"vlm.tries: 0"):
-        config_of("gemini", None, tries=0)
+    values = asdict(config_of("gemini", None))
+    for key, value in (("tries", 0), ("timeout", 0), ("first_wait", -1), ("longest_wait", -1)):
+        with pytest.raises(ValueError, match=rf"vlm\.{key}: {value}"):
+            strict.structure({**values, key: value}, LiveConfig, "vlm")
 
 
 def test_the_made_up_answers_fit_their_schema():
