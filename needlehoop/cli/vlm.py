@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from needlehoop.cli.command import add_command
-from needlehoop.runs.terminal import printable
+from needlehoop.runs.reading import printable
 
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry

@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.gym.stage import MODES, Stage, check_mode, check_options, info, row
-from needlehoop.pictures.portrait import Photographer
+from needlehoop.pictures.stills import Photographer
 from needlehoop.pictures.window import Window, has_display
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}

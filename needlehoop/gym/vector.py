@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.gym.stage import Stage, check_mode, check_options, info, masked
-from needlehoop.pictures.portrait import Photographer
+from needlehoop.pictures.stills import Photographer
 
 _MODES = ("rgb_array",)
 

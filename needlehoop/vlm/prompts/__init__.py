@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from needlehoop.runs.provenance import commit
+from needlehoop.runs.machine import commit
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 
