@@ -59,13 +59,13 @@ check: $(TESTED)
 docs: $(TESTED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# What results/ says, in its tables, in docs/findings.md and evidence.md, and in the figures of
-# README.md and evidence.md.
-findings: $(STAMP)
+# What results/ says: its tables, those of docs/findings.md and evidence.md, the figures of README.md
+# and evidence.md, and results/report.html, which git ignores.
+findings: $(TESTED)
 	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
-	cp results/table2/figures/cost_and_regret.png docs/
 	cp results/rewards/figures/rewards.png docs/
-	$(BIN)/python docs/refill.py
+	$(BIN)/python -m analysis.findings
+	$(BIN)/needlehoop report results/fast results/table2 results/rewards results/imitation
 
 format: $(TESTED)
 	$(BIN)/ruff format .

@@ -18,7 +18,7 @@ UPDATES = 97
 """Of a run of 1 M steps."""
 
 PAIRS = tuple((name, "human") for name in paper.measured())
-"""The paper's 14 combinations."""
+"""The paper's 14 camera sets."""
 
 REWARDED = tuple(
     (name, reward)
@@ -84,7 +84,10 @@ def write_run(
     (folder / files.REWARD).write_text(f"{reward} & its <source>\n")
     if finished:
         last = {"steps_trained": updates * BUFFER, "seed": 1_000_001, "episodes": 100}
-        last |= {name: rows[-1][name] for name in ("success", "cheat", "touched", "return")}
+        last |= {
+            name: rows[-1][name]
+            for name in ("success", "cheat", "touched", "grasped", "lifted", "return")
+        }
         (folder / files.EVALUATION).write_text(json.dumps(last))
     return folder
 

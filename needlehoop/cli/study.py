@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from needlehoop.study.data.findings import Findings
+    from needlehoop.study.stats.findings import StudyFindings
 
 PAPER = "paper"
 
 _TOP = 3
-"""Combinations that the paper gave other rewards."""
+"""Camera sets that the paper gave other rewards."""
 
 _STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
 
@@ -43,7 +43,7 @@ def add_commands(commands: Any) -> None:
         "compare",
         help=summary,
         description=summary,
-        epilog="Prints in which settings they differ and how soon each run got how far, and draws"
+        epilog="Prints the settings that differ and how soon each run got how far, and draws"
         " learning curves. Studies: folders with runs of the same cameras and reward.",
     )
     command.add_argument("study", metavar="STUDY", nargs="+", help="a study's folder")
@@ -66,7 +66,7 @@ def add_commands(commands: Any) -> None:
     command.add_argument("study", type=Path, metavar="STUDY", help="a study's folder")
     command.add_argument("overrides", nargs="*", metavar="key=value")
     command.set_defaults(run=_status)
-    summary = "Print a study's best combinations by measured return, as cams= takes them."
+    summary = "Print a study's best camera sets by measured return, as cams= takes them."
     command = commands.add_parser("top", help=summary, description=summary)
     command.add_argument("study", metavar="STUDY", help=_STUDY)
     command.add_argument(
@@ -93,7 +93,7 @@ def _plot(options: argparse.Namespace) -> None:
 
 def _report(options: argparse.Namespace) -> None:
     from needlehoop.study.render.figures import draw
-    from needlehoop.study.report.report import Part, write_report
+    from needlehoop.study.report.page import Part, write_report
 
     _no_more(options)
     words = [_word(study) for study in options.study]
@@ -160,18 +160,17 @@ def _word(study: str) -> str:
 
 
 def _status(options: argparse.Namespace) -> None:
-    from needlehoop.study.data.outcomes import read_outcomes
-    from needlehoop.study.data.plan import planned
     from needlehoop.study.data.records import Study, read_study
+    from needlehoop.study.data.sweeps import planned, read_job_ends
     from needlehoop.study.report.status import describe, standings
 
     expected = planned(options.overrides) if options.overrides else None
-    outcomes, unread = read_outcomes(options.study)
+    ends, unread = read_job_ends(options.study)
     # Before its first run a planned study has no folder.
-    begun = options.study.exists() or not (expected or outcomes)
+    begun = options.study.exists() or not (expected or ends)
     study = read_study(options.study) if begun else Study(options.study, (), ())
     study = replace(study, left_out=(*study.left_out, *unread))
-    print(describe(standings(study, outcomes, expected), study))
+    print(describe(standings(study, ends, expected), study))
 
 
 def _top(options: argparse.Namespace) -> None:
@@ -180,13 +179,13 @@ def _top(options: argparse.Namespace) -> None:
     ranked = findings.ranked
     count = min(_TOP, len(ranked)) if options.count is None else options.count
     if not 1 <= count <= len(ranked):
-        raise ValueError(f"count: {count}; {options.study} has {len(ranked)} combinations")
+        raise ValueError(f"count: {count}; {options.study} has {len(ranked)} camera sets")
     print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[:count]))
 
 
-def _open(study: str, out: Path | None) -> tuple[Findings, Path]:
+def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:
     """What is to be shown, and the folder for it."""
-    from needlehoop.study.data.findings import paper_findings, study_findings
+    from needlehoop.study.stats.findings import paper_findings, study_findings
 
     if study == PAPER:
         return paper_findings(Path("results")), out or Path("results") / PAPER
@@ -198,7 +197,7 @@ def _open(study: str, out: Path | None) -> tuple[Findings, Path]:
     return findings, out or folder
 
 
-def _say_left_out(findings: Findings) -> None:
+def _say_left_out(findings: StudyFindings) -> None:
     if findings.left_out:
         print(f"left out: {len(findings.left_out)}")
         for one in findings.left_out:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 
@@ -12,13 +11,15 @@ from matplotlib.figure import Figure
 from needlehoop.probe.folder import ProbeResults
 from needlehoop.probe.frames import PHASES
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.scores import NEEDED, QUANTITIES, Interval
+from needlehoop.probe.scores import NEEDED, QUANTITIES
+from needlehoop.probe.scores import Interval as Scored
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
-from needlehoop.study.data.combinations import LISTS, label
+from needlehoop.study.data.paper import LISTS, label
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
-from needlehoop.study.report.table import Table
+from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.agreement import agreement
+from needlehoop.study.stats.statistics import Interval
 
 PHASES_TABLE = "phases"
 """Name of the longest table."""
@@ -39,21 +40,31 @@ def _ranking(results: ProbeResults) -> Table:
         score, place = results.scores[name], results.places.get(name)
         rows.append(
             (
-                "" if place is None else _range(place),
+                None if place is None else _place(*place),
                 _BASELINES.get(name, label(name)),
-                f"{score.value:.3f}",
-                _interval(score, "{:.3f}"),
-                *(_millimetres(results.error(name, p, NEEDED[p])) for p in PHASES),
-                *(f"{one:.3f}" for one in results.by_seed[name]),
+                score.value,
+                _interval(score),
+                *(
+                    Estimated(error.value, _interval(error))
+                    for error in (results.error(name, p, NEEDED[p]) for p in PHASES)
+                ),
+                *results.by_seed[name],
             )
         )
-    head = ("place", "cameras", "score", "95 %", *(f"{p}, mm" for p in PHASES))
-    head += tuple(f"seed {seed}" for seed in range(results.seeds))
+    columns = (
+        Column("place"),
+        Column("cameras"),
+        Column("score", form=".3f"),
+        Column("95 %", form=".3f"),
+        *(Column(phase, "mm", ".2f") for phase in PHASES),
+        *(Column(f"seed {seed}", form=".3f") for seed in range(results.seeds)),
+    )
     note = (
         "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
         " (over held-out episodes) overlap share a place."
     )
-    return Table("ranking", "Cameras by what can be read off their images", head, tuple(rows), note)
+    title = "Cameras by what can be read off their images"
+    return Table("ranking", title, columns, tuple(rows), note)
 
 
 def _phases(results: ProbeResults) -> Table:
@@ -63,18 +74,21 @@ def _phases(results: ProbeResults) -> Table:
             _BASELINES.get(name, label(name)),
             phase,
             quantity,
-            f"{found.value:.3f}",
-            _interval(found, "{:.3f}"),
-            "yes" if NEEDED[phase] == quantity else "",
+            found.value,
+            _interval(found),
+            True if NEEDED[phase] == quantity else None,
         )
         for name in (*results.ranked, *_BASELINES)
         for phase in PHASES
         for quantity in QUANTITIES
         for found in (results.error(name, phase, quantity),)
     ]
-    head = ("cameras", "phase", "quantity", "error", "95 %", "needed")
+    columns = (
+        Column("cameras"), Column("phase"), Column("quantity"), Column("error", form=".3f"),
+        Column("95 %", form=".3f"), Column("needed"),
+    )  # fmt: skip
     note = "Errors in mm; of grasped, the share of frames in which it is wrong."
-    return Table(PHASES_TABLE, "Errors by phase", head, tuple(rows), note)
+    return Table(PHASES_TABLE, "Errors by phase", columns, tuple(rows), note)
 
 
 def _agreements(results: ProbeResults) -> Table:
@@ -93,48 +107,43 @@ def _agreements(results: ProbeResults) -> Table:
         sides = [{name: results.by_seed[name][s] for name in results.ranked} for s in (one, two)]
         if len(results.ranked) > 1:
             rows.append((f"seed {one}", f"seed {two}", *_said(*sides)))
-    head = ("list", "against", "n", "tau-b", "p", "rho", "best hit", "worst hit", "regret")
+    columns = (
+        Column("list"), Column("against"), Column("n"), Column("tau-b", form=".2f"),
+        Column("p", form=".2f"), Column("rho", form=".2f"), Column("best hit"),
+        Column("worst hit"), Column("regret", form=".2f"),
+    )  # fmt: skip
     note = (
         "The probe's order predicts the other one. p by permutation, two-sided; regret: by how much"
         " the probe's first choice falls short of the best there, in that side's unit."
     )
     kept = tuple(row for row in rows if row)
-    return Table("agreement", "Agreement of the probe with other rankings", head, kept, note)
+    return Table("agreement", "Agreement of the probe with other rankings", columns, kept, note)
 
 
 def _row(
     name: str, against: str, measured: Mapping[str, float], results: ProbeResults
-) -> tuple[str, ...]:
-    """Empty where the probe lacks a camera set of the list."""
+) -> tuple[Cell, ...]:
+    """Nothing where the probe has not seen all of the list."""
     if not set(measured) <= set(results.ranked):
         return ()
     scores = {cameras: results.scores[cameras].value for cameras in measured}
     return (name, against, *_said(scores, measured))
 
 
-def _said(predicted: Mapping[str, float], measured: Mapping[str, float]) -> tuple[str, ...]:
+def _said(predicted: Mapping[str, float], measured: Mapping[str, float]) -> tuple[Cell, ...]:
     found = agreement(predicted, measured)
-    numbers = (found.tau, found.tau_p, found.rho)
     return (
-        str(found.n),
-        *("" if math.isnan(value) else f"{value:.2f}" for value in numbers),
-        "yes" if found.top_hit else "no",
-        "yes" if found.bottom_hit else "no",
-        f"{found.regret:.2f}",
+        *(found.n, found.tau, found.tau_p, found.rho),
+        *(found.top_hit, found.bottom_hit, found.regret),
     )
 
 
-def _range(place: tuple[int, int]) -> str:
-    best, worst = place
-    return str(best) if best == worst else f"{best} to {worst}"
+def _place(best: int, worst: int) -> Cell:
+    return best if best == worst else Interval(best, worst)
 
 
-def _interval(found: Interval, form: str) -> str:
-    return f"{form.format(found.low)} to {form.format(found.high)}"
-
-
-def _millimetres(found: Interval) -> str:
-    return f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
+def _interval(found: Scored) -> Interval:
+    return Interval(found.low, found.high)
 
 
 _ROW = 4.2

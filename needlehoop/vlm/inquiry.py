@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.run import Run
-from needlehoop.study.report.table import Table
+from needlehoop.study.render.table import Table
 from needlehoop.vlm import tables
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import InquiryConfig

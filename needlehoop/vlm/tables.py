@@ -16,7 +16,7 @@ from needlehoop.rewards.written import FIRST
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data.answers import as_rows
-from needlehoop.study.report.table import Table
+from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.transcript import Exchange
 
@@ -160,29 +160,33 @@ def compared(name: str, programs: Mapping[int, AcceptedProgram]) -> Table:
     numbers = sorted(programs)
     rows = [
         (
-            str(number),
-            *(f"{programs[number].gap(to):.3f}" for to in ("random", "cheat")),
-            f"{100 * programs[number].card['paid']:.1f}",
+            number,
+            *(programs[number].gap(to) for to in ("random", "cheat")),
+            programs[number].card["paid"],
             *(_rho(programs[number].values, programs[other].values) for other in numbers),
         )
         for number in numbers
     ]
-    head = ("sample", "expert - random", "expert - cheat", "paid, %")
-    head += tuple(f"rho with {number}" for number in numbers)
+    columns = (
+        Column("sample"),
+        *(Column(f"expert - {to}", form=".3f") for to in ("random", "cheat")),
+        Column("paid", "%", ".1f", 100.0),
+        *(Column(f"rho with {number}", form=".3f") for number in numbers),
+    )
     widest = {to: max(numbers, key=lambda n: programs[n].gap(to)) for to in ("random", "cheat")}
     note = (
         "rho: Spearman's, of the values over the recorded trajectories. The expert stands out most"
         f" from random actions in sample {widest['random']}, from cheating in sample"
         f" {widest['cheat']}. Trained on: sample {FIRST}, or that of reward.sample=."
     )
-    return Table(name, "Samples compared", head, tuple(rows), note)
+    return Table(name, "Samples compared", columns, tuple(rows), note)
 
 
-def _rho(a: Sequence[float], b: Sequence[float]) -> str:
-    """Spearman's rank correlation; nothing where one side is constant."""
+def _rho(a: Sequence[float], b: Sequence[float]) -> float | None:
+    """Spearman's rank correlation; ``None`` where one side is constant."""
     x, y = (rankdata(side) - (len(side) + 1) / 2 for side in (a, b))
     size = math.sqrt(float((x**2).sum() * (y**2).sum()))
-    return f"{float((x * y).sum()) / size:.3f}" if size else ""
+    return float((x * y).sum()) / size if size else None
 
 
 def _key(messages: Sequence[Any], answer: Any) -> str:

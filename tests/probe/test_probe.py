@@ -400,16 +400,16 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
         folder.save(0, name, _errors([10.0 - value] * 3, 12, 0.0, 0))
     found = read_results(folder, 1)
     tables = {table.name: table for table in all_tables(found)}
-    rows = [row for row in tables["agreement"].rows if row[1] == "the paper's measured"]
+    rows = [row for row in tables["agreement"].texts if row[1] == "the paper's measured"]
     assert [row[2] for row in rows] == ["5", "5", "6", "14"]
     assert {row[3] for row in rows[:3]} == {"1.00"}
     assert {(row[6], row[7], row[8]) for row in rows} == {("yes", "yes", "0.00")}
-    vlm = [row for row in tables["agreement"].rows if row[1] == "the paper's VLM"]
+    vlm = [row for row in tables["agreement"].texts if row[1] == "the paper's VLM"]
     # As the paper's VLM agrees with the paper's own measurements.
     assert [row[3] for row in vlm] == ["0.60", "0.60", "0.60"]
-    first = tables["ranking"].rows[0]
+    first = tables["ranking"].texts[0]
     assert first[1] == "DEP (F) + SEG (S)"
-    assert tables["ranking"].rows[-1][1] == "constant"
+    assert tables["ranking"].texts[-1][1] == "constant"
     axes = ranking_figure(found).axes
     assert axes[0].get_yticklabels()[0].get_text() == "DEP (F) + SEG (S)"
     assert len(tables["phases"].rows) == 16 * len(PHASES) * len(QUANTITIES)

@@ -1,4 +1,4 @@
-"""What a VLM said: answers to questions, orders of combinations, and its reasons."""
+"""What a VLM said: answers to questions, orders of camera sets, and its reasons."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Answer:
 
 @dataclass(frozen=True)
 class Ranking:
-    """A list of combinations in the order that was predicted."""
+    """A list of camera sets in the order that was predicted."""
 
     places: Mapping[str, float]
-    """Place by combination, the best (lowest) first; a mean where it was asked repeatedly."""
+    """Place by camera set, the best (lowest) first; a mean where the model was asked repeatedly."""
     reasons: Mapping[str, str]
-    """By combination; empty where none were given."""
+    """By camera set; empty where none were given."""
 
 
 @dataclass(frozen=True)

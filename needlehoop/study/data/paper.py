@@ -1,20 +1,63 @@
-"""The paper's published numbers and answers, as a data set of its own."""
+"""The paper's published numbers and answers, and how it names camera sets, rewards and lists."""
 
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import dataclass
 
+from needlehoop.runs.files import EXPERT
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
 FOLDER = RECORDINGS / "paper"
 SOURCE = "the paper (Gemini 1.5 Flash)"
 
+HUMAN = "human"
+"""The reward of the paper's first comparison."""
+
+REWARDS = {
+    "human": "human",
+    "vlm_text": "VLM, text",
+    "vlm_img": "VLM, text + image",
+    "vlm_text_claude": "claude, text",
+    "vlm_img_claude": "claude, text + image",
+    EXPERT: "none: an expert was imitated",
+}
+"""Names of rewards for people; other rewards go by their own name."""
+
+LISTS = {
+    "rgb_dep": "RGB and depth",
+    "rgb_seg": "RGB and segmentation",
+    "dep_seg": "Depth and segmentation",
+}
+"""The paper's three lists of camera sets, in its order."""
+
+_CAMERA = re.compile(r"([a-z0-9]+)_([a-z0-9])\w*")
+
+
+def label(cameras: str) -> str:
+    """``dep_front+seg_side`` as the paper writes it: ``DEP (F) + SEG (S)``."""
+    return " + ".join(
+        f"{found[1].upper()} ({found[2].upper()})" if (found := _CAMERA.fullmatch(name)) else name
+        for name in cameras.split("+")
+    )
+
+
+def reward_label(reward: str) -> str:
+    """A reward's name for people."""
+    return REWARDS.get(reward, reward)
+
+
+def reward_order(reward: str) -> tuple[int, str]:
+    """A key for sorting: the human reward first, then those of ``REWARDS``, then others."""
+    known = [*REWARDS]
+    return (known.index(reward) if reward in known else len(known), reward)
+
 
 @dataclass(frozen=True)
 class Reported:
-    """A return that the paper reports for a combination and a reward, from one run."""
+    """A return that the paper reports for a camera set and a reward, from one run."""
 
     cameras: str
     reward: str
@@ -24,12 +67,12 @@ class Reported:
 
 
 def measured() -> dict[str, float]:
-    """Returns of Table II by combination, with the human reward."""
+    """Returns of Table II by camera set, with the human reward."""
     return {row["cameras"]: float(row["measured_return"]) for row in _rows("table_2.csv")}
 
 
 def lists() -> dict[str, tuple[str, ...]]:
-    """The combinations of each of the three lists, the best measured first."""
+    """The camera sets of each of the three lists, the best measured first."""
     found: dict[str, tuple[str, ...]] = {}
     for row in _rows("table_2.csv"):
         found[row["list"]] = (*found.get(row["list"], ()), row["cameras"])

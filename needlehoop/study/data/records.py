@@ -1,10 +1,10 @@
-"""A study's runs, read from their folders; what can't be read is named, never guessed."""
+"""A study's runs, read from their folders; what cannot be read is named, never guessed."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from needlehoop.runs import files
+from needlehoop.runs.lock import is_held
 from needlehoop.runs.reading import (
     UnreadableError,
     check_within,
@@ -20,35 +21,30 @@ from needlehoop.runs.reading import (
     read_text,
     read_yaml,
 )
-from needlehoop.study.data.media import check_film
-from needlehoop.study.data.rows import Rows, read_rows
+from needlehoop.study.data.contents import Rows, check_film, read_rows
 
 _KEYED = ("update", "step", "wall_time")
 _LARGEST = float(2**53)
 """Whole numbers beyond it are none any more, as numbers of a table."""
+
+_RETURN = (-1e9, 1e9)
+
+HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
+"""What an evaluation says of the human reward: its points, and its scene unit in m."""
 
 _OUTCOME = {
     "episodes": (1.0, _LARGEST),
     "success": (0.0, 1.0),
     "cheat": (0.0, 1.0),
     "touched": (0.0, 1.0),
-    "return": (-1e9, 1e9),
-}
-"""What an evaluation says, and between what."""
-
-HUMAN_RETURN = "return_human"
-"""The column of an evaluation that has the human reward's points; older ones have none."""
-
-HUMAN_UNIT, FORMER_UNIT = "human_unit", 0.05
-"""What says in which scene unit, m, those are; and what it was before evaluations said so."""
-
-_SINCE = {
-    HUMAN_RETURN: _OUTCOME["return"],
-    HUMAN_UNIT: (0.0, 1e9),
     "grasped": (0.0, 1.0),
     "lifted": (0.0, 1.0),
+    "return": _RETURN,
 }
-"""What evaluations say besides, if they are not too old."""
+"""What an evaluation says, and the range of each number."""
+
+_MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0.0, 1e9)}
+"""What ``evaluation.json`` may say besides."""
 
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
@@ -56,7 +52,10 @@ _RUN_FILES = re.compile(
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
 _FORMER_RUN = re.compile(r"seed\d+\.\d+")
-"""One that another took the place of."""
+"""A run that was set aside for another."""
+
+_CAMERA = re.compile(r"\w[\w.-]{0,39}")
+"""A camera's name: figures and tables have room for it."""
 
 _STUDY_FILES = {"report.html", "contact_sheet.png", "README.md"}
 
@@ -131,13 +130,9 @@ class Record:
         return 0 if self.metrics is None else int(self.metrics["step"][-1])
 
     @property
-    def core_minutes(self) -> float | None:
-        """Wall time of its cores, whatever else they did; ``None`` if it is not on record."""
-        engine, wall = self.config.get("engine"), self.manifest.get("wall_time")
-        threads = (engine.get("threads") if isinstance(engine, Mapping) else None) or (
-            self.manifest.get("cpus")
-        )
-        return core_minutes(wall, threads)
+    def settings(self) -> dict[str, str]:
+        """Its settings as they are typed on the command line, by names such as ``algo.gamma``."""
+        return dict(_typed_settings(self.config, ""))
 
     @property
     def command(self) -> str | None:
@@ -168,6 +163,16 @@ class _Reading:
 
     def leave(self, path: Path, reason: str) -> None:
         self.left_out.append(LeftOut(path.relative_to(self.root), reason))
+
+    def read(self, path: Path, of: Callable[[Path], Any]) -> Any:
+        """What a file holds; ``None`` where there is none, or where it is left out."""
+        if not os.path.lexists(path):
+            return None
+        try:
+            return of(path)
+        except UnreadableError as error:
+            self.leave(path, str(error))
+            return None
 
 
 def read_study(folder: Path) -> Study:
@@ -205,13 +210,6 @@ def read_study(folder: Path) -> Study:
     return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
 
 
-def core_minutes(wall_time: Any, cores: Any) -> float | None:
-    """Seconds on so many cores, in core-minutes; ``None`` where one of them is not known."""
-    if not (_between(wall_time, 0.0, 1e9) and _between(cores, 1, 1e6)):
-        return None
-    return float(wall_time) * float(cores) / 60.0
-
-
 def _visible(folder: Path) -> list[str]:
     """Names of the files in a folder, without hidden ones."""
     return [path.name for path in folder.iterdir() if not path.is_dir() and path.name[0] != "."]
@@ -220,7 +218,9 @@ def _visible(folder: Path) -> list[str]:
 def _read_run(folder: Path, reading: _Reading) -> None:
     for path in sorted(folder.iterdir()):
         if path.name.endswith(".partial"):
-            reading.leave(path, "half-written")
+            # While a training holds the folder, it is writing the file just now.
+            if not is_held(folder):
+                reading.leave(path, "half-written")
         elif not path.is_dir() and not _RUN_FILES.fullmatch(path.name):
             reading.leave(path, "is no file of a run")
     try:
@@ -236,35 +236,36 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     if place in reading.runs:
         reading.leave(folder, f"is {place}, as is {reading.runs[place].folder}")
         return
-    _check_text(folder / files.REWARD, reading)
+    root = reading.root
+    if not os.path.lexists(folder / files.MANIFEST):
+        reading.leave(folder / files.MANIFEST, "is missing")
+    reading.read(folder / files.REWARD, lambda path: read_text(path, within=root))
     reading.runs[place] = Record(
         place,
         folder,
         config,
-        _json(folder / files.MANIFEST, {}, reading) or {},
-        _rows(folder / files.METRICS, ("return", "success"), {}, reading),
-        _rows(folder / files.EVALUATIONS, _OUTCOME, _OUTCOME, reading),
-        _json(folder / files.EVALUATION, _OUTCOME, reading),
-        _film(folder / files.VIDEO, reading),
+        reading.read(folder / files.MANIFEST, lambda path: read_json(path, within=root)) or {},
+        reading.read(folder / files.METRICS, lambda path: _rows(path, {}, reading)),
+        reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, _OUTCOME, reading)),
+        reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, root)),
+        reading.read(folder / files.VIDEO, lambda path: _film(path, root)),
     )
 
 
 def _config(path: Path, root: Path) -> dict[str, Any]:
-    """A run's config, as far as the study needs it checked."""
+    """A run's config; what the study uses of it is checked."""
     if not path.exists():
         raise UnreadableError("is missing")
     config = read_yaml(path, root)
-    # Runs of one camera once kept it as a word.
-    if isinstance(config.get("cams"), str):
-        config["cams"] = files.listed(config["cams"])
     for key, kind in (("cams", list), ("obs", dict), ("algo", dict)):
         if not isinstance(config.get(key), kind):
             raise UnreadableError(f"has no usable {key}")
-    if not all(isinstance(camera, str) for camera in config["cams"]):
-        raise UnreadableError("has no usable cams")
+    for camera in config["cams"]:
+        if not (isinstance(camera, str) and _CAMERA.fullmatch(camera)):
+            raise UnreadableError(f"has no usable cams: {str(camera)[:40]!r} is no camera's name")
     counts: dict[str, Any] = {key: config.get(key) for key in ("seed", "steps", "num_envs")}
     counts["algo.horizon"] = config["algo"].get("horizon")
-    # Runs older than it have none.
+    # Imitation has no buffer of its own.
     counts["algo.buffer"] = config["algo"].get("buffer") or 1
     for key, value in counts.items():
         if type(value) is not int or not 0 <= value < 2**64:
@@ -275,51 +276,26 @@ def _config(path: Path, root: Path) -> dict[str, Any]:
     return config
 
 
-def _json(
-    path: Path, numbers: Mapping[str, tuple[float, float]], reading: _Reading
-) -> dict[str, Any] | None:
-    """A JSON object with ``numbers`` in it; ``None`` and a note where it is something else."""
-    if not os.path.lexists(path):
-        if path.name == files.MANIFEST:
-            reading.leave(path, "is missing")
-        return None
-    try:
-        found = read_json(path, within=reading.root)
-    except UnreadableError as error:
-        reading.leave(path, str(error))
-        return None
-    since = {name: _SINCE[name] for name in _SINCE if name in found and numbers}
-    limits = {**numbers, **since}
-    odd = [key for key, (low, high) in limits.items() if not _between(found.get(key), low, high)]
-    if numbers and not _between(found.get("steps_trained") or 0, 0, _LARGEST):
-        odd.append("steps_trained")
+def _evaluation(path: Path, root: Path) -> dict[str, Any]:
+    """The long evaluation at the end of a run."""
+    found = read_json(path, within=root)
+    limits = _OUTCOME | {key: _MORE[key] for key in _MORE if key in found}
+    odd = [key for key, ends in limits.items() if not _between(found.get(key), *ends)]
     if odd:
-        reading.leave(path, f"has no usable {', '.join(odd)}")
-        return None
+        raise UnreadableError(f"has no usable {', '.join(odd)}")
     return found
 
 
-def _rows(
-    path: Path,
-    columns: Iterable[str],
-    numbers: Mapping[str, tuple[float, float]],
-    reading: _Reading,
-) -> Rows | None:
-    """A table with ``columns``, in which updates and steps rise and ``numbers`` are in range."""
-    if not os.path.lexists(path):
-        return None
-    try:
-        rows, problems = read_rows(path, (*_KEYED, *numbers), reading.root)
-        for name in columns:
-            if name not in rows.columns:
-                raise UnreadableError(f"is no table of a run: it has no column {name}")
-        _check_rising(rows)
-        for name, (low, high) in numbers.items():
-            if not ((rows[name] >= low) & (rows[name] <= high)).all():
-                raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
-    except UnreadableError as error:
-        reading.leave(path, str(error))
-        return None
+def _rows(path: Path, numbers: Mapping[str, tuple[float, float]], reading: _Reading) -> Rows:
+    """A table of a run, in which updates and steps rise and ``numbers`` are in range."""
+    rows, problems = read_rows(path, (*_KEYED, *numbers), reading.root)
+    for name in ("return", "success"):
+        if name not in rows.columns:
+            raise UnreadableError(f"is no table of a run: it has no column {name}")
+    _check_rising(rows)
+    for name, (low, high) in {"return": _RETURN, **numbers}.items():
+        if ((rows[name] < low) | (rows[name] > high)).any():
+            raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
     for problem in problems:
         reading.leave(path, problem)
     return rows
@@ -339,23 +315,9 @@ def _check_rising(rows: Rows) -> None:
             )
 
 
-def _check_text(path: Path, reading: _Reading) -> None:
-    try:
-        if os.path.lexists(path):
-            read_text(path, within=reading.root)
-    except UnreadableError as error:
-        reading.leave(path, str(error))
-
-
-def _film(path: Path, reading: _Reading) -> Path | None:
-    if not os.path.lexists(path):
-        return None
-    try:
-        check_within(path, reading.root)
-        check_film(path)
-    except UnreadableError as error:
-        reading.leave(path, str(error))
-        return None
+def _film(path: Path, root: Path) -> Path:
+    check_within(path, root)
+    check_film(path)
     return path
 
 
@@ -368,3 +330,20 @@ def _quoted(word: Any) -> str:
     """A word of a command as a shell takes it, readable where it needs no quotes."""
     text = str(word)
     return text if re.fullmatch(r"[\w@%+=:,./-]+", text) else "'" + text.replace("'", "'\\''") + "'"
+
+
+def _typed_settings(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _typed_settings(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", _typed(value)
+
+
+def _typed(value: Any) -> str:
+    """A value as Hydra takes it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, list):
+        return f"[{','.join(map(_typed, value))}]"
+    return str(value)

@@ -13,18 +13,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.combinations import LISTS, label, reward_label, reward_order
-from needlehoop.study.data.final import evaluations
-from needlehoop.study.data.findings import Findings, Result
+from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
 from needlehoop.study.data.records import Record
-from needlehoop.study.render.style import COLOURS, DASHES, explain_views, label_ends, new_figure
+from needlehoop.study.render.style import (
+    COLOURS,
+    DASHES,
+    explain_views,
+    label_ends,
+    new_figure,
+    short,
+)
+from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.run import evaluations, grid_of, has_curve, smooth
 from needlehoop.study.stats.statistics import band
-
-_POINTS = 120
-_WINDOW = 0.04
-"""Width of the moving mean over training, as a share of the longest run."""
-BUFFERS = 5
-"""Buffers of training over which a share of episodes is taken."""
 
 _PANEL = 7
 """Curves in a panel, at most: one for each colour."""
@@ -37,11 +38,11 @@ _Lines = list[tuple[str, tuple[Record, ...], int]]
 
 
 class MissingDataError(ValueError):
-    """A study without what a figure shows; the message says what is missing."""
+    """A study lacks what a figure shows; the message says what."""
 
 
-def learning_curves(findings: Findings) -> Figure:
-    """Return over training for each combination.
+def learning_curves(findings: StudyFindings) -> Figure:
+    """Return over training for each camera set.
 
     Few share a panel; many are parted into the paper's three lists, and the rest.
 
@@ -55,7 +56,7 @@ def learning_curves(findings: Findings) -> Figure:
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
     colours = _colours([[result.cameras for result in own] for _, own in panels])
     shown = [
-        (title, [(label(r.cameras), r.runs, colours[r.cameras]) for r in own])
+        (title, [(short(label(r.cameras)), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
     explain_views(figure)
@@ -66,7 +67,7 @@ def learning_curves(findings: Findings) -> Figure:
 
 
 def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
-    """Combinations by the paper's lists; one that is in two of them is shown in both."""
+    """Camera sets by the paper's lists; one that is in two of them is shown in both."""
     panels = []
     for name, members in paper.lists().items():
         panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
@@ -86,28 +87,28 @@ def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
     return found
 
 
-def reward_comparison(findings: Findings) -> Figure:
-    """What training brings by reward, for each combination that was trained with several.
+def reward_comparison(findings: StudyFindings) -> Figure:
+    """What training brings by reward, for each camera set that was trained with several.
 
-    Beside the returns, how often training's sampled actions thread, and how often the mean action
-    does in evaluations: it can stop short where noise still carries the needle through.
+    Beside the returns stands how often training's sampled actions thread, and how often the mean
+    action does in evaluations: it can stop short where noise still carries the needle through.
 
     Raises:
-        MissingDataError: no combination was trained with two rewards.
+        MissingDataError: no camera set was trained with two rewards.
     """
     panels = []
     for result in findings.ranked:
         rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
         if len(rivals) > 1:
             rivals.sort(key=lambda r: reward_order(r.reward))
-            panels.append((label(result.cameras), rivals))
+            panels.append((short(label(result.cameras)), rivals))
     if not panels:
-        raise MissingDataError("no combination with learning curves for two rewards")
+        raise MissingDataError("no camera set with learning curves for two rewards")
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
     # A reward keeps its colour from panel to panel.
     colours = sorted({r.reward for _, rivals in panels for r in rivals}, key=reward_order)
     shown = [
-        (title, [(reward_label(r.reward), r.runs, colours.index(r.reward)) for r in rivals])
+        (title, [(short(reward_label(r.reward)), r.runs, colours.index(r.reward)) for r in rivals])
         for title, rivals in panels
     ]
     untitled = [("", own) for _, own in shown]
@@ -122,12 +123,12 @@ def reward_comparison(findings: Findings) -> Figure:
     for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
         axes.set_title(said, fontweight="normal", fontsize=6.5)
     grid[-1, 1].set_xlabel("training steps, millions")
-    # Rewards have their colours in common, so that they are named once.
+    # Each reward has one colour in all panels, so one legend is enough.
     drawn = [
         Line2D([], [], color=colour, linestyle=dash, linewidth=1.2)
         for colour, dash in map(_stroke, range(len(colours)))
     ]
-    names = [reward_label(reward) for reward in colours]
+    names = [short(reward_label(reward)) for reward in colours]
     figure.legend(
         drawn, names, loc="outside upper center", ncols=2, frameon=False, fontsize=6.5,
         handlelength=2.6, columnspacing=1.2,
@@ -164,7 +165,7 @@ def _panels(
                 if not np.isnan(values := curves(runs, steps)).all()
             ]
         )
-    # One scale for all panels, so that they can be compared.
+    # One scale for all panels makes them comparable.
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
@@ -199,7 +200,7 @@ def name_ends(
 def draw_line(axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray) -> LineEnd:
     """Draw the IQM and the interval over seeds; returns where the line ends.
 
-    The line breaks where a run ends before the others: what is left is a mean over fewer, and
+    The line breaks where a run ends before the others: from there it is a mean over fewer runs, and
     thinner.
 
     Args:
@@ -228,11 +229,6 @@ def _stroke(number: int) -> tuple[str, Any]:
     return COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
 
 
-def has_curve(run: Record) -> bool:
-    """Whether at least one of its episodes ended."""
-    return run.metrics is not None and not np.isnan(run.metrics["return"]).all()
-
-
 def _curves(runs: Iterable[Record]) -> list[Record]:
     return [run for run in runs if has_curve(run)]
 
@@ -245,59 +241,3 @@ def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
 
 def _smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
     return np.array([smooth(run, column, steps) for run in _curves(runs)])
-
-
-def grid_of(runs: Iterable[Record]) -> np.ndarray:
-    """Steps for the curves of runs, some with metrics, from 0 to what the longest has."""
-    own = list(runs)
-    # No more points than buffers, or a short run's line has stairs.
-    buffers = max(len(run.metrics) for run in own if run.metrics is not None)
-    return np.linspace(0, max(run.steps for run in own), min(_POINTS, buffers) + 1)
-
-
-def smooth(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
-    """A column of a run on a grid of steps, as a moving mean; NaN beyond what the run has.
-
-    Buffers in which no episode ended have no values.
-    """
-    return moving_mean(run, column, steps, _WINDOW * steps[-1])
-
-
-def moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:
-    """A column of ``metrics.csv`` on a grid of steps; NaN beyond what the run has.
-
-    Args:
-        run: with metrics.
-        column: such as ``success``.
-        steps: rising, ``(points,)``.
-        window: steps before each point over which it is the mean.
-    """
-    assert run.metrics is not None
-    at, values = run.metrics["step"], run.metrics[column]
-    known = ~np.isnan(values)
-    at, values = at[known], values[known]
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.searchsorted(at, steps - window, side="right")
-    last = np.searchsorted(at, steps, side="right")
-    count = last - first
-    with np.errstate(invalid="ignore"):
-        means = (sums[last] - sums[first]) / np.where(count > 0, count, np.nan)
-    return np.where(steps <= at[-1] if len(at) else False, means, np.nan)
-
-
-def share_at(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
-    """A column of ``metrics.csv`` on a grid of steps, as the mean over ``BUFFERS`` buffers."""
-    return moving_mean(run, column, steps, (BUFFERS - 0.5) * run.buffer)
-
-
-def steps_to_share(run: Record, column: str, share: float) -> float | None:
-    """Environment steps until a share of training episodes is first reached.
-
-    ``None`` where it never is, or where the run has no metrics.
-    """
-    if run.metrics is None:
-        return None
-    steps = run.metrics["step"]
-    # Before that, the mean is of too few episodes.
-    hits = np.flatnonzero(share_at(run, column, steps)[BUFFERS - 1 :] >= share)
-    return float(steps[BUFFERS - 1 + hits[0]]) if len(hits) else None

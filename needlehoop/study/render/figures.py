@@ -1,34 +1,208 @@
-"""All figures of a study, as files."""
+"""The figures of a study: final values, cheats, rankings, and all of them as files."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from needlehoop.runs.reading import UnreadableError
-from needlehoop.study.data.findings import Findings
-from needlehoop.study.data.media import check_picture
-from needlehoop.study.render.charts import final_values, success_and_cheats, time_to_threshold
+from needlehoop.study.data import paper
+from needlehoop.study.data.contents import check_picture
+from needlehoop.study.data.paper import HUMAN, LISTS, label, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
-from needlehoop.study.render.style import save, styled
-from needlehoop.study.report.rankings import ranking_chart
-from needlehoop.study.stats.costs import cost_and_regret
+from needlehoop.study.render.style import (
+    CHEAT,
+    COLOURS,
+    FAINT,
+    INK,
+    SUCCESS,
+    explain_views,
+    new_figure,
+    save,
+    short,
+    styled,
+)
+from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.statistics import ENOUGH, SeedEstimate, no_interval
 
 CONTACT_SHEET = "contact_sheet.png"
 """In a study's folder; only the simulator can make one, so it is copied."""
 
-_DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
-    "cost_and_regret": (
-        cost_and_regret,
-        "What choosing cameras by each prediction costs, and what it loses: the return of the best"
-        " set less that of the predicted best, mean over the lists that it ranked (dots: each"
-        " list; line: 95 % over other seeds of what was measured). Lower and further left is"
-        " better. Dashed: a set chosen blindly. One seed: of what was measured, to choose by.",
-    ),
+_ROW = 4.2
+"""Height of a bar and its gap, mm."""
+
+
+def final_values(findings: StudyFindings) -> Figure:
+    """Camera sets by final return, with success beside it and the paper's return marked.
+
+    Raises:
+        MissingDataError: no run has a final value.
+    """
+    results = findings.ranked
+    if not results:
+        raise MissingDataError("no final values")
+    successes = [result.success for result in results if result.success is not None]
+    columns = 2 if successes else 1
+    figure, grid = new_figure(26 + _ROW * len(results), 1, columns, sharey=True)
+    _rows(grid[0, 0], [label(result.cameras) for result in results])
+    explain_views(figure)
+    _bars(grid[0, 0], [result.value for result in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
+    grid[0, 0].set_xlabel("final return")
+    if findings.study is None:
+        grid[0, 0].set_title("As published in the paper")
+    grid[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
+    *_, most = seeds = sorted({result.value.seeds for result in results})
+    if most < ENOUGH:
+        most_of = "at most " if len(seeds) > 1 else ""
+        grid[0, 0].set_xlabel(f"final return\n({most_of}{no_interval(most)})")
+    # The paper's numbers are of the human reward; on its own data they are the bars.
+    if findings.study is not None and findings.main_reward == HUMAN:
+        known = paper.measured()
+        own = [(known[r.cameras], y) for y, r in enumerate(results) if r.cameras in known]
+        if own:
+            grid[0, 0].plot(
+                *zip(*own, strict=True), "D", markersize=3.2, markerfacecolor="white",
+                markeredgecolor=INK, markeredgewidth=0.7, label="the paper's return",
+                clip_on=False, zorder=5,
+            )  # fmt: skip
+            figure.legend(loc="outside lower right", frameon=False, fontsize=6.5, handletextpad=0.2)
+    if successes:
+        _bars(grid[0, 1], successes, COLOURS[2], "{:.0f} %", 100.0, 1.0)
+        grid[0, 1].set_xlabel("final success")
+        grid[0, 1].set_xticks([0, 0.5, 1], ["0", "50 %", "100 %"])
+        grid[0, 1].tick_params(axis="y", length=0)
+    return figure
+
+
+def success_and_cheats(findings: StudyFindings) -> Figure:
+    """Success to the right, cheating to the left, for every camera set and reward.
+
+    Raises:
+        MissingDataError: no run says how often it succeeds.
+    """
+    results = [r for r in findings.results if r.success is not None and r.cheat is not None]
+    if not results:
+        raise MissingDataError("no success and cheat rates")
+    results.sort(key=lambda r: (-_value(r.success), _value(r.cheat), r.cameras, r.reward))
+    figure, grid = new_figure(17 + _ROW * len(results))
+    axes = grid[0, 0]
+    _rows(axes, [_name(result, findings) for result in results])
+    explain_views(figure)
+    for estimates, sign, colour in (
+        ([r.success for r in results], 1, SUCCESS),
+        ([r.cheat for r in results], -1, CHEAT),
+    ):
+        for y, found in enumerate(estimates):
+            assert found is not None
+            axes.barh(y, sign * found.value, height=0.66, color=colour)
+            beyond = max(found.value, _high(found))
+            if ends := found.interval:
+                axes.plot([sign * ends.low, sign * ends.high], [y, y], color=INK, linewidth=0.8)
+            if found.value > 0:
+                said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
+                axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
+    axes.axvline(0, color=INK, linewidth=0.6)
+    axes.spines["left"].set_visible(False)
+    # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
+    axes.set_xlim(-1.7, 1.7)
+    axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
+    axes.set_xlabel("share of episodes")
+    axes.set_title("◂ cheated", color=CHEAT, loc="left")
+    axes.set_title("threaded ▸", color=SUCCESS, loc="right", fontweight="bold")
+    return figure
+
+
+def ranking_chart(findings: StudyFindings) -> Figure:
+    """Places in each list: a column for each ranking, darker where better.
+
+    Raises:
+        MissingDataError: nobody ranked anything.
+    """
+    shown = findings.rankings
+    blocks = {n: m for n, m in findings.lists.items() if any(one.places(m) for one in shown)}
+    if not blocks:
+        raise MissingDataError("no rankings")
+    height = 20 + sum(5 + _ROW * len(members) for members in blocks.values())
+    figure, grid = new_figure(
+        height, len(blocks), sharex=True, height_ratios=[len(m) for m in blocks.values()]
+    )
+    for axes, (name, members) in zip(grid[:, 0], blocks.items(), strict=True):
+        ordered = findings.in_order(members)
+        axes.set_xlim(-0.5, len(shown) - 0.5)
+        for x, one in enumerate(shown):
+            _shades(axes, x, one.places(members), ordered)
+        _rows(axes, [label(cameras) for cameras in ordered])
+        axes.set_ylim(len(ordered) - 0.5, -0.5)
+        axes.set_title(LISTS.get(name, name))
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+    heads = [short(one.who.replace("the paper's", "paper's")) for one in shown]
+    turned = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
+    grid[-1, 0].set_xticks(range(len(shown)), heads, **turned)
+    return figure
+
+
+def _shades(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[str]) -> None:
+    """The cells of one ranking, shaded from its best place to its worst."""
+    for y, cameras in enumerate(ordered):
+        if cameras not in places:
+            axes.text(x, y, "–", ha="center", va="center", fontsize=6, color=FAINT)
+            continue
+        # A single place is neither good nor bad.
+        last = len(places)
+        better = (last - places[cameras]) / (last - 1) if last > 1 else 0.0
+        axes.fill_between([x - 0.46, x + 0.46], y - 0.44, y + 0.44, color=COLOURS[0], linewidth=0,
+                          alpha=0.06 + 0.84 * better)  # fmt: skip
+        place = f"{places[cameras]:g}" + (f" of {last}" if last < len(ordered) else "")
+        ink = "white" if better > 0.45 else INK
+        axes.text(x, y, place, ha="center", va="center", fontsize=6, color=ink)
+
+
+def _rows(axes: Axes, names: Sequence[str]) -> None:
+    axes.set_yticks(range(len(names)), [*map(short, names)])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.tick_params(axis="y", length=0)
+
+
+def _bars(
+    axes: Axes, estimates: Sequence[SeedEstimate], colour: str, form: str, unit: float, full: float
+) -> None:
+    """Bars with intervals, and their values in units of ``1 / unit`` beside the axes."""
+    for y, found in enumerate(estimates):
+        axes.barh(y, found.value, height=0.66, color=colour, alpha=0.75)
+        if ends := found.interval:
+            # In front of the paper's mark, which would hide a narrow one.
+            axes.plot([ends.low, ends.high], [y, y], color=INK, linewidth=0.9, zorder=6)
+    lowest = min(0.0, *(e.interval.low if e.interval else e.value for e in estimates))
+    highest = max(full, *(max(e.value, _high(e)) for e in estimates))
+    axes.set_xlim(lowest, highest)
+    for y, found in enumerate(estimates):
+        said = form.format(unit * found.value)
+        axes.text(1.07 * highest, y, said, va="center", fontsize=6, clip_on=False)
+
+
+def _name(result: Result, findings: StudyFindings) -> str:
+    name = label(result.cameras)
+    own = result.reward == findings.main_reward
+    return name if own else f"{name}: {reward_label(result.reward)}"
+
+
+def _value(found: SeedEstimate | None) -> float:
+    return 0.0 if found is None else found.value
+
+
+def _high(found: SeedEstimate) -> float:
+    return found.interval.high if found.interval else 0.0
+
+
+_DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
         "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
@@ -45,21 +219,17 @@ _DRAWN: dict[str, tuple[Callable[[Findings], Figure], str]] = {
     ),
     "final_values": (
         final_values,
-        "Combinations by final return, with success; interquartile means, and 95 % intervals: of"
+        "Camera sets by final return, with success; interquartile means, and 95 % intervals: of"
         " returns over three seeds or more, of success over episodes where there are fewer.",
     ),
     "rankings": (
         ranking_chart,
-        "Rankings side by side: places that were foretold and measured, in each list; darker is"
+        "Rankings side by side: places that were predicted and measured, in each list; darker is"
         " better. The rows stand as measured.",
     ),
     "success_and_cheats": (
         success_and_cheats,
         "Success against cheating: needle threaded, or goal touched without threading.",
-    ),
-    "time_to_threshold": (
-        time_to_threshold,
-        "Steps until half of the training episodes succeed, over five buffers; a dot per run.",
     ),
 }
 
@@ -74,7 +244,7 @@ class Drawn:
     missing: str | None
 
 
-def draw(findings: Findings, folder: Path) -> list[Drawn]:
+def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
     """Draw everything there is data for, as PNG and SVG.
 
     Args:
@@ -87,16 +257,20 @@ def draw(findings: Findings, folder: Path) -> list[Drawn]:
         for suffix in (".png", ".svg"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
         try:
-            with styled():
+            with styled(), warnings.catch_warnings():
+                # Names that leave no room for the axes.
+                warnings.filterwarnings("error", "constrained_layout not applied")
                 files = save(figure(findings), folder / name)
+            drawn.append(Drawn(name, caption, tuple(files), None))
         except MissingDataError as error:
             drawn.append(Drawn(name, caption, (), str(error)))
-        else:
-            drawn.append(Drawn(name, caption, tuple(files), None))
+        except Exception as error:
+            # Numbers or names that nobody thought of; the other figures are drawn.
+            drawn.append(Drawn(name, caption, (), f"{type(error).__name__}: {error}"))
     return drawn
 
 
-def _contact_sheet(findings: Findings, folder: Path) -> Drawn:
+def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
     caption = "Start and goal in every view and rendering, as the paper's Figure 2."
     if findings.study is None:
         return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")

@@ -1,4 +1,4 @@
-"""How figures look: column width, colours that all can tell apart, files that repeat."""
+"""How figures look: column width, colours that everyone can tell apart, files that repeat."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ WIDTH = 85 / 25.4
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, less the yellow that white paper swallows."""
+
+_LONGEST_NAME = 40
+"""Letters of a camera set's or a reward's name."""
 
 DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#22262e", "#8a8f98"
@@ -66,6 +69,11 @@ def explain_views(figure: Figure) -> None:
     figure.supxlabel(
         "(D) default, (F) front, (S) side view", x=0.02, ha="left", fontsize=6, color=FAINT
     )
+
+
+def short(name: str) -> str:
+    """A name for which a figure has room."""
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

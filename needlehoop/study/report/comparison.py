@@ -8,22 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.study.data.combinations import label, reward_label
+from needlehoop.study.data.paper import label, reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.data.settings import typed_settings
-from needlehoop.study.render.curves import (
+from needlehoop.study.render.curves import MissingDataError, draw_line, name_ends
+from needlehoop.study.render.style import new_figure, short
+from needlehoop.study.render.table import Column, Table
+from needlehoop.study.stats.run import (
     BUFFERS,
-    MissingDataError,
-    draw_line,
     grid_of,
     has_curve,
-    name_ends,
     share_at,
     smooth,
     steps_to_share,
 )
-from needlehoop.study.render.style import new_figure
-from needlehoop.study.report.table import Table
 
 _MILESTONES = {
     "half grasped": ("grasped", 0.5),
@@ -34,10 +31,10 @@ _MILESTONES = {
 }
 """Shares of training episodes."""
 
-_SHARES = {"grasped": "grasped, %", "lifted": "lifted, %", "threaded": "threaded, %"}
+_SHARES = ("grasped", "lifted", "threaded")
 
 _WHICH = ("study", "seed", "results", "until", "existing", "overwrite", "resume", "engine.threads")
-"""Settings that say which run it is and how it was run, and not what was trained."""
+"""Settings that say which run it is and how it was run, not what was trained."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class Comparison:
     cameras: str
     reward: str
     runs: Mapping[str, tuple[Record, ...]]
-    """By study, in the order in which the studies were named."""
+    """By study, in the order in which they were named."""
 
     @property
     def steps(self) -> int:
@@ -56,7 +53,7 @@ class Comparison:
 
 
 def comparisons(studies: Sequence[Study]) -> list[Comparison]:
-    """Each set of cameras and reward that two of the studies or more have been trained with.
+    """Each camera set and reward that two of the studies or more have been trained with.
 
     Raises:
         ValueError: fewer than two studies, two of one name, or nothing in common.
@@ -92,20 +89,25 @@ def progress(found: Sequence[Comparison]) -> Table:
                         label(one.cameras),
                         reward_label(one.reward),
                         study,
-                        str(run.place.seed),
-                        *(_millions(_steps_to(run, *stone)) for stone in _MILESTONES.values()),
-                        _millions(one.steps),
-                        *(_percent(_at(run, column, one.steps)) for column in _SHARES),
-                        _number(_at(run, "return", one.steps)),
+                        run.place.seed,
+                        *(_steps_to(run, *stone) for stone in _MILESTONES.values()),
+                        one.steps,
+                        *(_at(run, column, one.steps) for column in (*_SHARES, "return")),
                     )
                 )
-    head = ("cameras", "reward", "study", "seed", *_MILESTONES, "steps", *_SHARES.values())
+    millions = {"unit": "M steps", "form": ".2f", "scale": 1e-6}
+    columns = (
+        *map(Column, ("cameras", "reward", "study", "seed")),
+        *(Column(name, **millions) for name in (*_MILESTONES, "compared after")),
+        *map(Column.share, _SHARES),
+        Column("return", form=".2f"),
+    )
     note = (
         f"Of training episodes, over {BUFFERS} buffers. Milestones: millions of steps until they"
-        " were reached; empty where they were not. The last columns: after as many million steps"
-        " as all runs of the same cameras and reward have. A return is in its own reward's points."
+        " were reached; empty where they were not. The last columns: after as many steps as all"
+        " runs of the same cameras and reward have. A return is in its own reward's points."
     )
-    return Table("progress", "Progress in training", (*head, "return"), tuple(rows), note)
+    return Table("progress", "Progress in training", columns, tuple(rows), note)
 
 
 def differences(found: Sequence[Comparison]) -> Table:
@@ -114,12 +116,12 @@ def differences(found: Sequence[Comparison]) -> Table:
     for one in found:
         for study, own in one.runs.items():
             runs.setdefault(study, []).extend(own)
-    said = {study: _said(own) for study, own in runs.items()}
-    keys = sorted({key for own in said.values() for key in own})
-    lines = [(key, *(own.get(key, "") for own in said.values())) for key in keys]
+    values = {study: _values(own) for study, own in runs.items()}
+    keys = sorted({key for own in values.values() for key in own})
+    lines = [(key, *(own.get(key) for own in values.values())) for key in keys]
     rows = tuple(line for line in lines if len({*line[1:]}) > 1)
     note = "Empty: a setting that did not exist when the run was made."
-    return Table("settings", "What differs", ("setting", *said), rows, note)
+    return Table("settings", "What differs", tuple(map(Column, ("setting", *values))), rows, note)
 
 
 def comparison_chart(one: Comparison) -> Figure:
@@ -139,10 +141,10 @@ def comparison_chart(one: Comparison) -> Figure:
         axes.set_xlim(0, longest / 1e6)
         lines = []
         for number, (study, own) in enumerate(one.runs.items()):
-            curves = np.array([smooth(run, _column(run, column), steps) for run in own])
-            lines.append(draw_line(axes, steps, number, study, curves))
+            curves = np.array([smooth(run, column, steps) for run in own])
+            lines.append(draw_line(axes, steps, number, short(study), curves))
         ends.append(lines)
-    grid[0, 0].set_title(f"{label(one.cameras)}, {reward_label(one.reward)}")
+    grid[0, 0].set_title(short(f"{label(one.cameras)}, {reward_label(one.reward)}"))
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, longest)
     return figure
@@ -152,46 +154,27 @@ def _name(study: Study) -> str:
     return study.folder.resolve().name
 
 
-def _column(run: Record, column: str) -> str:
-    """Runs older than ``episode.success`` wrote what is threaded as success."""
-    assert run.metrics is not None
-    return column if column in run.metrics.columns or column != "threaded" else "success"
-
-
 def _has(run: Record, column: str) -> bool:
-    return run.metrics is not None and _column(run, column) in run.metrics.columns
+    return run.metrics is not None and column in run.metrics.columns
 
 
 def _steps_to(run: Record, column: str, share: float) -> float | None:
-    return steps_to_share(run, _column(run, column), share) if _has(run, column) else None
+    return steps_to_share(run, column, share) if _has(run, column) else None
 
 
 def _at(run: Record, column: str, steps: int) -> float | None:
     if not _has(run, column):
         return None
-    value = float(share_at(run, _column(run, column), np.array([float(steps)]))[0])
+    value = float(share_at(run, column, np.array([float(steps)]))[0])
     return None if np.isnan(value) else value
 
 
-def _said(runs: Sequence[Record]) -> dict[str, str]:
-    """Each setting of a study's runs; where they differ among themselves, all that it was."""
-    values: dict[str, dict[str, None]] = {}
+def _values(runs: Sequence[Record]) -> dict[str, str]:
+    """Each setting of a study's runs; where they differ among themselves, all its values."""
+    found: dict[str, dict[str, None]] = {}
     for run in runs:
-        settings = dict(typed_settings(run.config))
-        settings["commit"] = str(run.manifest.get("commit", ""))
+        settings = {**run.settings, "commit": str(run.manifest.get("commit", ""))}
         for key, value in settings.items():
             if key not in _WHICH:
-                values.setdefault(key, {})[value] = None
-    return {key: " / ".join(own) for key, own in values.items()}
-
-
-def _millions(steps: float | None) -> str:
-    return "" if steps is None else f"{steps / 1e6:.2f}"
-
-
-def _percent(share: float | None) -> str:
-    return "" if share is None else f"{100 * share:.0f}"
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f}"
+                found.setdefault(key, {})[value] = None
+    return {key: " / ".join(own) for key, own in found.items()}

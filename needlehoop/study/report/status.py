@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from needlehoop.runs import files
-from needlehoop.study.data.outcomes import Outcome
 from needlehoop.study.data.records import Place, Record, Study
+from needlehoop.study.data.sweeps import JobEnd
 
 STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = (
     "done",
@@ -32,19 +32,19 @@ _RECENT = 5
 
 @dataclass(frozen=True)
 class Standing:
-    """One run, there or expected."""
+    """One run, begun or expected."""
 
     place: Place
     state: str
     steps: int
     planned: int | None
-    """``None`` where no run tells."""
+    """Steps; ``None`` where no run says how many."""
     rate: float | None
     """Environment steps per second, evaluations on the way included."""
     left: float | None
-    """Seconds; of a run that is not there, at the other runs' rate; ``None``: nobody knows."""
+    """Seconds; of a run that is not begun, at the other runs' rate; ``None``: unknown."""
     silent: float | None
-    """Seconds since one of its files changed; ``None`` for a run that is not there."""
+    """Seconds since one of its files changed; ``None`` for a run that is not begun."""
     error: str | None
     """Why it failed."""
 
@@ -58,7 +58,7 @@ def expected_places(study: Study) -> list[Place]:
 
 def standings(
     study: Study,
-    outcomes: Mapping[Place, Outcome],
+    ends: Mapping[Place, JobEnd],
     expected: Iterable[Place] | None = None,
     now: float | None = None,
 ) -> list[Standing]:
@@ -70,29 +70,29 @@ def standings(
 
     Args:
         study: as read from its folder.
-        outcomes: of sweeps, by run.
+        ends: of the jobs of sweeps, by run.
         expected: the runs that are asked for; by default ``expected_places``, and those
-            with an outcome.
+            that sweeps have tried.
         now: Unix time, s; by default, the clock's.
     """
     moment = time.time() if now is None else now
     runs = {run.place: run for run in study.runs}
-    wanted = {*expected_places(study), *outcomes} if expected is None else set(expected)
+    wanted = {*expected_places(study), *ends} if expected is None else set(expected)
     rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
     usual = float(np.median(rates)) if rates else None
     plans = Counter(run.planned_steps for run in study.runs)
     plan = plans.most_common(1)[0][0] if plans else None
     found = []
     for place in sorted(wanted):
-        run, outcome = runs.get(place), outcomes.get(place)
-        error = outcome.error if outcome else None
+        run, end = runs.get(place), ends.get(place)
+        error = end.error if end else None
         if run is None:
             left = plan / usual if plan is not None and usual else None
             state = FAILED if error else MISSING
             found.append(Standing(place, state, 0, plan, None, left, None, error))
             continue
         seen = _last_sign(run)
-        if outcome is None or outcome.when < seen or run.finished:
+        if end is None or end.when < seen or run.finished:
             error = None
         state, rate = FAILED if error else _state(run, moment - seen), _rate(run)
         used = rate or usual

@@ -1,53 +1,55 @@
-"""A study's tables: results, the paper's Tables I and II, rewards."""
+"""A study's tables: results, where they fail, rewards, the paper's Tables I and II, agreement."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
-from needlehoop.study.data.answers import Answers, Ranking
-from needlehoop.study.data.combinations import LISTS, label, reward_label, reward_order
-from needlehoop.study.data.final import Final
-from needlehoop.study.data.findings import Findings, Result
-from needlehoop.study.data.predictions import recorded_answers
-from needlehoop.study.render.curves import BUFFERS, steps_to_share
-from needlehoop.study.report.phases import phases
-from needlehoop.study.report.rankings import agreements, measured, rankings
-from needlehoop.study.report.table import Table
-from needlehoop.study.stats.claims import claims
-from needlehoop.study.stats.costs import costs
-from needlehoop.study.stats.effects import effects
-from needlehoop.study.stats.luck import apart, luck
-from needlehoop.study.stats.measures import BEST, THREADING, TRAINING, Measure, middle, values
-from needlehoop.study.stats.statistics import (
-    ENOUGH,
-    OVER_EPISODES,
-    Estimate,
-    estimate,
-    improvement,
-    iqm,
-    no_interval,
+from needlehoop.study.data.answers import Answers
+from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
+from needlehoop.study.render.table import Cell, Column, Estimated, Of, Table
+from needlehoop.study.stats.agreement import Agreement, agreement, pooled
+from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_answers
+from needlehoop.study.stats.run import (
+    BEST,
+    BUFFERS,
+    HUMAN_POINTS,
+    THREADING,
+    TRAINING,
+    Final,
+    Measure,
+    steps_to_share,
 )
-from needlehoop.study.stats.writers import writers
-
-_PAPERS = "the paper's"
+from needlehoop.study.stats.statistics import ENOUGH, estimate, improvement, iqm, no_interval
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
 
+_FINE = 0.95
+"""Success from which on a camera set does not fail."""
 
-def all_tables(findings: Findings) -> list[Table]:
+_PAST = 0.05
+"""Share of episodes in which the needle may be threaded without having been lifted first."""
+
+_PERCENT: dict[str, Any] = {"form": ".0f", "scale": 100.0}
+_POINTS: dict[str, Any] = {"form": ".2f"}
+
+
+def all_tables(findings: StudyFindings) -> list[Table]:
     """Every table that has rows."""
     return [table for table in _every(findings) if table.rows]
 
 
-def write_tables(findings: Findings, folder: Path) -> list[Path]:
+def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
     """Write every table that has rows, as CSV, Markdown and LaTeX.
 
     Args:
@@ -58,48 +60,38 @@ def write_tables(findings: Findings, folder: Path) -> list[Path]:
     return [path for table in _every(findings) for path in table.write(folder)]
 
 
-def _every(findings: Findings) -> list[Table]:
-    return [
-        results(findings),
-        phases(findings),
-        rewards(findings),
-        writers(findings),
-        apart(findings),
-        luck(findings),
-        effects(findings),
-        claims(findings),
-        table_1(findings),
-        table_2(findings),
-        rankings(findings),
-        agreements(findings),
-        costs(findings),
-        improvements(findings),
-    ]
+def _every(findings: StudyFindings) -> list[Table]:
+    makers = (results, phases, rewards, table_1, table_2, rankings, agreements, improvements)
+    return [maker(findings) for maker in makers]
 
 
-def results(findings: Findings) -> Table:
-    """Every combination with every reward: reward by reward, the best return first."""
+def results(findings: StudyFindings) -> Table:
+    """Every camera set with every reward: reward by reward, the best return first."""
     rows = []
     places: Counter[str] = Counter()
     for result in sorted(findings.results, key=lambda one: reward_order(one.reward)):
         places[result.reward] += 1
         rows.append(
             (
-                str(places[result.reward]),
+                places[result.reward],
                 label(result.cameras),
-                f"{result.value.value:.2f}",
-                result.value.interval,
-                _told(result, TRAINING),
-                _percent(result.success),
-                _interval(result.success),
-                _percent(result.cheat),
+                result.value.value,
+                result.value.interval_or_why,
+                result.middle(TRAINING),
+                result.success and result.success.value,
+                result.success and result.success.interval,
+                result.cheat and result.cheat.value,
                 reward_label(result.reward),
-                str(result.value.seeds),
-                str(result.unfinished),
+                result.value.seeds,
+                result.unfinished,
             )
         )
-    head = ("place", "cameras", "return", "return, 95 %", TRAINING.name, "success, %")
-    head += ("success, 95 %", "cheat, %", "reward")
+    columns = (
+        Column("place"), Column("cameras"), Column("return", **_POINTS),
+        Column("return, 95 %", **_POINTS), Column.of(TRAINING), Column.share("success"),
+        Column("success, 95 %", **_PERCENT), Column.share("cheat"), Column("reward"),
+        Column("seeds"), Column("unfinished"),
+    )  # fmt: skip
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, of runs whose"
         " training is over. Interquartile means over seeds. Intervals are bootstrapped over three"
@@ -112,97 +104,112 @@ def results(findings: Findings) -> Table:
         )
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."
-    return Table("results", "Results", (*head, "seeds", "unfinished"), tuple(rows), note)
+    return Table("results", "Results", columns, tuple(rows), note)
 
 
-def table_1(findings: Findings) -> Table:
-    """What the VLM answered, beside the shipped recordings' models and the paper's."""
-    shown = [*recorded_answers(), Answers(f"{_PAPERS} VLM", paper.answers().questions)]
-    if findings.study is not None and findings.answers and findings.answers.questions:
-        shown.insert(0, findings.answers)
-    said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
-    asked = said[-1] if findings.study is None else {q: None for one in said for q in one}
-    rows = tuple((question, *(one.get(question, "") for one in said)) for question in asked)
-    head = ("question", *(one.source for one in shown))
-    return Table("table_1", "Table I: what the VLM answered", head, rows)
+@dataclass(frozen=True)
+class Reached:
+    """Shares of a result's episodes, means over its seeds."""
+
+    grasped: float
+    lifted: float | None
+    """``None`` where a run under the same reward goes to the hoop past the lift position."""
+    threaded: float
+
+    @property
+    def fails_in(self) -> str:
+        """The phase in which most episodes end; empty where next to none fail."""
+        if self.threaded >= _FINE:
+            return ""
+        stages = {"grasp": (1.0, self.grasped)}
+        if self.lifted is None:
+            stages["carry and insert"] = (self.grasped, self.threaded)
+        else:
+            stages |= {"lift": (self.grasped, self.lifted), "insert": (self.lifted, self.threaded)}
+        return max(stages, key=lambda name: stages[name][0] - stages[name][1])
 
 
-def table_2(findings: Findings) -> Table:
-    """Measured and predicted places in each list, ours and the paper's."""
-    ours, published = measured(findings), paper.measured()
-    said = _predicted(findings.answers) if findings.study is not None else {}
-    papers = _predicted(paper.answers())
-    rows = []
-    for name, members in findings.lists.items():
-        own, theirs = _places(ours, members), _places(published, members)
-        ordered = sorted(
-            members, key=lambda cameras: (own.get(cameras, 99), theirs.get(cameras, 99))
+def reached(findings: StudyFindings) -> dict[tuple[str, str], Reached]:
+    """How far each camera set came with each reward."""
+    shares = {
+        (one.cameras, one.reward): [
+            float(np.mean([getattr(found, name) for found in one.finals]))
+            for name in ("grasped", "lifted", "success")
+        ]
+        for one in findings.results
+        if one.finals
+    }
+    past = {
+        reward for (_, reward), (_, lifted, threaded) in shares.items() if threaded > lifted + _PAST
+    }
+    return {
+        place: Reached(grasped, None if place[1] in past else lifted, threaded)
+        for place, (grasped, lifted, threaded) in shares.items()
+    }
+
+
+def phases(findings: StudyFindings) -> Table:
+    """How far each camera set came with each reward, in the order of results."""
+    known = reached(findings)
+    seeds = {(one.cameras, one.reward): one.value.seeds for one in findings.results}
+    rows = [
+        (
+            label(cameras),
+            one.grasped,
+            one.lifted,
+            one.threaded,
+            one.fails_in,
+            reward_label(reward),
+            seeds[cameras, reward],
         )
-        for cameras in ordered:
-            result = _result(findings, cameras)
-            rows.append(
-                (
-                    LISTS.get(name, name),
-                    label(cameras),
-                    _place(own.get(cameras), len(own) if len(own) < len(members) else None),
-                    f"{result.value.value:.2f}" if result else "",
-                    result.value.interval if result else "not run",
-                    _percent(result.success) if result else "",
-                    _place(_mean_place(said, members, cameras)),
-                    _place(theirs.get(cameras)),
-                    f"{published[cameras]:.2f}" if cameras in published else "",
-                    _place(_mean_place(papers, members, cameras)),
-                    _better(theirs.get(cameras), _mean_place(papers, members, cameras)),
-                )
-            )
-    head = ("list", "cameras", "place", "return", "95 %", "success, %", "VLM's place")
-    head += (f"{_PAPERS} place", f"{_PAPERS} return", f"{_PAPERS} VLM's place")
-    head += ("better there than its VLM said",)
-    title = "Table II: measured and predicted"
-    if findings.study is None:
-        # Its own numbers are in the columns that say so.
-        keep = (0, 1, 7, 8, 9, 10)
-        head = tuple(head[i] for i in keep)
-        rows = [tuple(row[i] for i in keep) for row in rows]
-        title = "Table II, as published in the paper"
-    return Table("table_2", title, head, tuple(rows))
+        for (cameras, reward), one in known.items()
+    ]
+    columns = (
+        Column("cameras"), Column.share("grasped"), Column.share("lifted"),
+        Column.share("threaded"), Column("fails in"), Column("reward"), Column("seeds"),
+    )  # fmt: skip
+    note = (
+        "Shares of final episodes, means over seeds. Fails in: the phase in which most episodes"
+        f" end, where less than {100 * _FINE:.0f} % are threaded."
+    )
+    if any(found.lifted is None for found in known.values()):
+        note += (
+            " Lifted is left empty under a reward that lets the needle go to the hoop past the"
+            " lift position; there, carrying and inserting are one phase."
+        )
+    return Table("phases", "Where they fail", columns, tuple(rows), note)
 
 
-def rewards(findings: Findings) -> Table:
-    """Combinations that were trained with a VLM's reward, beside the human one."""
+def rewards(findings: StudyFindings) -> Table:
+    """Camera sets that were trained with several rewards, and each reward over all of them."""
     published = {(r.cameras, r.reward): r for r in paper.rewards()}
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
-    rows = []
-    chosen = [r for r in findings.ranked if r.cameras in written]
-    for best in chosen:
-        rivals = [r for r in findings.results if r.cameras == best.cameras]
-        for result in sorted(rivals, key=lambda r: reward_order(r.reward)):
-            theirs = published.get((result.cameras, result.reward))
-            rows.append(
-                (
-                    label(result.cameras),
-                    reward_label(result.reward),
-                    f"{result.value.value:.2f}",
-                    result.value.interval,
-                    _human(result.finals),
-                    _percent(result.success),
-                    _interval(result.success),
-                    _told(result, BEST),
-                    _percent(result.cheat),
-                    _told(result, THREADING),
-                    _times(result),
-                    f"{theirs.value:.2f}" if theirs and theirs.value else "not published",
-                    theirs.remark if theirs else "",
+    chosen = [r.cameras for r in findings.ranked if r.cameras in written]
+    by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
+    rows: list[tuple[Cell, ...]] = []
+    for cameras in chosen:
+        for result in by_reward:
+            if result.cameras == cameras:
+                theirs = published.get((cameras, result.reward))
+                rows.append(
+                    (
+                        *_rewarded(label(cameras), [result]),
+                        _times(result),
+                        (theirs and theirs.value) or "not published",
+                        theirs.remark if theirs else None,
+                    )
                 )
-            )
-    for reward in sorted({r.reward for r in findings.results}, key=reward_order):
-        own = [r for r in findings.results if r.reward == reward and r.cameras in written]
+    for reward in dict.fromkeys(r.reward for r in by_reward):
+        own = [r for r in findings.results if r.reward == reward and r.cameras in chosen]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
-            rows.append(_over_all(reward, own))
-    head = ("cameras", "reward", "return", "return, 95 %", "human's points", "success, %")
-    head += ("success, 95 %", BEST.name, "cheat, %", THREADING.name)
-    head += (f"M steps to {100 * _SOON:.0f} %",)
-    head += (f"{_PAPERS} return", "remark on the paper's")
+            rows.append((*_rewarded(f"all {len(own)}", own), None, None, None))
+    columns = (
+        Column("cameras"), Column("reward"), Column("return", **_POINTS),
+        Column("return, 95 %", **_POINTS), Column.of(HUMAN_POINTS), Column.share("success"),
+        Column("success, 95 %", **_PERCENT), Column.of(BEST), Column.share("cheat"),
+        Column.of(THREADING), Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6),
+        Column("the paper's return", **_POINTS), Column("remark on the paper's"),
+    )  # fmt: skip
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -211,134 +218,220 @@ def rewards(findings: Findings) -> Table:
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
-    return Table("rewards", "Rewards: human, text, text + image", head, tuple(rows), note)
+    return Table("rewards", "Rewards: human, text, text + image", columns, tuple(rows), note)
 
 
-def _over_all(reward: str, found: list[Result]) -> tuple[str, ...]:
-    """A reward's row over several combinations, each of them a stratum."""
-    value = estimate([[final.value for final in r.finals] for r in found])
-    success = estimate([[final.success for final in r.finals] for r in found])
-    cheat = estimate([[final.cheat for final in r.finals] for r in found])
+def _rewarded(name: str, found: Sequence[Result]) -> tuple[Cell, ...]:
+    """A reward's numbers over one camera set, or over several, each of them a stratum."""
+    one = found[0]
+    if len(found) == 1:
+        value, success, cheat = one.value, one.success, one.cheat
+    else:
+        value, success, cheat = (
+            estimate([[getattr(final, key) for final in r.finals] for r in found])
+            for key in ("value", "success", "cheat")
+        )
     return (
-        f"all {len(found)}",
-        reward_label(reward),
-        f"{value.value:.2f}",
-        value.interval,
+        name,
+        reward_label(one.reward),
+        value.value,
+        value.interval_or_why,
         _human([final for r in found for final in r.finals]),
-        _percent(success),
-        _interval(success),
+        success and success.value,
+        success and (success.interval or no_interval(success.seeds)),
         _over(found, BEST),
-        _percent(cheat),
+        cheat and cheat.value,
         _over(found, THREADING),
-        "",
-        "",
-        "",
     )
 
 
-def _over(found: Sequence[Result], measure: Measure) -> str:
-    """The interquartile mean of all runs; empty where one of them has no such number."""
-    own = [values(result, measure) for result in found]
-    return f"{iqm(np.concatenate(own)):.{measure.digits}f}" if all(own) else ""
+def _over(found: Sequence[Result], measure: Measure) -> float | None:
+    """The interquartile mean of all runs; ``None`` where one of them has no such number."""
+    own = [result.values(measure) for result in found]
+    return float(iqm(np.concatenate(own))) if all(own) else None
 
 
-def _told(result: Result, measure: Measure) -> str:
-    found = middle(result, measure)
-    return "" if found is None else f"{found:.{measure.digits}f}"
-
-
-def _times(result: Result) -> str:
-    """Millions of steps until each run, by its seed, threads in ``_SOON`` of its episodes."""
+def _times(result: Result) -> Cell:
+    """Steps until each run, by its seed, threads in ``_SOON`` of its episodes."""
     steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
-    return ", ".join("not reached" if one is None else f"{one / 1e6:.2f}" for one in steps)
+    return ["not reached" if one is None else one for one in steps]
 
 
-def _human(finals: Sequence[Final]) -> str:
-    """The mean of the runs' points under the human reward; empty where one has none.
+def _human(finals: Sequence[Final]) -> Cell:
+    """The mean of the runs' points under the human reward; ``None`` where one has none.
 
-    Points of another scene unit than today's default are told by it.
+    Points of another scene unit than today's default come with a remark.
     """
     points = [final.human for final in finals if final.human is not None]
     if not points or len(points) < len(finals):
-        return ""
+        return None
+    mean = sum(points) / len(points)
     now = read_yaml(CONF / "reward/human.yaml")["unit"]
-    units = {final.human_unit for final in finals} - {None, now}
-    others = " and ".join(f"{unit:g}" for unit in sorted(filter(None, units)))
-    return f"{sum(points) / len(points):.2f}" + (f" (unit {others} m)" if others else "")
+    others = {final.human_unit for final in finals if final.human_unit} - {now}
+    said = " and ".join(f"{unit:g}" for unit in sorted(others))
+    return f"{mean:.2f} (unit {said} m)" if others else mean
 
 
-def improvements(findings: Findings) -> Table:
-    """The chance that a run of the row's combination beats one of the column's."""
-    found = findings.ranked
-    if findings.seeds < ENOUGH or len(found) < 2:
-        none = no_interval(findings.seeds)
-        return Table("improvement", "Probability of improvement", (), (), none)
-    values = [[final.value for final in result.finals] for result in found]
-    rows = []
-    for i, row in enumerate(found):
-        cells = ["" if i == j else f"{_chance(values[i], values[j])}" for j in range(len(found))]
-        rows.append((label(row.cameras), *cells))
-    head = ("better", *(label(result.cameras) for result in found))
-    note = "By final return, with 95 % bootstrap intervals."
-    return Table("improvement", "Probability of improvement", head, tuple(rows), note)
+def table_1(findings: StudyFindings) -> Table:
+    """What the VLM answered, beside the shipped recordings' models and the paper's."""
+    shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
+    if findings.study is not None and findings.answers and findings.answers.questions:
+        shown.insert(0, findings.answers)
+    said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
+    asked = said[-1] if findings.study is None else {q: None for one in said for q in one}
+    rows = tuple((question, *(one.get(question) for one in said)) for question in asked)
+    columns = (Column("question"), *(Column(one.source) for one in shown))
+    return Table("table_1", "Table I: what the VLM answered", columns, rows)
 
 
-def _chance(better: list[float], worse: list[float]) -> str:
-    found = improvement(better, worse)
-    return f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
+def table_2(findings: StudyFindings) -> Table:
+    """Measured and predicted places in each list, ours and the paper's."""
+    results = {result.cameras: result for result in findings.ranked}
+    ours, published = findings.measured, paper.measured()
+    said = _predicted(findings.answers) if findings.study is not None else {}
+    papers = _predicted(paper.answers())
+    rows: list[tuple[Cell, ...]] = []
+    for name, members in findings.lists.items():
+        own, theirs = _places(ours, members), _places(published, members)
+        model, papers_model = said.get(frozenset(members), {}), papers.get(frozenset(members), {})
+        far = len(members) + 1
+        for cameras in sorted(members, key=lambda c: (own.get(c, far), theirs.get(c, far))):
+            result = results.get(cameras)
+            foretold, there = papers_model.get(cameras), theirs.get(cameras)
+            rows.append(
+                (
+                    LISTS.get(name, name),
+                    label(cameras),
+                    _place(own, cameras, len(members)),
+                    result and result.value.value,
+                    result.value.interval_or_why if result else "not run",
+                    result and result.success and result.success.value,
+                    model.get(cameras),
+                    there,
+                    published.get(cameras),
+                    foretold,
+                    None if there is None or foretold is None else there < foretold,
+                )
+            )
+    columns = (
+        Column("list"), Column("cameras"), Column("place"), Column("return", **_POINTS),
+        Column("95 %", **_POINTS), Column.share("success"), Column("VLM's place"),
+        Column("the paper's place"), Column("the paper's return", **_POINTS),
+        Column("the paper's VLM's place"), Column("better there than its VLM said"),
+    )  # fmt: skip
+    title = "Table II: measured and predicted"
+    if findings.study is None:
+        # Its own numbers are in the columns that say so.
+        keep = (0, 1, 7, 8, 9, 10)
+        columns = tuple(columns[i] for i in keep)
+        rows = [tuple(row[i] for i in keep) for row in rows]
+        title = "Table II, as published in the paper"
+    return Table("table_2", title, columns, tuple(rows))
 
 
-def _result(findings: Findings, cameras: str) -> Result | None:
-    return next((result for result in findings.ranked if result.cameras == cameras), None)
+def _predicted(answers: Answers | None) -> dict[frozenset[str], Mapping[str, float]]:
+    """Places by camera set of each ranked list, by its members."""
+    rankings = answers.rankings if answers else ()
+    return {frozenset(ranking.places): ranking.places for ranking in rankings}
 
 
-def _predicted(answers: Answers | None) -> dict[frozenset[str], dict[str, float]]:
-    """Scores (higher is better) of each ranked list, by its members."""
-    rankings: tuple[Ranking, ...] = answers.rankings if answers else ()
-    return {
-        frozenset(ranking.places): {name: -place for name, place in ranking.places.items()}
-        for ranking in rankings
-    }
-
-
-def _places(values: Mapping[str, float], members: tuple[str, ...]) -> dict[str, float]:
+def _places(values: Mapping[str, float], members: Sequence[str]) -> dict[str, int]:
     """Places of those members that have a value: 1 is the highest; ties share the best place."""
     known = {cameras: values[cameras] for cameras in members if cameras in values}
     return {
-        cameras: 1.0 + sum(other > value for other in known.values())
+        cameras: 1 + sum(other > value for other in known.values())
         for cameras, value in known.items()
     }
 
 
-def _mean_place(
-    predicted: Mapping[frozenset[str], Mapping[str, float]], members: tuple[str, ...], cameras: str
-) -> float | None:
-    scores = predicted.get(frozenset(members))
-    return None if scores is None else -scores[cameras]
+def _place(places: Mapping[str, float], cameras: str, of: int) -> Cell:
+    """A place; among so many only, where not all of a list has one."""
+    if cameras in places and len(places) < of:
+        return Of(places[cameras], len(places))
+    return places.get(cameras)
 
 
-def _place(place: float | None, of: int | None = None) -> str:
-    """A place; with ``of``, among so many only."""
-    if place is None:
-        return ""
-    return f"{place:g}" if of is None else f"{place:g} of {of}"
+def rankings(findings: StudyFindings) -> Table:
+    """The place that each prediction and each measurement gives to each set of each list."""
+    shown = findings.rankings
+    rows = []
+    for name, members in findings.lists.items():
+        places = [one.places(members) for one in shown]
+        rows += [
+            (
+                LISTS.get(name, name),
+                label(cameras),
+                *(_place(own, cameras, len(members)) for own in places),
+            )
+            for cameras in findings.in_order(members)
+        ]
+    note = (
+        "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
+        " by mean place; imitation by success over its seeds. The probe cannot tell all of these"
+        " apart: its own table has the intervals."
+    )
+    columns = tuple(map(Column, ("list", "cameras", *(one.who for one in shown))))
+    return Table("rankings", "Rankings side by side", columns, tuple(rows), note)
 
 
-def _better(measured: float | None, predicted: float | None) -> str:
-    """``yes`` for a measured place before the predicted one, as the paper marks in red."""
-    if measured is None or predicted is None:
-        return ""
-    return "yes" if measured < predicted else "no"
+def agreements(findings: StudyFindings) -> Table:
+    """How well each prediction fits what was measured, here and in the paper, list by list."""
+    rows: list[tuple[Cell, ...]] = []
+    for truth, values in findings.truths.items():
+        for one in findings.predictions_of(truth):
+            both: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
+            for members, scores in one.lists.items():
+                missing = len(members - set(values))
+                if not missing:
+                    both.append((scores, {cameras: values[cameras] for cameras in members}))
+                    said = _agreed(agreement(*both[-1]))
+                elif truth == MEASURED:
+                    said = (*[None] * 6, f"{missing} of {len(members)} not measured")
+                else:
+                    continue
+                rows.append((one.who, truth, list_name(members), *said))
+            if len(both) > 1:
+                rows.append((one.who, truth, "all lists", *_agreed(pooled(both))))
+    columns = (
+        Column("prediction"), Column("against"), Column("list"), Column("tau-b", form=".2f"),
+        Column("p of tau-b", form="p"), Column("rho", form=".2f"), Column("p of rho", form="p"),
+        Column("best found"), Column("worst found"), Column("regret", form=".2f"),
+    )  # fmt: skip
+    note = (
+        f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
+        " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
+        " lost by taking the predicted best; against imitation, the share of successes. All lists:"
+        " means, with p by orders drawn for each list by itself."
+    )
+    return Table("agreement", "Agreement of predictions", columns, tuple(rows), note)
 
 
-def _percent(found: Estimate | None) -> str:
-    return "" if found is None else f"{100 * found.value:.0f}"
+def _agreed(found: Agreement) -> tuple[Cell, ...]:
+    hits = (found.top_hit, found.bottom_hit)
+    if found.lists > 1:
+        hits = (Of(found.top_hits, found.lists), Of(found.bottom_hits, found.lists))
+    return (found.tau, found.tau_p, found.rho, found.rho_p, *hits, found.regret)
 
 
-def _interval(found: Estimate | None) -> str:
-    if found is None:
-        return ""
-    if found.low is None or found.high is None:
-        return no_interval(found.seeds)
-    told = f"{100 * found.low:.0f} to {100 * found.high:.0f}"
-    return f"{told} ({OVER_EPISODES})" if found.over == OVER_EPISODES else told
+def list_name(members: frozenset[str]) -> str:
+    """A list's name; a list that is not the paper's is named by what is in it."""
+    for name, own in paper.lists().items():
+        if frozenset(own) == members:
+            return LISTS[name]
+    return ", ".join(label(cameras) for cameras in sorted(members))
+
+
+def improvements(findings: StudyFindings) -> Table:
+    """The chance that a run of the row's camera set beats one of the column's."""
+    found = findings.ranked
+    if findings.seeds < ENOUGH or len(found) < 2:
+        none = no_interval(findings.seeds)
+        return Table("improvement", "Probability of improvement", (), (), none)
+    values = {label(one.cameras): [final.value for final in one.finals] for one in found}
+    rows = []
+    for name, own in values.items():
+        chances = [None if other is own else improvement(own, other) for other in values.values()]
+        rows.append((name, *(one and Estimated(one.value, one.interval) for one in chances)))
+    columns = (Column("better"), *(Column(name, **_POINTS) for name in values))
+    note = "By final return, with 95 % bootstrap intervals."
+    return Table("improvement", "Probability of improvement", columns, tuple(rows), note)

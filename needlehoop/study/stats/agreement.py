@@ -1,4 +1,4 @@
-"""How well a predicted order of camera combinations agrees with the measured one."""
+"""How well a predicted order of camera sets agrees with the measured one."""
 
 from __future__ import annotations
 
@@ -11,90 +11,72 @@ import numpy as np
 from scipy.stats import rankdata
 
 _RESAMPLES = 50_000
-"""Every order of up to 8 combinations is tried; of more, a sample of this size."""
+"""Every order of up to 8 camera sets is tried; of more, a sample of this size."""
+
+_Sides = tuple[np.ndarray, np.ndarray]
+"""A predicted and a measured side: scores ``(n,)``, or their differences ``(n, n)``."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """A prediction held against what was measured, over the same ``n`` combinations.
+    """Predictions held against what was measured, list by list.
 
-    A correlation is NaN, and its p-value with it, where one side puts all on one level.
+    A correlation is NaN, and its p-value with it, where one side puts all on one level. Over
+    several lists, those without a correlation are left out of its mean.
     """
 
     n: int
+    """Camera sets, over all lists."""
+    lists: int
     tau: float
-    """Kendall's tau-b, -1 to 1; ties count for neither side."""
+    """Kendall's tau-b, -1 to 1; ties count for neither side. Over several lists, their mean."""
     tau_p: float
-    """Share of the orders that agree or disagree as strongly: two-sided permutation test."""
+    """Share of the orders that agree or disagree as strongly: two-sided permutation test. Over
+    several lists, of draws of an order for each list."""
     rho: float
     """Spearman's rank correlation; ties share their mean rank."""
     rho_p: float
-    top_hit: bool
-    """Whether every combination that was predicted best is among the best measured."""
-    bottom_hit: bool
+    top_hits: int
+    """Lists in which every set that was predicted best is among the best measured."""
+    bottom_hits: int
     """The same of the worst."""
     regret: float
-    """Best measured value less the predicted best's (their mean, if tied); in its unit."""
+    """Best measured value less the predicted best's (their mean, if tied); in its unit. Over
+    several lists, the mean."""
 
+    @property
+    def top_hit(self) -> bool:
+        """Whether the best was found, in every list."""
+        return self.top_hits == self.lists
 
-@dataclass(frozen=True)
-class Pooled:
-    """Agreement over several lists, each ordered by itself.
-
-    Lists on which a side puts all on one level have no correlation and are left out of the
-    means; where that leaves none, correlations and p-values are NaN.
-    """
-
-    lists: int
-    tau: float
-    """Mean of the lists' tau-b."""
-    tau_p: float
-    """Share of draws, an order for each list, whose mean is as far from 0: two-sided."""
-    rho: float
-    rho_p: float
-    top_hits: int
-    """Lists whose best was found."""
-    bottom_hits: int
-    regret: float
-    """Mean over the lists."""
-
-
-def scores(order: Sequence[str]) -> dict[str, float]:
-    """An order, best first, as a score by name: higher is better.
-
-    Raises:
-        ValueError: a name that comes twice.
-    """
-    if len(set(order)) < len(order):
-        twice = sorted({name for name in order if list(order).count(name) > 1})
-        raise ValueError(f"order: {', '.join(twice)} more than once")
-    return {name: float(len(order) - place) for place, name in enumerate(order)}
+    @property
+    def bottom_hit(self) -> bool:
+        """Whether the worst was found, in every list."""
+        return self.bottom_hits == self.lists
 
 
 def agreement(
     predicted: Mapping[str, float], measured: Mapping[str, float], seed: int = 0
 ) -> Agreement:
-    """Compare two sets of scores over the same names; higher is better in both.
+    """Compare two mappings of scores over the same names; higher is better in both.
 
     Args:
-        predicted: such as ``scores`` of a ranking; equal scores are ties.
+        predicted: by name; equal scores are ties.
         measured: such as final returns.
         seed: of the permutations, where there are too many to try them all.
 
     Raises:
         ValueError: other names on one side, fewer than two, or a value that is not finite.
     """
-    a, b = _in_one_order(predicted, measured)
-    tau, tau_p = _correlate(*_signs(a, b), seed)
-    rho, rho_p = _correlate(*_ranks(a, b), seed)
-    return Agreement(len(a), tau, tau_p, rho, rho_p, *_hits_and_regret(a, b))
+    both = _in_one_order(predicted, measured)
+    return _together([both], *_correlate(_signs(both), seed), *_correlate(_ranks(both), seed))
 
 
-def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Pooled:
+def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Agreement:
     """Compare several lists' scores, and take them together.
 
-    A few sets have few orders, so that a list alone seldom says that a prediction is better
-    than chance; several lists together can. What is drawn keeps each list's sets in it.
+    A few sets have few orders, so a list alone seldom says that a prediction is better than
+    chance; several lists together can. Draws keep each list's sets in it.
 
     Args:
         sides: predicted and measured scores, as for ``agreement``, of each list.
@@ -105,30 +87,26 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     if not sides:
         raise ValueError("agreement: no lists")
     arrays = [_in_one_order(*both) for both in sides]
-    top_hits, bottom_hits, regrets = zip(*(_hits_and_regret(*both) for both in arrays), strict=True)
-    tau, tau_p = _mean_correlation([_signs(*both) for both in arrays])
-    rho, rho_p = _mean_correlation([_ranks(*both) for both in arrays])
-    return Pooled(
-        lists=len(sides),
-        tau=tau,
-        tau_p=tau_p,
-        rho=rho,
-        rho_p=rho_p,
-        top_hits=sum(top_hits),
-        bottom_hits=sum(bottom_hits),
-        regret=sum(regrets) / len(regrets),
-    )
+    taus, rhos = ([of(both) for both in arrays] for of in (_signs, _ranks))
+    return _together(arrays, *_mean_correlation(taus), *_mean_correlation(rhos))
 
 
-def _in_one_order(
-    predicted: Mapping[str, float], measured: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
+def _together(
+    arrays: Sequence[_Sides], tau: float, tau_p: float, rho: float, rho_p: float
+) -> Agreement:
+    top, bottom, regrets = zip(*(_hits_and_regret(*both) for both in arrays), strict=True)
+    n, lists = sum(len(a) for a, _ in arrays), len(arrays)
+    regret = sum(regrets) / lists
+    return Agreement(n, lists, tau, tau_p, rho, rho_p, sum(top), sum(bottom), regret)
+
+
+def _in_one_order(predicted: Mapping[str, float], measured: Mapping[str, float]) -> _Sides:
     """Both sides' scores as arrays; errors as in ``agreement``."""
     if set(predicted) != set(measured):
         odd = ", ".join(sorted(set(predicted) ^ set(measured)))
         raise ValueError(f"agreement: {odd} on one side only; both must rank the same")
     if len(predicted) < 2:
-        raise ValueError(f"agreement: {len(predicted)} combinations; an order takes two")
+        raise ValueError(f"agreement: {len(predicted)} camera sets; an order takes two")
     for side, values in (("predicted", predicted), ("measured", measured)):
         for name, value in values.items():
             if not math.isfinite(value):
@@ -139,7 +117,7 @@ def _in_one_order(
 
 
 def _hits_and_regret(a: np.ndarray, b: np.ndarray) -> tuple[bool, bool, float]:
-    """``top_hit``, ``bottom_hit`` and ``regret`` of predicted scores ``a`` and measured ``b``."""
+    """Whether best and worst were found, and the regret; ``a`` predicted, ``b`` measured."""
     chosen = a == a.max()
     return (
         bool((b[chosen] == b.max()).all()),
@@ -148,35 +126,42 @@ def _hits_and_regret(a: np.ndarray, b: np.ndarray) -> tuple[bool, bool, float]:
     )
 
 
-def _signs(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _signs(both: _Sides) -> _Sides:
     """Differences whose correlation is Kendall's tau-b."""
-    return np.sign(_differences(a)), np.sign(_differences(b))
+    a, b = (np.sign(_differences(side)) for side in both)
+    return a, b
 
 
-def _ranks(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _ranks(both: _Sides) -> _Sides:
     """Differences whose correlation is Spearman's rho (Daniels 1944)."""
-    return _differences(rankdata(a)), _differences(rankdata(b))
+    a, b = (_differences(rankdata(side)) for side in both)
+    return a, b
 
 
-def _correlate(a: np.ndarray, b: np.ndarray, seed: int) -> tuple[float, float]:
+def _differences(values: np.ndarray) -> np.ndarray:
+    return values[:, None] - values[None, :]
+
+
+def _correlate(both: _Sides, seed: int) -> tuple[float, float]:
     """Correlation of two matrices of differences and its permutation p-value.
 
     NaN where one side is constant.
     """
-    value = _correlation(a, b)
+    value = _correlation(*both)
     if math.isnan(value):
         return math.nan, math.nan
-    every = math.factorial(len(a)) <= _RESAMPLES
-    orders = _every_order(len(a)) if every else _some_orders(len(a), seed)
-    return value, _share(_drawn(a, b, orders), value, every)
+    n = len(both[0])
+    every = math.factorial(n) <= _RESAMPLES
+    orders = np.array([*permutations(range(n))]) if every else _some_orders(n, seed)
+    return value, _share(_drawn(*both, orders), value, every)
 
 
-def _mean_correlation(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+def _mean_correlation(sides: Sequence[_Sides]) -> tuple[float, float]:
     """The mean over lists, and its p-value by orders drawn for each."""
-    kept = [(a, b) for a, b in sides if not math.isnan(_correlation(a, b))]
+    kept = [both for both in sides if not math.isnan(_correlation(*both))]
     if not kept:
         return math.nan, math.nan
-    value = sum(_correlation(a, b) for a, b in kept) / len(kept)
+    value = sum(_correlation(*both) for both in kept) / len(kept)
     drawn = [_drawn(a, b, _some_orders(len(a), seed)) for seed, (a, b) in enumerate(kept)]
     return value, _share(np.mean(drawn, axis=0), value, False)
 
@@ -184,6 +169,11 @@ def _mean_correlation(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[f
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     size = math.sqrt((a**2).sum() * (b**2).sum())
     return float((a * b).sum() / size) if size else math.nan
+
+
+def _some_orders(n: int, seed: int) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    return generator.permuted(np.tile(np.arange(n), (_RESAMPLES, 1)), axis=1)
 
 
 def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
@@ -195,22 +185,9 @@ def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
 
 
 def _share(drawn: np.ndarray, value: float, every: bool) -> float:
-    """How many of the drawn are as far from 0 as ``value``; ``every``: no order is missing."""
+    """Share of the drawn that are as far from 0 as ``value``; ``every``: no order is missing."""
     # A hair's slack: equal correlations may differ in the last bit.
     extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
-    # The order found counts as one of a sample, so that its p is never zero.
+    # The order found counts as one of a sample, so its p is never zero.
     own = 0 if every else 1
     return (extreme + own) / (len(drawn) + own)
-
-
-def _every_order(n: int) -> np.ndarray:
-    return np.array(list(permutations(range(n))))
-
-
-def _some_orders(n: int, seed: int) -> np.ndarray:
-    generator = np.random.default_rng(seed)
-    return generator.permuted(np.tile(np.arange(n), (_RESAMPLES, 1)), axis=1)
-
-
-def _differences(values: np.ndarray) -> np.ndarray:
-    return values[:, None] - values[None, :]

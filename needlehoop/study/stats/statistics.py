@@ -13,7 +13,8 @@ import numpy as np
 from scipy.stats import binomtest, trim_mean
 
 _RESAMPLES = 2_000
-_LEVEL = 0.95
+_LIMITS = (2.5, 97.5)
+"""Percentiles at the ends of a 95 % interval."""
 
 ENOUGH = 3
 """Seeds below which there is no interval: that of two would be their minimum and maximum."""
@@ -23,25 +24,33 @@ OVER_SEEDS, OVER_EPISODES = "over seeds", "over episodes"
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A value and, where there is enough to tell, its 95 % interval."""
+class Interval:
+    """The ends of a 95 % interval."""
+
+    low: float
+    high: float
+    over: str = OVER_SEEDS
+    """What varies within it: seeds, or the episodes of too few seeds."""
+
+
+@dataclass(frozen=True)
+class SeedEstimate:
+    """A value over seeds."""
 
     value: float
-    low: float | None
-    high: float | None
+    interval: Interval | None
+    """``None`` where there are too few seeds to tell."""
     seeds: int
     """Runs in the smallest stratum."""
-    over: str = OVER_SEEDS
-    """What varies within the interval: seeds, or the episodes of too few seeds."""
 
     @property
-    def interval(self) -> str:
-        """The interval in words."""
-        return no_interval(self.seeds) if self.low is None else f"{self.low:.2f} to {self.high:.2f}"
+    def interval_or_why(self) -> Interval | str:
+        """The interval, or why there is none."""
+        return self.interval or no_interval(self.seeds)
 
 
 def no_interval(seeds: int) -> str:
-    """Why there is none, in words."""
+    """Why there is no interval, in words."""
     return f"{'one seed' if seeds == 1 else f'{seeds} seeds'}, no interval"
 
 
@@ -50,12 +59,12 @@ def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     return trim_mean(values, 0.25, axis=axis)
 
 
-def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> Estimate:
+def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> SeedEstimate:
     """The IQM over all runs.
 
     Args:
-        strata: the runs' values, by stratum: one for a combination's seeds; several, such as
-            one for each combination, to sum up over them.
+        strata: the runs' values, by stratum: one for a camera set's seeds; several, such as
+            one for each camera set, to sum up over them.
         seed: of the resampling.
 
     Raises:
@@ -65,17 +74,17 @@ def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> Estimate:
     fewest = min(map(len, groups))
     value = float(iqm(np.concatenate(groups)))
     if fewest < ENOUGH:
-        return Estimate(value, None, None, fewest)
+        return SeedEstimate(value, None, fewest)
     generator = np.random.default_rng(seed)
     drawn = np.concatenate([resample(group, generator) for group in groups], axis=1)
-    return Estimate(value, *percentiles(iqm(drawn, axis=1)), fewest)
+    return SeedEstimate(value, percentiles(iqm(drawn, axis=1)), fewest)
 
 
-def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> Estimate:
-    """A share of episodes, such as success, over the runs of one combination.
+def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> SeedEstimate:
+    """A share of episodes, such as success, over the runs of one camera set.
 
-    With too few seeds for an interval over them it is Wilson's over all their episodes, which
-    says nothing of what another seed would give.
+    With too few seeds, the interval is Wilson's over all their episodes, which says nothing of
+    what another seed would give.
 
     Args:
         shares: of each run's episodes.
@@ -86,17 +95,16 @@ def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> Est
         ValueError: as in ``estimate``.
     """
     found = estimate([shares], seed)
-    if found.low is not None:
+    if found.interval is not None:
         return found
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
     wilson = binomtest(hits, sum(episodes)).proportion_ci(method="wilson")
-    return Estimate(
-        hits / sum(episodes), float(wilson.low), float(wilson.high), found.seeds, OVER_EPISODES
-    )
+    interval = Interval(float(wilson.low), float(wilson.high), OVER_EPISODES)
+    return SeedEstimate(hits / sum(episodes), interval, found.seeds)
 
 
-def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> Estimate:
-    """The chance that a run of one combination ends above a run of another; a tie is half.
+def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> SeedEstimate:
+    """The chance that a run of one camera set ends above a run of another; a tie is half.
 
     Raises:
         ValueError: as in ``estimate``.
@@ -105,10 +113,10 @@ def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) 
     value = float(_above(a[None], b[None])[0])
     fewest = min(len(a), len(b))
     if fewest < ENOUGH:
-        return Estimate(value, None, None, fewest)
+        return SeedEstimate(value, None, fewest)
     generator = np.random.default_rng(seed)
     drawn = _above(resample(a, generator), resample(b, generator))
-    return Estimate(value, *percentiles(drawn), fewest)
+    return SeedEstimate(value, percentiles(drawn), fewest)
 
 
 def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -134,7 +142,7 @@ def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
             generator = np.random.default_rng(seed)
             picks = generator.integers(len(stretch), size=(_RESAMPLES // 4, len(stretch)))
             drawn = iqm(stretch[picks], axis=1)
-            low[here], high[here] = np.percentile(drawn, _limits(), axis=0)
+            low[here], high[here] = np.percentile(drawn, _LIMITS, axis=0)
     return middle, low, high
 
 
@@ -143,20 +151,16 @@ def resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
 
 
-def percentiles(drawn: np.ndarray) -> tuple[float, float]:
+def percentiles(drawn: np.ndarray) -> Interval:
     """The 95 % interval of what was drawn, ``(k,)``."""
-    low, high = np.percentile(drawn, _limits())
-    return float(low), float(high)
+    low, high = np.percentile(drawn, _LIMITS)
+    return Interval(float(low), float(high))
 
 
 def _above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Share of pairs in which a run of ``a`` ``(k, n)`` beats one of ``b`` ``(k, m)``."""
     difference = a[:, :, None] - b[:, None, :]
     return ((np.sign(difference) + 1.0) / 2.0).mean(axis=(1, 2))
-
-
-def _limits() -> tuple[float, float]:
-    return 50.0 * (1.0 - _LEVEL), 50.0 * (1.0 + _LEVEL)
 
 
 def _checked(strata: Sequence[Sequence[float]]) -> list[np.ndarray]:

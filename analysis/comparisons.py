@@ -1,0 +1,190 @@
+"""What cameras and rewards are worth: traits, the paper's ten comparisons, and who writes rewards.
+
+Each comparison is a mapping from its name to numbers; ``findings`` puts them into pages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import statsmodels.api as sm
+from scipy.stats import ttest_1samp
+
+from analysis.seeds import LEAST
+from needlehoop.study.data import paper
+from needlehoop.study.data.paper import HUMAN, reward_label
+from needlehoop.study.render.table import Estimated
+from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.run import Measure
+from needlehoop.study.stats.statistics import Interval
+
+TRAITS: dict[str, Callable[[list[str]], bool]] = {
+    "two cameras, not one": lambda cams: len(cams) == 2,
+    "front and side views, not the default": lambda cams: (
+        {"front", "side"} <= {cam.partition("_")[2] for cam in cams}
+    ),
+    "depth in a camera": lambda cams: any(cam.startswith(("dep_", "segdep_")) for cam in cams),
+    "segmentation in a camera": lambda cams: any(cam.startswith("seg") for cam in cams),
+}
+"""Colour alone, from one default view, has none of them."""
+
+
+def effects(findings: StudyFindings, measure: Measure) -> dict[str, Estimated]:
+    """What each trait adds, the others held: a linear model over the camera sets.
+
+    Each camera set counts once, by its value over its seeds. Traits that the sets cannot tell
+    apart are left out, and all of them where sets are too few, or one has no such number.
+    """
+    values = findings.middles(measure)
+    if len(values) < len(findings.ranked):
+        return {}
+    has = {
+        name: np.array([of(one.split("+")) for one in values], float) for name, of in TRAITS.items()
+    }
+    kept: list[str] = []
+    for trait in TRAITS:
+        design = sm.add_constant(
+            np.column_stack([has[name] for name in (*kept, trait)]), has_constant="add"
+        )
+        if np.linalg.matrix_rank(design) == len(kept) + 2:
+            kept.append(trait)
+    if not kept or len(values) <= len(kept) + 1:
+        return {}
+    design = sm.add_constant(np.column_stack([has[name] for name in kept]), has_constant="add")
+    fit = sm.OLS([*values.values()], design).fit()
+    ends = fit.conf_int()
+    return {
+        name: Estimated(float(fit.params[i]), _interval(ends[i]))
+        for i, name in enumerate(kept, start=1)
+    }
+
+
+@dataclass(frozen=True)
+class Claim:
+    """That some camera sets do better than others: by the mean of each side's returns."""
+
+    text: str
+    better: tuple[str, ...]
+    worse: tuple[str, ...]
+
+    @property
+    def published(self) -> tuple[float, float]:
+        """The paper's own means of the two sides."""
+        known = paper.measured()
+        better, worse = (float(np.mean([known[c] for c in s])) for s in (self.better, self.worse))
+        return better, worse
+
+
+_COLOUR = ("rgb_front+rgb_side",)
+_DEPTH = ("dep_front+rgb_side", "rgb_front+dep_side")
+_SEGMENTATION = ("rgb_front+seg_side", "seg_front+rgb_side")
+_SAME = ("dep_front+dep_side", "seg_front+seg_side")
+_BEST, _REVERSED = ("dep_front+seg_side",), ("seg_front+dep_side",)
+_SINGLE = ("rgb_default", "dep_default", "seg_default")
+
+CLAIMS = (
+    Claim(
+        "front and side views together beat single cameras",
+        (*_COLOUR, *_DEPTH, *_SEGMENTATION, *_SAME, *_BEST, *_REVERSED),
+        _SINGLE,
+    ),
+    Claim("depth beside colour beats colour alone", _DEPTH, _COLOUR),
+    Claim("depth is better in front than at the side", _DEPTH[:1], _DEPTH[1:]),
+    Claim(
+        "depth beside colour wants two views, not one twice", _DEPTH, ("rgb_default+dep_default",)
+    ),
+    Claim("segmentation beside colour beats colour alone", _SEGMENTATION, _COLOUR),
+    Claim("segmentation is better at the side than in front", _SEGMENTATION[:1], _SEGMENTATION[1:]),
+    Claim(
+        "segmentation beside colour helps even from one view",
+        ("rgb_default+seg_default",),
+        ("rgb_default",),
+    ),
+    Claim("depth in front with segmentation at the side beats the reverse", _BEST, _REVERSED),
+    Claim("depth with segmentation beats two of the same", _BEST, _SAME),
+    Claim("one segmentation camera beats one of colour", ("seg_default",), ("rgb_default",)),
+)
+"""What the paper's discussion says of its camera sets (section V), in its order."""
+
+
+def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
+    """The difference of each claim whose camera sets have all been trained with the main reward.
+
+    By the means of each side's sets, where every set has one by its runs. How far runs of one set
+    lie apart is pooled over all sets; there is an interval where each set of a claim has ``LEAST``
+    runs or more.
+    """
+    runs = findings.by_set(measure)
+    names = [*runs]
+    values = np.concatenate([*runs.values()]) if runs else np.array([])
+    of_set = np.repeat(np.arange(len(names)), [len(own) for own in runs.values()])
+    fit = sm.OLS(values, np.eye(len(names))[of_set]).fit() if names else None
+    found = {}
+    for claim in CLAIMS:
+        sets = (*claim.better, *claim.worse)
+        if fit is None or not {*sets} <= set(names):
+            continue
+        weights = np.zeros(len(names))
+        weights[[names.index(name) for name in claim.better]] = 1 / len(claim.better)
+        weights[[names.index(name) for name in claim.worse]] = -1 / len(claim.worse)
+        interval = None
+        if min(len(runs[name]) for name in sets) >= LEAST:
+            interval = _interval(fit.t_test(weights).conf_int()[0])
+        found[claim] = Estimated(float(weights @ fit.params), interval)
+    return found
+
+
+_LEAST_PAIRS = 3
+"""Pairs from which on there is an interval."""
+
+_IMAGES = (("vlm_img", "vlm_text"), ("vlm_img_claude", "vlm_text_claude"))
+"""A writer that saw the first image, and the same one told by words alone."""
+
+_COMPARED: Mapping[str, Sequence[tuple[str, str]]] = {
+    **{
+        f"{reward_label(reward)}, against {HUMAN}": [(reward, HUMAN)]
+        for pair in _IMAGES
+        for reward in reversed(pair)
+    },
+    **{f"{reward_label(seen)}, against text alone": [(seen, told)] for seen, told in _IMAGES},
+    "an image, whoever writes": _IMAGES,
+}
+"""Rewards that are held against others, of the same cameras, by the comparison's name."""
+
+
+def writers(findings: StudyFindings) -> dict[str, list[tuple[Result, Result]]]:
+    """Results of the same cameras with one reward and with the other, for each comparison."""
+    by_pair = {(one.cameras, one.reward): one for one in findings.results if one.finals}
+    found = {
+        name: [
+            (result, by_pair[result.cameras, other])
+            for reward, other in compared
+            for result in by_pair.values()
+            if result.reward == reward and (result.cameras, other) in by_pair
+        ]
+        for name, compared in _COMPARED.items()
+    }
+    return {name: pairs for name, pairs in found.items() if pairs}
+
+
+def difference(pairs: Sequence[tuple[Result, Result]], measure: Measure) -> Estimated | None:
+    """The mean difference over pairs, each result by the middle of its seeds.
+
+    The interval is Student's over the pairs. ``None`` where a result has no such number.
+    """
+    found = [(one.middle(measure), other.middle(measure)) for one, other in pairs]
+    known = [one - other for one, other in found if one is not None and other is not None]
+    if len(known) < len(pairs):
+        return None
+    if len(known) < _LEAST_PAIRS:
+        return Estimated(float(np.mean(known)))
+    if len({*known}) == 1:
+        return Estimated(known[0], Interval(known[0], known[0]))
+    ends = ttest_1samp(known, 0.0).confidence_interval(0.95)
+    return Estimated(float(np.mean(known)), Interval(float(ends.low), float(ends.high)))
+
+
+def _interval(ends: np.ndarray) -> Interval:
+    return Interval(float(ends[0]), float(ends[1]))

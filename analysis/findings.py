@@ -1,0 +1,301 @@
+"""Puts what the runs in results/ say into the documentation: ``python -m analysis.findings``.
+
+It refills the tables of docs/findings.md and docs/evidence.md, writes the tables of
+``analysis.seeds`` into results/, and draws docs/cost_and_regret.png. A table of a page stands below
+a comment that names it; everything else on the pages is written by hand, and read again after each
+refill.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from analysis.comparisons import TRAITS, claims, difference, effects, writers
+from analysis.predictions import Fit, Held, cost_and_regret, held
+from analysis.seeds import apart, luck
+from needlehoop.study.data import paper
+from needlehoop.study.data.paper import label
+from needlehoop.study.render.style import save, styled
+from needlehoop.study.render.table import Cell, Column, Estimated, Table
+from needlehoop.study.report.tables import rewards
+from needlehoop.study.stats.findings import Result, StudyFindings, study_findings
+from needlehoop.study.stats.predictions import MEASURED, PAPERS_MEASURED
+from needlehoop.study.stats.run import (
+    CHEAT,
+    HUMAN_POINTS,
+    RETURN,
+    SUCCESS,
+    THREADING,
+    TRAINING,
+    Measure,
+)
+
+ROOT = Path(__file__).parents[1]
+
+STUDIES = ("fast", "imitation", "table2", "rewards")
+
+_PROTOCOLS = {"0.5 M": "fast", "1.5 M": "table2"}
+"""Studies that stand beside each other on the pages, by how many steps their agents train."""
+
+_MEASURED = {
+    f"{steps}{said}": (study, truth)
+    for steps, study in _PROTOCOLS.items()
+    for truth, said in ((MEASURED, ""), (TRAINING.name, ", over training"))
+} | {"the paper's": ("table2", PAPERS_MEASURED)}
+"""What predictions are held against: a column's name, the study, and what of it was measured."""
+
+_OVER_TRAINING = {RETURN: "return", TRAINING: "over training"}
+"""What the pages call the returns that they compare."""
+
+_REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
+"""Camera sets that were trained with every reward."""
+
+_BY_SET = (
+    "success, %", "success at best, %", "human's points", "cheat, %", "threaded over training, %",
+    "M steps to 90 %",
+)  # fmt: skip
+"""What the page says of each of them, one after the other."""
+
+
+def refilled(name: str, page: str) -> str:
+    """The page of that name with the tables of today's runs.
+
+    Raises:
+        ValueError: a table of the page has no place in it.
+    """
+    for marker, table in TABLES[name].items():
+        head = f"<!-- {marker} -->\n"
+        before, found, after = page.partition(head)
+        if not found:
+            raise ValueError(f"{name}: no table {marker}")
+        _, end, after = after.partition("\n\n")
+        page = before + head + "\n".join(_lines(table())) + end + after
+    return page
+
+
+def _lines(table: Table) -> list[str]:
+    head, *rows = (f"| {' | '.join(row)} |" for row in (table.header, *table.texts))
+    return [head, "|" + "---|" * len(table.columns), *rows]
+
+
+@cache
+def study(name: str) -> StudyFindings:
+    """What the runs of a study of results/ say."""
+    return study_findings(ROOT / "results" / name)
+
+
+def _by_cameras(name: str) -> dict[str, Result]:
+    return {result.cameras: result for result in study(name).ranked}
+
+
+def _results() -> Table:
+    """The fast protocol's camera sets, the best first, with what else was measured of them.
+
+    That is imitation's successes, the paper's protocol as far as it has been run, and the paper's
+    own returns. Success is given seed by seed: two seeds of one set can be far apart.
+    """
+    imitated, longer, theirs = _by_cameras("imitation"), _by_cameras("table2"), paper.measured()
+    rows = []
+    for cameras, one in _by_cameras("fast").items():
+        end = longer.get(cameras)
+        rows.append(
+            (
+                label(cameras),
+                one.success and one.success.value,
+                [final.success for final in one.finals],
+                one.value.value,
+                one.middle(TRAINING),
+                one.cheat and one.cheat.value,
+                (success := imitated[cameras].success) and success.value,
+                end and end.success and end.success.value,
+                end and end.value.value,
+                end and end.middle(TRAINING),
+                theirs.get(cameras),
+            )
+        )
+    columns = (
+        Column.share("threaded"), Column("by seed", form=".0f", scale=100.0),
+        Column("return", form=".2f"), Column("over training", form=".2f"), Column.share("cheat"),
+        Column.share("imitated"), Column.share("1.5 M: threaded"),
+        Column("1.5 M: return", form=".2f"), Column("1.5 M: over training", form=".2f"),
+        Column("the paper's return", form=".2f"),
+    )  # fmt: skip
+    return Table("results", "", (Column("cameras"), *columns), tuple(rows))
+
+
+def _sets() -> Table:
+    """The part of ``_results`` that the page of findings has room for, the soonest learnt first."""
+    names = ["cameras", "threaded, %", "by seed", "over training", "imitated, %"]
+    names += ["1.5 M: threaded, %", "1.5 M: over training", "the paper's return"]
+    whole = _results()
+    soonest = sorted(whole.records(), key=lambda row: row["over training"], reverse=True)
+    return _picked(whole.columns, soonest, names)
+
+
+def _picked(
+    columns: Sequence[Column], rows: Sequence[Mapping[str, Cell]], names: Sequence[str]
+) -> Table:
+    """Some of a table's columns, in the order of their names."""
+    by_heading = {column.heading: column for column in columns}
+    cells = tuple(tuple(row[name] for name in names) for row in rows)
+    return Table("", "", tuple(by_heading[name] for name in names), cells)
+
+
+def _effects() -> Table:
+    found = _beside(effects)
+    rows = tuple((trait, *(own.get(trait) for own in found)) for trait in TRAITS)
+    return Table("effects", "", (Column("trait"), *_protocol_columns()), rows)
+
+
+def _claims() -> Table:
+    found = _beside(claims)
+    rows = tuple(
+        (claim.text, "{:.2f} / {:.2f}".format(*claim.published), *(own.get(claim) for own in found))
+        for claim in found[0]
+    )
+    columns = (Column("the paper says"), Column("its returns"), *_protocol_columns())
+    return Table("claims", "", columns, rows)
+
+
+def _beside(
+    of: Callable[[StudyFindings, Measure], dict[Any, Estimated]],
+) -> list[dict[Any, Estimated]]:
+    """A comparison by each protocol and kind of return, one after the other."""
+    return [of(study(name), measure) for name in _PROTOCOLS.values() for measure in _OVER_TRAINING]
+
+
+def _protocol_columns() -> list[Column]:
+    return [
+        Column(f"{steps}: {said} (95 %)", form="+.2f")
+        for steps in _PROTOCOLS
+        for said in _OVER_TRAINING.values()
+    ]
+
+
+@cache
+def _held(name: str) -> list[Held]:
+    return held(study(name))
+
+
+@cache
+def _fits() -> dict[str, dict[str, Fit]]:
+    """By who predicts, then by the page's column; those alone that are held against all lists."""
+    found: dict[str, dict[str, Fit]] = {}
+    for column, (name, truth) in _MEASURED.items():
+        (own,) = [one for one in _held(name) if one.against == truth]
+        for fit in own.fits:
+            if fit.tau is not None:
+                found.setdefault(fit.who, {})[column] = fit
+    return found
+
+
+def _agreement() -> Table:
+    """Tau-b of each prediction with each measurement."""
+    rows = tuple(
+        (who, *(_tau(fits.get(column)) for column in _MEASURED)) for who, fits in _fits().items()
+    )
+    columns = (Column(name, form=".2f") for name in _MEASURED)
+    return Table("agreement", "", (Column("prediction"), *columns), rows)
+
+
+def _tau(fit: Fit | None) -> Cell:
+    if fit is None or fit.tau is None:
+        return None
+    tau = Estimated(fit.tau, fit.over_seeds.tau if fit.over_seeds else None)
+    return tau if fit.p is None else [tau, f"p {Column('p', form='p').text(fit.p)}"]
+
+
+def _regret() -> Table:
+    """What choosing by each prediction loses, mean over the lists, and what the choice took."""
+    rows: list[tuple[Cell, ...]] = []
+    for who, fits in _fits().items():
+        found = [fits.get(column) for column in _MEASURED]
+        lost = [
+            one and Estimated(one.regret, one.over_seeds.regret if one.over_seeds else None)
+            for one in found
+        ]
+        rows.append((who, next(one.core_minutes for one in found if one), *lost))
+    blind = {(name, own.against): own.blind for name in _PROTOCOLS.values() for own in _held(name)}
+    rows.append(("drawn blindly", 0.0, *(blind[side] for side in _MEASURED.values())))
+    columns = (Column(name, form=".2f") for name in _MEASURED)
+    minutes = Column("core-minutes", form=".0f")
+    return Table("regret", "", (Column("chosen by"), minutes, *columns), tuple(rows))
+
+
+def _foretold() -> Table:
+    """How each prediction agrees with how soon and how far ours come, and what it loses."""
+    taus = ("0.5 M, over training", "1.5 M", "the paper's")
+    losses = ("1.5 M", "1.5 M, over training", "the paper's")
+    agreed = {row["prediction"]: row for row in _agreement().records()}
+    rows = tuple(
+        (
+            row["chosen by"],
+            *(agreed.get(row["chosen by"], {}).get(name) for name in taus),
+            *(row[name] for name in losses),
+            row["core-minutes"],
+        )
+        for row in _regret().records()
+    )
+    columns = [Column(name, form=".2f") for name in (*taus, *(f"regret: {x}" for x in losses))]
+    columns.append(Column("core-minutes", form=".0f"))
+    return Table("foretold", "", (Column("prediction"), *columns), rows)
+
+
+def _rewards() -> Table:
+    """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
+    table = rewards(study("rewards"))
+    found = {(row["cameras"], row["reward"]): row for row in table.records()}
+    rows = [
+        {"reward": name}
+        | {column: [found[label(one), name][column] for one in _REWARDED] for column in _BY_SET}
+        for name in dict.fromkeys(reward for _, reward in found)
+    ]
+    return _picked(table.columns, rows, ("reward", *_BY_SET))
+
+
+def _writers() -> Table:
+    measures = (HUMAN_POINTS, SUCCESS, THREADING, CHEAT)
+    rows = tuple(
+        (name, *(difference(pairs, measure) for measure in measures), len(pairs))
+        for name, pairs in writers(study("rewards")).items()
+    )
+    columns = (
+        Column(f"{one.heading} (95 %)", form=f"+.{one.digits}f", scale=Column.of(one).scale)
+        for one in measures
+    )
+    return Table("writers", "", (Column("reward"), *columns, Column("pairs")), rows)
+
+
+TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
+    "findings.md": {"sets": _sets, "foretold": _foretold, "rewards": _rewards},
+    "evidence.md": {
+        "results": _results,
+        "effects": _effects,
+        "claims": _claims,
+        "agreement": _agreement,
+        "regret": _regret,
+        "writers": _writers,
+    },
+}
+"""The documentation's pages, by the names of their files, and the tables of each."""
+
+
+def main() -> None:
+    """Refill pages, write tables, draw the figure."""
+    for name in STUDIES:
+        for table in (luck(study(name)), apart(study(name))):
+            table.write(ROOT / "results" / name / "tables")
+    for name in TABLES:
+        path = ROOT / "docs" / name
+        path.write_text(refilled(name, path.read_text()))
+    with styled():
+        picture, vector = save(cost_and_regret(study("table2")), ROOT / "docs" / "cost_and_regret")
+    vector.unlink()
+    print(f"refilled {', '.join(TABLES)}; drew {picture}")
+
+
+if __name__ == "__main__":
+    main()

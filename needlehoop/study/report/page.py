@@ -1,0 +1,268 @@
+"""One page for a study: a single HTML file that needs no network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from needlehoop.runs import files
+from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.study.data.answers import Answers, Ranking
+from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.records import Record
+from needlehoop.study.render.figures import Drawn
+from needlehoop.study.render.table import Column
+from needlehoop.study.report.gallery import (
+    Films,
+    Tiles,
+    films_of,
+    fitting,
+    galleries,
+    inline,
+    read_tiles,
+)
+from needlehoop.study.report.tables import all_tables, list_name
+from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.predictions import recorded_answers
+from needlehoop.study.stats.run import final
+from needlehoop.study.stats.statistics import ENOUGH, no_interval
+
+_FIRST = ("final_values", "rankings")
+"""Figures before all others."""
+
+_FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
+"""The same for a study whose question is rewards."""
+
+_LONGEST = 10_000_000
+"""Bytes of a page; films are left out of it to keep to this."""
+
+_RETURN = Column("return", form=".2f")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A study of a page."""
+
+    findings: StudyFindings
+    """Of a study, or of the paper."""
+    figures: Sequence[Drawn]
+    """As drawn; the page holds copies."""
+
+
+def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
+    """Write the page.
+
+    Args:
+        parts: one study, or several, between which the page has a switch; all beside each other.
+        out: an HTML file. Films for which it has no room are linked to from its folder; the best
+            and the worst of each ranking come first.
+        command: that makes this page, for the record.
+    """
+    environment = Environment(
+        loader=PackageLoader("needlehoop.study.report", "html"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    template = environment.get_template("report.html")
+    tiles = [_tiles(part.findings) for part in parts]
+    told = [_part(part, own, alone=len(parts) == 1) for part, own in zip(parts, tiles, strict=True)]
+
+    def page(films: Films) -> str:
+        ranked = [galleries(p.findings, films, own) for p, own in zip(parts, tiles, strict=True)]
+        return template.render(
+            title=_title(parts),
+            css=_own(environment, "report.css"),
+            script=_own(environment, "report.js"),
+            parts=[{**one, "galleries": own} for one, own in zip(told, ranked, strict=True)],
+            made=command,
+        )
+
+    # The page with links says how much room films have; a link is as long as a film's tags.
+    room = _LONGEST - len(page(Films(out.parent)).encode())
+    wanted = [films for part in parts for films in films_of(part.findings)]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(page(Films(out.parent, fitting(wanted, room))), encoding="utf-8")
+
+
+def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
+    """What the page shows of a study, beside its rankings."""
+    findings = part.findings
+    study = findings.study
+    figures = [_figure(drawn) for drawn in part.figures]
+    ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
+    return {
+        "name": findings.title,
+        # Names of a page's parts are unique in it.
+        "mark": "" if alone else f"{findings.title}-",
+        "is_study": study is not None,
+        "lead": _lead(findings),
+        "problems": tiles.problems,
+        "first": [figure for figure in figures if figure["name"] in ahead],
+        "figures": [figure for figure in figures if figure["name"] not in ahead],
+        "tables": all_tables(findings),
+        "reasons": _reasons(findings),
+        "answers": findings.answers.questions if study and findings.answers else (),
+        "left_out": findings.left_out,
+        **_settings(findings),
+    }
+
+
+def _tiles(findings: StudyFindings) -> Tiles:
+    study = findings.study
+    return Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
+
+
+def _own(environment: Environment, name: str) -> str:
+    """A file of ours that goes into the page as it is."""
+    assert environment.loader is not None
+    return environment.loader.get_source(environment, name)[0]
+
+
+def _title(parts: Sequence[Part]) -> str:
+    if len(parts) > 1:
+        return f"Studies {', '.join(part.findings.title for part in parts)}"
+    (part,) = parts
+    found = part.findings
+    return f"Study {found.title}" if found.study else "The paper's published numbers"
+
+
+def _lead(findings: StudyFindings) -> list[str]:
+    if findings.study is None:
+        return [
+            "Returns and rankings as published in K. Raghuvanshi, Leveraging VLMs for Optimising"
+            " Camera Inputs for Surgical Robotic Reinforcement Learning. Not measured here.",
+            f"One run for each camera set: {no_interval(1)}.",
+        ]
+    runs = findings.study.runs
+    done = sum(run.finished for run in runs)
+    lead = [f"{len(runs)} runs, {done} of them finished; {len(findings.left_out)} left out."]
+    if findings.ranked:
+        best, worst = findings.ranked[0], findings.ranked[-1]
+        lead.append(f"Best cameras: {_outcome(best)}.")
+        if worst is not best:
+            lead.append(f"Worst: {_outcome(worst)}.")
+    if any(result.unfinished for result in findings.results):
+        lead.append(
+            "Values of unfinished runs are of agents still in training: the mean over their"
+            " evaluations in the last tenth of the steps so far."
+        )
+    fewest, most = findings.seeds, max((r.value.seeds for r in findings.results), default=0)
+    if fewest:
+        seeds = f"{fewest} to {most} seeds" if fewest < most else f"{fewest} seeds"
+        lead.append(
+            f"{'One seed' if most == 1 else seeds} each. Intervals are 95 %: of returns over seeds,"
+            f" where there are {ENOUGH} or more; of rates over seeds as well, over all episodes"
+            " (Wilson's) where there are fewer."
+        )
+    return lead
+
+
+def _outcome(result: Result) -> str:
+    interval = _RETURN.text(result.value.interval_or_why)
+    found = f"{label(result.cameras)}, return {result.value.value:.2f} ({interval})"
+    if result.success is not None:
+        found += f", success {100 * result.success.value:.0f} %"
+    return found
+
+
+def _figure(drawn: Drawn) -> dict[str, str | None]:
+    """The sharpest file of a figure, inline."""
+    best = sorted(drawn.files, key=lambda path: path.suffix != ".svg")
+    return {
+        "name": drawn.name,
+        "caption": drawn.caption,
+        "missing": drawn.missing,
+        "image": inline(best[0]) if best else None,
+    }
+
+
+def _reasons(findings: StudyFindings) -> list[dict[str, Any]]:
+    """Each ranking with its reasons, and what the runs made of it.
+
+    Of the study's own model; where it asked none, of the shipped recordings'.
+    """
+    if findings.study is None:
+        return []
+    own = findings.answers
+    speakers = (own,) if own and own.rankings else recorded_answers()
+    return [
+        _ranking(findings, speaker, ranking) for speaker in speakers for ranking in speaker.rankings
+    ]
+
+
+def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dict[str, Any]:
+    by_name = {result.cameras: result for result in findings.ranked}
+    values = {c: by_name[c].value.value for c in ranking.places if c in by_name}
+    places = []
+    for cameras, predicted in ranking.places.items():
+        happened = "Not run yet."
+        if cameras in values:
+            place = 1 + sum(value > values[cameras] for value in values.values())
+            outcome = _outcome(by_name[cameras]).partition(", ")[2]
+            happened = f"Measured: place {place} of {len(values)}, {outcome}."
+        places.append(
+            {
+                "cameras": label(cameras),
+                "predicted": f"{predicted:g}",
+                "reason": ranking.reasons.get(cameras, ""),
+                "happened": happened,
+            }
+        )
+    return {"name": f"{answers.source}: {list_name(frozenset(ranking.places))}", "places": places}
+
+
+def _settings(findings: StudyFindings) -> dict[str, Any]:
+    """What all runs share, and what each has of its own."""
+    runs = findings.study.runs if findings.study else ()
+    flat = [run.settings for run in runs]
+    shared = {
+        key: value
+        for key, value in (flat[0].items() if flat else ())
+        if all(key in other and other[key] == value for other in flat)
+    }
+    return {
+        "common": sorted(shared.items()) if len(runs) > 1 else [],
+        "runs": [
+            {
+                "place": str(run.place),
+                "own": _facts(run)
+                + sorted((k, v) for k, v in own.items() if len(runs) == 1 or k not in shared),
+                "reward": _reward(run, findings.study.folder if findings.study else None),
+                "command": f"{run.command or '(command not on record)'}  # {run.place}",
+            }
+            for run, own in zip(runs, flat, strict=True)
+        ],
+    }
+
+
+def _facts(run: Record) -> list[tuple[str, str]]:
+    """What the manifest and the final value say of a run."""
+    found, manifest = final(run), run.manifest
+    facts = [("state", "finished" if run.finished else "not finished")]
+    facts.append(("trained", f"{run.steps} of {run.planned_steps} steps"))
+    if found is not None:
+        facts.append(("final return", f"{found.value:.3f} over {found.episodes} episodes"))
+        facts.append(("final success", f"{found.success:.3f}, cheat {found.cheat:.3f}"))
+    facts.append(("reward", reward_label(run.place.reward)))
+    for key in ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu"):
+        if manifest.get(key) is not None:
+            facts.append((key, str(manifest[key])))
+    versions = manifest.get("versions")
+    if isinstance(versions, Mapping):
+        facts.append(("versions", ", ".join(f"{k} {v}" for k, v in versions.items())))
+    return facts
+
+
+def _reward(run: Record, study: Path | None) -> str:
+    path = run.folder / files.REWARD
+    if not (path.exists() or path.is_symlink()):
+        return f"{files.REWARD} is not kept; {files.CONFIG} has the reward's values and program"
+    try:
+        return read_text(path, within=study)
+    except UnreadableError as error:
+        return f"{files.REWARD} {error}"

@@ -1,0 +1,232 @@
+"""What a study found, camera set by camera set: what figures, tables and report show."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from needlehoop.study.data import paper
+from needlehoop.study.data.answers import Answers, read_answers
+from needlehoop.study.data.paper import HUMAN
+from needlehoop.study.data.records import LeftOut, Record, Study, read_study
+from needlehoop.study.stats.predictions import (
+    IMITATION,
+    MEASURED,
+    PAPERS_MEASURED,
+    Prediction,
+    lists_of,
+    predictions,
+    scored,
+)
+from needlehoop.study.stats.run import TRAINING, Final, Measure, final
+from needlehoop.study.stats.statistics import SeedEstimate, estimate, iqm, rate
+
+
+@dataclass(frozen=True)
+class Result:
+    """One camera set with one reward, over its seeds."""
+
+    cameras: str
+    reward: str
+    runs: tuple[Record, ...]
+    """Runs with a final value; none for the paper's."""
+    finals: tuple[Final, ...]
+    value: SeedEstimate
+    """The final return."""
+    success: SeedEstimate | None
+    """``None`` where only returns were published."""
+    cheat: SeedEstimate | None
+
+    @property
+    def unfinished(self) -> int:
+        """Runs whose final value is of an agent still in training."""
+        return sum(not found.finished for found in self.finals)
+
+    def values(self, measure: Measure) -> list[float]:
+        """A number of each run; empty where one run has no such number."""
+        known = [one for found in self.finals if (one := measure.of(found)) is not None]
+        return known if len(known) == len(self.finals) else []
+
+    def middle(self, measure: Measure) -> float | None:
+        """Its interquartile mean over seeds; ``None`` where a run has no such number."""
+        own = self.values(measure)
+        return float(iqm(np.array(own))) if own else None
+
+
+@dataclass(frozen=True)
+class StudyFindings:
+    """A study, or the paper's numbers in a study's place."""
+
+    title: str
+    study: Study | None
+    """``None``: the paper's."""
+    results: tuple[Result, ...]
+    """The best final return first."""
+    answers: Answers | None
+    """What the study's own model said."""
+    predictions: tuple[Prediction, ...]
+    """Of everyone who ranked camera sets, the study's own model among them."""
+    left_out: tuple[LeftOut, ...]
+
+    @property
+    def main_reward(self) -> str:
+        """The reward under which cameras are compared: the human one, or the commonest."""
+        counts = Counter(result.reward for result in self.results)
+        return HUMAN if HUMAN in counts or not counts else counts.most_common(1)[0][0]
+
+    @property
+    def ranked(self) -> tuple[Result, ...]:
+        """Results with the main reward, the best first."""
+        return tuple(result for result in self.results if result.reward == self.main_reward)
+
+    @property
+    def lists(self) -> dict[str, tuple[str, ...]]:
+        """The paper's lists, then any others that the study's VLM ranked."""
+        return lists_of(self.answers)
+
+    @property
+    def compares_rewards(self) -> bool:
+        """Whether its question is rewards, not cameras: no list has two camera sets to compare."""
+        sets = {result.cameras for result in self.ranked}
+        to_rank = any(len(sets.intersection(members)) > 1 for members in self.lists.values())
+        return not to_rank and len(sets) < len(self.results)
+
+    @property
+    def seeds(self) -> int:
+        """The fewest seeds that a result has."""
+        return min((result.value.seeds for result in self.results), default=0)
+
+    @property
+    def measured(self) -> dict[str, float]:
+        """Final returns by camera set, with the main reward."""
+        return {result.cameras: result.value.value for result in self.ranked}
+
+    def by_set(self, measure: Measure) -> dict[str, list[float]]:
+        """A number of each run with the main reward, by camera set, the best final return first.
+
+        Camera sets with a run that has no such number are left out.
+        """
+        every = {result.cameras: result.values(measure) for result in self.ranked}
+        return {cameras: own for cameras, own in every.items() if own}
+
+    def middles(self, measure: Measure) -> dict[str, float]:
+        """The same camera sets' interquartile means over seeds."""
+        return {name: float(iqm(np.array(own))) for name, own in self.by_set(measure).items()}
+
+    @property
+    def rankings(self) -> tuple[Prediction, ...]:
+        """Predictions, then measurements; the paper's is always there."""
+        lists = self.lists.values()
+        found = [*self.predictions]
+        if self.study is not None:
+            found.append(scored(MEASURED, self.measured, lists, whole=False))
+            soon = scored(TRAINING.name, self.middles(TRAINING), lists, whole=False)
+            found += [soon] if soon.lists else []
+        return (*found, scored(PAPERS_MEASURED, paper.measured(), lists))
+
+    @property
+    def truths(self) -> dict[str, Mapping[str, float]]:
+        """What predictions are held against: values by camera set, by what they are.
+
+        Imitation predicts, and is predicted: what flies ranks cameras as well.
+        """
+        found: dict[str, Mapping[str, float]] = {}
+        if self.study is not None:
+            found |= {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
+        found[PAPERS_MEASURED] = paper.measured()
+        for one in self.predictions:
+            if one.who == IMITATION:
+                found[IMITATION] = {
+                    name: score for own in one.lists.values() for name, score in own.items()
+                }
+        return found
+
+    def predictions_of(self, truth: str) -> list[Prediction]:
+        """Those that are held against one of ``truths``; the paper's returns against ours."""
+        found = [one for one in self.predictions if one.who != truth]
+        if truth in (MEASURED, TRAINING.name):
+            found.append(scored(PAPERS_MEASURED, paper.measured(), paper.lists().values()))
+        return found
+
+    def in_order(self, members: Iterable[str]) -> list[str]:
+        """A list's camera sets, the best first: as measured here, else in the paper."""
+        chosen = tuple(members)
+        ranked = {
+            one.who: places
+            for one in self.rankings
+            if len(places := one.places(chosen)) == len(chosen)
+        }
+        by = ranked.get(MEASURED) or next(iter(reversed(ranked.values())), {})
+        return sorted(chosen, key=lambda cameras: (by.get(cameras, math.inf), cameras))
+
+
+def study_findings(folder: Path) -> StudyFindings:
+    """What the runs under a study's folder say.
+
+    Raises:
+        ValueError: no such folder.
+    """
+    study = read_study(folder)
+    answers, unread = read_answers(folder)
+    home = folder.resolve()
+    foretold, unreadable = predictions(
+        answers, home.parent, [*lists_of(answers).values()], measured=home.name
+    )
+    left_out = [*study.left_out, *unread, *unreadable]
+    results = []
+    for (cameras, reward), runs in groupby(
+        study.runs, key=lambda run: (run.place.cameras, run.place.reward)
+    ):
+        pairs = []
+        for run in runs:
+            if (found := final(run)) is None:
+                where = run.folder.relative_to(folder)
+                left_out.append(LeftOut(where, "not evaluated yet: it has no final value"))
+            else:
+                pairs.append((run, found))
+        if pairs:
+            results.append(_result(cameras, reward, pairs))
+    return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
+
+
+def paper_findings(results: Path) -> StudyFindings:
+    """The paper's Table I, Table II and Figure 7, where they are in numbers.
+
+    Args:
+        results: the folder of all studies, for what else predicts the paper's order.
+    """
+    foretold, left_out = predictions(None, results, [*paper.lists().values()])
+    values = {(name, HUMAN): value for name, value in paper.measured().items()}
+    values |= {
+        (row.cameras, row.reward): row.value for row in paper.rewards() if row.value is not None
+    }
+    found = [
+        Result(cameras, reward, (), (), estimate([[value]]), None, None)
+        for (cameras, reward), value in values.items()
+    ]
+    title = "the paper's numbers"
+    return StudyFindings(title, None, _sorted(found), paper.answers(), foretold, tuple(left_out))
+
+
+def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
+    return tuple(sorted(results, key=lambda one: (-one.value.value, one.cameras, one.reward)))
+
+
+def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+    finals = tuple(found for _, found in pairs)
+    episodes = [found.episodes for found in finals]
+    return Result(
+        cameras,
+        reward,
+        tuple(run for run, _ in pairs),
+        finals,
+        value=estimate([[found.value for found in finals]]),
+        success=rate([found.success for found in finals], episodes),
+        cheat=rate([found.cheat for found in finals], episodes),
+    )

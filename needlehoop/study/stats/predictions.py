@@ -1,0 +1,171 @@
+"""Who predicted the best cameras: models, the probe, imitation, shorter trainings."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from needlehoop.runs.files import EXPERT
+from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.study.data import paper
+from needlehoop.study.data.answers import Answers, read_answers
+from needlehoop.study.data.paper import label
+from needlehoop.study.data.records import LeftOut, read_study
+from needlehoop.study.stats.run import Final, final
+from needlehoop.study.stats.statistics import estimate, rate
+
+PAPERS_VLM = "the paper's VLM"
+OWN_VLM = "VLM"
+PROBE = "probe"
+IMITATION = "imitation"
+FAST = "fast protocol"
+
+MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
+"""Orders that were measured; they stand beside the predicted ones."""
+
+_PROBE = Path("probe/ranking.csv")
+"""Beside the studies."""
+
+_STUDIES = {"imitation": IMITATION, "fast": FAST}
+"""Studies that predict what others measure, by their folders beside them."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Scores (higher is better) of the camera sets in each list that was ranked."""
+
+    who: str
+    lists: Mapping[frozenset[str], Mapping[str, float]]
+
+    def places(self, members: Iterable[str]) -> dict[str, float]:
+        """Places in a list by cameras, 1 the best, ties at their mean; empty if not ranked."""
+        scores = self.lists.get(frozenset(members), {})
+        return {
+            name: 0.5
+            + sum(o > own for o in scores.values())
+            + sum(o == own for o in scores.values()) / 2
+            for name, own in scores.items()
+        }
+
+
+def recorded_answers() -> tuple[Answers, ...]:
+    """What the models of the shipped recordings said, each under its recording's name.
+
+    Raises:
+        ValueError: a recording is damaged.
+    """
+    found = []
+    for folder in sorted(file.parent for file in RECORDINGS.glob("*/rankings.json")):
+        answers, left_out = read_answers(folder, ".")
+        if answers is None or left_out:
+            raise ValueError(f"{folder}: {'; '.join(map(str, left_out))}")
+        found.append(Answers(folder.name, answers.questions, answers.rankings))
+    return tuple(found)
+
+
+def predictions(
+    own: Answers | None, results: Path, lists: Sequence[Iterable[str]], measured: str | None = None
+) -> tuple[tuple[Prediction, ...], list[LeftOut]]:
+    """Every prediction that is there, in the order of the columns that show them.
+
+    Args:
+        own: of the study's own model.
+        results: the folder of all studies, for the probe, imitation and short trainings.
+        lists: to cut scores of single sets into.
+        measured: the study that is to be foretold, which foretells nothing itself.
+
+    Returns:
+        The predictions, and what could not be read.
+    """
+    found = [said(PAPERS_VLM, paper.answers())]
+    found += [said(answers.source, answers) for answers in recorded_answers()]
+    if own is not None and own.rankings:
+        mine = said(OWN_VLM, own)
+        # A study that replays a recording says nothing that is not there already.
+        if all(mine.lists != other.lists for other in found):
+            found.append(mine)
+    left_out = []
+    if (results / _PROBE).exists():
+        try:
+            found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
+        except UnreadableError as error:
+            left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
+    for name, who in _STUDIES.items():
+        if name != measured and (results / name).is_dir():
+            found.append(_trained(who, results / name, lists))
+    return tuple(one for one in found if one.lists), left_out
+
+
+def lists_of(answers: Answers | None) -> dict[str, tuple[str, ...]]:
+    """The paper's lists, then any others that a model ranked, by name."""
+    lists = dict(paper.lists())
+    known = {frozenset(members) for members in lists.values()}
+    for ranking in answers.rankings if answers else ():
+        if frozenset(ranking.places) not in known:
+            lists[f"list {len(lists) + 1}"] = tuple(ranking.places)
+    return lists
+
+
+def said(who: str, answers: Answers) -> Prediction:
+    """The rankings of a model."""
+    return Prediction(
+        who,
+        {
+            frozenset(ranking.places): {name: -place for name, place in ranking.places.items()}
+            for ranking in answers.rankings
+        },
+    )
+
+
+def scored(
+    who: str, scores: Mapping[str, float], lists: Iterable[Iterable[str]], whole: bool = True
+) -> Prediction:
+    """Scores of single sets, list by list.
+
+    Args:
+        who: gave them.
+        scores: higher is better.
+        lists: what to compare.
+        whole: leave out a list if one of its camera sets has no score; otherwise leave out the set.
+    """
+    known = set(scores)
+    chosen = [m for m in map(frozenset, lists) if (m <= known if whole else m & known)]
+    return Prediction(who, {m: {name: scores[name] for name in m & known} for m in chosen})
+
+
+def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Prediction:
+    """By the finished runs of a study; its own pages say what is wrong there.
+
+    Imitation by success, since no reward taught it; the others by final return.
+    """
+    ends: dict[str, list[Final]] = {}
+    for run in read_study(folder).runs:
+        end = final(run)
+        if (run.place.reward == EXPERT) == (who == IMITATION) and end is not None and end.finished:
+            ends.setdefault(run.place.cameras, []).append(end)
+    scores = {
+        cameras: rate([end.success for end in own], [end.episodes for end in own]).value
+        if who == IMITATION
+        else estimate([[end.value for end in own]]).value
+        for cameras, own in ends.items()
+    }
+    return scored(who, scores, lists)
+
+
+def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:
+    """The probe's scores by set; its table has the sets' labels.
+
+    Raises:
+        UnreadableError: it is no table of the probe's.
+    """
+    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    try:
+        scores = {row["cameras"]: float(row["score"]) for row in rows}
+    except (KeyError, TypeError, ValueError) as error:
+        raise UnreadableError("is no ranking of a probe") from error
+    names = {name for members in lists for name in members}
+    return {name: scores[label(name)] for name in names if label(name) in scores}

@@ -1,0 +1,123 @@
+"""Studies with other settings beside each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from matplotlib.colors import to_hex
+from study_files import BUFFER, write_run
+
+from needlehoop.cli import main as cli
+from needlehoop.study.data.records import read_study
+from needlehoop.study.report.comparison import comparison_chart, comparisons, differences, progress
+
+
+def learnt(study: Path, seed: int, begins: int, buffers: int) -> Path:
+    """A run that threads in no episode, then from buffer ``begins`` on in all."""
+    run = write_run(study, "rgb_default", seed=seed)
+    header = "update,step,wall_time,return,success,threaded,lifted"
+    lines = [
+        f"{i},{i * BUFFER},{i},{i / 10},{share},{share},1.0"
+        for i in range(1, buffers + 1)
+        for share in [float(i >= begins)]
+    ]
+    (run / "metrics.csv").write_text("\n".join([header, *lines, ""]))
+    return run
+
+
+def change(run: Path, **values: object) -> None:
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    (run / "config.yaml").write_text(yaml.safe_dump({**config, **values}))
+
+
+@pytest.fixture
+def two(tmp_path) -> tuple[Path, Path]:
+    """``a``: two seeds of 40 buffers; ``b``: one of 30, with another reward unit."""
+    a, b = tmp_path / "a", tmp_path / "b"
+    learnt(a, 0, 20, 40)
+    learnt(a, 1, 35, 40)
+    change(learnt(b, 0, 10, 30), reward={"kind": "human", "unit": 0.1})
+    return a, b
+
+
+def opened(*folders: Path) -> list:
+    return comparisons([read_study(folder) for folder in folders])
+
+
+def test_progress_says_when_each_run_got_how_far(two):
+    (found,) = opened(*two)
+    assert (found.cameras, found.reward, list(found.runs)) == ("rgb_default", "human", ["a", "b"])
+    assert found.steps == 30 * BUFFER
+    rows = progress([found]).texts_by_heading()
+    assert [(row["study"], row["seed"]) for row in rows] == [("a", "0"), ("a", "1"), ("b", "0")]
+
+    def at(buffer: int) -> str:
+        return f"{buffer * BUFFER / 1e6:.2f}"
+
+    # Of five buffers the third makes a half, and the last all of them.
+    assert [row["half threaded, M steps"] for row in rows] == [at(22), at(37), at(12)]
+    assert [row["95 % threaded, M steps"] for row in rows] == [at(24), at(39), at(14)]
+    assert [row["half lifted, M steps"] for row in rows] == [at(5)] * 3
+    # No run has this column.
+    assert [row["half grasped, M steps"] for row in rows] == [""] * 3
+    # The shortest has 30 buffers; all are compared there.
+    assert [row["compared after, M steps"] for row in rows] == [at(30)] * 3
+    assert [row["threaded, %"] for row in rows] == ["100", "0", "100"]
+    assert [row["return"] for row in rows] == ["2.80"] * 3
+
+
+def test_settings_that_differ_are_listed_and_no_others(two):
+    a, b = two
+    change(a / "rgb_default" / "human" / "seed1", num_envs=40)
+    rows = differences(opened(a, b)).texts_by_heading()
+    found = {row["setting"]: (row["a"], row["b"]) for row in rows}
+    assert found == {"reward.unit": ("", "0.1"), "num_envs": ("80 / 40", "80")}
+
+
+def test_a_chart_has_a_line_for_each_study_in_each_panel(two):
+    figure = comparison_chart(opened(*two)[0])
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "share lifted in training",
+        "share threaded in training",
+        "return in training",
+    ]
+    for axes in figure.axes:
+        assert [text.get_text() for text in axes.texts] in ([" a", " b"], [" b", " a"])
+        colours = {to_hex(str(line.get_color())) for line in axes.lines}
+        assert len(colours) == 2
+    drawn = [np.asarray(line.get_xydata(), dtype=float) for line in figure.axes[1].lines]
+    # The other lines lead to the names.
+    ends = [points[~np.isnan(points[:, 1])][-1, 0] for points in drawn if len(points) > 2]
+    assert max(ends) == pytest.approx(40 * BUFFER / 1e6)
+
+
+def test_the_command_writes_tables_and_figures_beside_the_studies(two, capsys):
+    a, b = two
+    assert cli.main(["compare", str(a), str(b)]) == 0
+    out = capsys.readouterr().out
+    assert "What differs" in out
+    assert "Progress in training" in out
+    folder = a.parent / "comparison"
+    assert {path.name for path in folder.iterdir()} == {
+        *(f"{name}.{kind}" for name in ("settings", "progress") for kind in ("csv", "md", "tex")),
+        "rgb_default_human.png",
+        "rgb_default_human.svg",
+    }
+
+
+def test_what_cannot_be_compared_is_said(two, capsys, monkeypatch):
+    monkeypatch.chdir(two[0].parent)
+    write_run(Path("other"), "dep_default")
+    learnt(Path("deep/c"), 0, 10, 20)
+    for words, said in (
+        (["a"], "a alone; name two or more"),
+        (["a", "a"], "a, a are not different names"),
+        (["a", "nowhere"], "nowhere: no such folder"),
+        (["a", "other"], "no cameras and reward that two of them have\n  rgb_default/human: a"),
+        (["a", "seed=1"], "'seed=1' is not understood"),
+        (["a", "deep/c"], "not beside each other; give --out"),
+    ):
+        assert cli.main(["compare", *words]) == 2
+        assert said in capsys.readouterr().err
+        assert not Path("comparison").exists()

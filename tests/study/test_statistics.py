@@ -1,0 +1,117 @@
+"""IQM, intervals and chances against values worked out in other ways."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu
+
+from needlehoop.study.stats.statistics import (
+    OVER_EPISODES,
+    OVER_SEEDS,
+    Interval,
+    SeedEstimate,
+    band,
+    estimate,
+    improvement,
+    iqm,
+    no_interval,
+    rate,
+)
+
+values = st.lists(st.floats(-10, 10), min_size=3, max_size=8)
+
+
+def ends_of(found: SeedEstimate) -> tuple[float, float]:
+    assert isinstance(found.interval, Interval)
+    return found.interval.low, found.interval.high
+
+
+def test_the_iqm_is_the_mean_of_the_middle_half():
+    assert iqm(np.array([100.0, 3.0, 2.0, -50.0])) == pytest.approx(2.5)
+    assert iqm(np.arange(8.0)) == pytest.approx(3.5)
+    assert iqm(np.array([9.0, 0.0, 0.0])) == pytest.approx(3.0)
+
+
+def test_fewer_than_three_seeds_have_no_interval():
+    found = estimate([[8.5]])
+    assert (found.value, found.interval, found.seeds) == (8.5, None, 1)
+    assert found.interval_or_why == no_interval(1) == "one seed, no interval"
+    assert estimate([[8.5, 8.7]]).interval_or_why == "2 seeds, no interval"
+    assert estimate([[8.5, 8.7, 8.6], [3.0, 2.0]]).interval_or_why == no_interval(2)
+    assert improvement([1.0, 1.0, 1.0], [0.0, 2.0]).interval_or_why == no_interval(2)
+
+
+def test_a_rate_of_few_seeds_has_wilsons_interval_over_its_episodes():
+    found = rate([0.9, 0.8], [100, 100])
+    assert (found.value, found.seeds) == (pytest.approx(0.85), 2)
+    # Worked out from the formula of the score interval for 170 of 200.
+    ends = pytest.approx((0.7939, 0.8929), abs=1e-4)
+    assert ends_of(found) == ends
+    assert found.interval is not None
+    assert found.interval.over == OVER_EPISODES
+    # Episodes count, not runs.
+    assert rate([1.0, 0.0], [300, 100]).value == pytest.approx(0.75)
+    three = rate([0.9, 0.8, 0.7], [100, 100, 100])
+    assert three == estimate([[0.9, 0.8, 0.7]])
+    assert three.interval is not None
+    assert three.interval.over == OVER_SEEDS
+
+
+def test_the_interval_is_that_of_all_resamples():
+    """Three seeds have 27 resamples: their percentiles are known exactly."""
+    seeds = [1.0, 2.0, 6.0]
+    means = [np.mean(drawn) for drawn in product(seeds, repeat=3)]
+    found = estimate([seeds])
+    assert found.value == pytest.approx(3.0)
+    # 1/27 = 3.7 % of the resamples are all ones: the lower end is exactly there.
+    assert ends_of(found) == pytest.approx((min(means), max(means))) == (1.0, 6.0)
+    many = list(np.random.default_rng(0).normal(5.0, 1.0, 40))
+    low, high = ends_of(estimate([many]))
+    assert 0.5 < high - low < 1.2
+
+
+def test_resampling_stays_within_strata():
+    # Within each stratum nothing varies, so neither does the whole.
+    found = estimate([[0.0, 0.0, 0.0], [8.0, 8.0, 8.0]])
+    assert (found.value, *ends_of(found)) == (4.0, 4.0, 4.0)
+    pooled = estimate([[0.0, 0.0, 0.0, 8.0, 8.0, 8.0]])
+    assert ends_of(pooled)[0] < 4.0
+
+
+@given(values)
+def test_the_value_lies_in_the_interval_and_repeats(seeds):
+    found = estimate([seeds])
+    assert found == estimate([seeds])
+    low, high = ends_of(found)
+    assert min(seeds) - 1e-9 <= low <= high <= max(seeds) + 1e-9
+
+
+@given(values, values)
+def test_the_chance_to_be_better_is_mann_and_whitneys(a, b):
+    chance = improvement(a, b)
+    assert chance.value == pytest.approx(mannwhitneyu(a, b).statistic / (len(a) * len(b)))
+    assert improvement(b, a).value == pytest.approx(1.0 - chance.value)
+    low, high = ends_of(chance)
+    assert 0.0 <= low <= high <= 1.0
+
+
+def test_no_value_no_estimate():
+    for strata in ([], [[]], [[1.0], []], [[float("nan")]], [[float("inf"), 1.0]]):
+        with pytest.raises(ValueError, match="strata"):
+            estimate(strata)
+
+
+def test_a_band_has_an_interval_only_where_there_are_three_runs():
+    nan = np.nan
+    curves = np.array([[nan, 1, 2, 3, 4], [nan, 3, 4, nan, nan], [nan, 2, 3, 5, nan]])
+    middle, low, high = band(curves)
+    np.testing.assert_allclose(middle, [nan, 2.0, 3.0, 4.0, 4.0])
+    with_three = [False, True, True, False, False]
+    assert (~np.isnan(low) == with_three).all()
+    assert (~np.isnan(high) == with_three).all()
+    assert (low[1:3] < middle[1:3]).all()
+    assert (high[1:3] > middle[1:3]).all()
+    assert (curves.min(0)[1:3] <= low[1:3]).all()

@@ -1,0 +1,256 @@
+"""Where a study stands."""
+
+import json
+import os
+import platform
+import time
+from pathlib import Path
+
+import pytest
+from study_files import BUFFER, UPDATES, write_run
+
+from needlehoop.cli.main import main
+from needlehoop.runs.lock import Lock
+from needlehoop.study.data.records import Place, read_study
+from needlehoop.study.data.sweeps import planned, read_job_ends
+from needlehoop.study.report.status import (
+    DONE,
+    FAILED,
+    MISSING,
+    RUNNING,
+    STOPPED,
+    Standing,
+    standings,
+)
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """One run of each state; a buffer takes 16 s."""
+    folder = tmp_path / "main"
+    write_run(folder, "dep_front+seg_side", seed=0)
+    write_run(folder, "dep_front+seg_side", seed=1, updates=60)
+    write_run(folder, "rgb_default", seed=0, updates=20)
+    return folder
+
+
+def age(run: Path, seconds: float) -> None:
+    then = time.time() - seconds
+    for path in run.iterdir():
+        os.utime(path, (then, then))
+
+
+def stands(study: Path) -> dict[str, Standing]:
+    ends, _ = read_job_ends(study)
+    return {str(one.place): one for one in standings(read_study(study), ends)}
+
+
+def note_outcome(study: Path, job: int, cameras: str, outcome: str, ago: float = 0.0) -> Path:
+    """What a sweep's job leaves."""
+    file = study.parent / ".sweeps" / "2026-11-21_12-00-00" / str(job) / "outcome.json"
+    file.parent.mkdir(parents=True)
+    note = {"run": "x", "study": study.name, "cameras": cameras, "reward": "human", "seed": 0}
+    error = {"error": "RuntimeError: no memory"} if outcome == "failed" else {}
+    file.write_text(json.dumps({**note, "outcome": outcome, **error}))
+    then = time.time() - ago
+    os.utime(file, (then, then))
+    return file
+
+
+def test_states_and_time_left(study):
+    age(study / "rgb_default" / "human" / "seed0", 3600)
+    found = stands(study)
+    assert {name: one.state for name, one in found.items()} == {
+        "dep_front+seg_side/human/seed0": DONE,
+        "dep_front+seg_side/human/seed1": RUNNING,
+        "rgb_default/human/seed0": STOPPED,
+        "rgb_default/human/seed1": MISSING,
+    }
+    running, stopped = found["dep_front+seg_side/human/seed1"], found["rgb_default/human/seed0"]
+    assert running.rate == pytest.approx(BUFFER / 16.0)
+    assert running.left == pytest.approx((UPDATES - 60) * 16.0)
+    assert stopped.left == pytest.approx((UPDATES - 20) * 16.0)
+    assert found["rgb_default/human/seed1"].left == pytest.approx(UPDATES * 16.0)
+
+
+def test_a_run_between_two_slow_buffers_is_still_running(tmp_path):
+    run = write_run(tmp_path / "main", "rgb_default", updates=20)
+    age(run, 900)
+    assert [one.state for one in stands(tmp_path / "main").values()] == [STOPPED]
+    # At 400 s a buffer, a quarter of an hour of silence means nothing.
+    path = run / "metrics.csv"
+    header, *lines = path.read_text().splitlines()
+    slow = []
+    for line in lines:
+        cells = line.split(",")
+        cells[2] = str(25 * float(cells[2]))
+        slow.append(",".join(cells))
+    path.write_text("\n".join([header, *slow, ""]))
+    age(run, 900)
+    assert [one.state for one in stands(tmp_path / "main").values()] == [RUNNING]
+
+
+def test_a_stopped_run_says_so_until_it_goes_on(study):
+    run = study / "rgb_default" / "human" / "seed0"
+    manifest = json.loads((run / "manifest.json").read_text())
+    age(run, 60)
+    (run / "manifest.json").write_text(json.dumps({**manifest, "stopped": True}))
+    assert stands(study)["rgb_default/human/seed0"].state == STOPPED
+    with (run / "metrics.csv").open("a") as file:
+        file.write("21,215040,336.0,640.0,60,1.0,0.0,0.0,0.0,0.5,0.0,150.0\n")
+    # A buffer takes seconds; two writes in a row may share a tick of the disk's clock.
+    later = (run / "manifest.json").stat().st_mtime + 1.0
+    os.utime(run / "metrics.csv", (later, later))
+    assert stands(study)["rgb_default/human/seed0"].state == RUNNING
+
+
+def test_a_failed_job_of_a_sweep_is_a_failed_run_until_it_goes_on(study, capsys):
+    run = study / "rgb_default" / "human" / "seed0"
+    age(run, 60)
+    note_outcome(study, 0, "rgb_default", "failed")
+    note_outcome(study, 1, "seg_side", "failed")
+    # Only the newest outcome of a run counts.
+    note_outcome(study, 2, "dep_side", "failed", ago=50)
+    note_outcome(study, 3, "dep_side", "stopped")
+    note_outcome(study.parent / "other", 4, "dep_default", "failed")
+    found = stands(study)
+    assert found["rgb_default/human/seed0"].state == FAILED
+    assert found["rgb_default/human/seed0"].error == "RuntimeError: no memory"
+    assert found["seg_side/human/seed0"].state == FAILED
+    assert found["dep_side/human/seed0"].state == MISSING
+    assert "dep_default/human/seed0" not in found
+    assert main(["status", str(study)]) == 0
+    assert "failed: seg_side/human/seed0: RuntimeError: no memory" in capsys.readouterr().out
+    age(run, -1)
+    assert stands(study)["rgb_default/human/seed0"].state == RUNNING
+
+
+def test_a_note_that_cannot_be_read_is_named(study, capsys):
+    note_outcome(study, 0, "rgb_default", "failed").write_text('{"run": ')
+    note_outcome(study, 1, "rgb_default", "failed").write_text('{"study": "main"}')
+    assert main(["status", str(study)]) == 0
+    said = capsys.readouterr().out
+    assert "../.sweeps/2026-11-21_12-00-00/0/outcome.json: is no JSON, or cut off" in said
+    assert "1/outcome.json: has no usable cameras, reward, seed, outcome" in said
+
+
+def test_an_experiment_says_what_nobody_has_started(study, tmp_path, capsys):
+    words = ["experiment=table2", "seed=0,1"]
+    assert main(["status", str(study), *words]) == 0
+    said = capsys.readouterr().out
+    assert "1 done, 2 running, 0 stopped, 0 failed, 25 missing" in said
+    assert main(["status", str(tmp_path / "later"), *words]) == 0
+    assert "28 missing; time left unknown" in capsys.readouterr().out
+    assert main(["status", str(study), "cams=[seg_side,dep_front],seg_side"]) == 0
+    said = capsys.readouterr().out
+    assert "seg_side+dep_front/human/seed0" in said
+    assert "0 done, 0 running, 0 stopped, 0 failed, 2 missing" in said
+    assert "3 other runs are in" in said
+
+
+def test_planned_runs_are_those_that_the_words_sweep_over():
+    assert planned(["cams=[rgb_front, dep_side],[seg_side]", "reward=human,sparse", "seed=2"]) == [
+        Place("rgb_front+dep_side", "human", 2),
+        Place("rgb_front+dep_side", "sparse", 2),
+        Place("seg_side", "human", 2),
+        Place("seg_side", "sparse", 2),
+    ]
+    full, table2, paid = (
+        {*planned([f"experiment={name}"])} for name in ("full", "table2", "rewards")
+    )
+    assert table2 < full
+    assert (len(full), len(table2)) == (20, 14)
+    # Those of another model than the paper's.
+    assert {place.reward for place in paid - full} == {"vlm_text_claude", "vlm_img_claude"}
+    assert (len(paid), len(paid - full)) == (12, 6)
+
+
+def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
+    assert planned(["algo=dagger", "cams=[seg_side]", "seed=0,1"]) == [
+        Place("seg_side", "expert", 0),
+        Place("seg_side", "expert", 1),
+    ]
+    imitation = planned(["experiment=imitation"])
+    assert len(imitation) == 17 * 3
+    table2 = {place.cameras for place in planned(["experiment=table2"])}
+    assert table2 <= {place.cameras for place in imitation}
+
+
+def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
+    for word, said in (
+        ("experiment=table3", "'table3' is unknown; choose from fast, full, imitation"),
+        ("steps=5", "'steps=5' is not understood; choose from experiment, algo, cams, reward"),
+        ("cams=rgb_back", "cams: 'rgb_back' is unknown; choose from dep_default, dep_front"),
+        ("cams=[]", "cams: '' is unknown"),
+        ("seed=1", "cams: give experiment=… or cams=…"),
+        ("seed=x", "seed: 'x' is not a whole number"),
+    ):
+        assert main(["status", str(tmp_path), word]) == 2
+        assert said in capsys.readouterr().err
+    with pytest.raises(ValueError, match="reward: 'humane' is unknown; choose from file, human"):
+        planned(["experiment=table2", "reward=humane"])
+
+
+def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):
+    (study / "rgb_default" / "human" / "seed0" / "manifest.json").write_text("{")
+    age(study / "rgb_default" / "human" / "seed0", 3600)
+    assert main(["status", str(study)]) == 0
+    said = capsys.readouterr().out
+    lines = [line.split() for line in said.splitlines()]
+    assert ["dep_front+seg_side/human/seed0", "done", "100%", "640"] in lines
+    running = ["dep_front+seg_side/human/seed1", "running", "62%", "640", "10", "min"]
+    assert [*running, "0", "min", "ago"] in lines
+    assert ["rgb_default/human/seed1", "missing", "0%", "26", "min"] in lines
+    assert "1 done, 1 running, 1 stopped, 0 failed, 1 missing; 56 min left with 1 at a time" in said
+    assert "left out: 1" in said
+    assert "rgb_default/human/seed0/manifest.json: is no JSON, or cut off" in said
+
+
+def test_a_study_without_rates_promises_nothing(tmp_path, capsys):
+    run = write_run(tmp_path / "main", "rgb_default", updates=20)
+    (run / "metrics.csv").unlink()
+    assert main(["status", str(tmp_path / "main")]) == 0
+    assert "time left unknown" in capsys.readouterr().out
+    (tmp_path / "empty").mkdir()
+    assert main(["status", str(tmp_path / "empty")]) == 0
+    assert "no runs" in capsys.readouterr().out
+
+
+def test_a_file_that_a_training_writes_just_now_is_not_half_written(study, capsys):
+    run = study / "rgb_default" / "human" / "seed0"
+    (run / "checkpoint.pt.partial").write_bytes(b"x")
+    with Lock(run):
+        assert read_study(study).left_out == ()
+        assert main(["status", str(study)]) == 0
+        assert "half-written" not in capsys.readouterr().out
+    assert main(["status", str(study)]) == 0
+    assert "seed0/checkpoint.pt.partial: half-written" in capsys.readouterr().out
+    # A killed process leaves its note, and holds nothing.
+    note = json.dumps({"host": platform.node(), "process": 10**9})
+    (run.parent / ".seed0.lock").write_text(note)
+    assert [one.reason for one in read_study(study).left_out] == ["half-written"]
+
+
+def test_a_study_that_is_not_there(tmp_path, capsys):
+    assert main(["status", str(tmp_path / "nowhere")]) == 2
+    assert "no such folder" in capsys.readouterr().err
+
+
+def test_top_is_what_trains_cams_takes(capsys):
+    assert main(["top", "paper"]) == 0
+    assert capsys.readouterr().out == (
+        "[dep_front,seg_side],[dep_front,rgb_side],[rgb_front,seg_side]\n"
+    )
+    assert main(["top", "paper", "--count", "1"]) == 0
+    assert capsys.readouterr().out == "[dep_front,seg_side]\n"
+    assert main(["top", "paper", "--count", "15"]) == 2
+    assert "paper has 14 camera sets" in capsys.readouterr().err
+
+
+def test_top_gives_what_there_is_where_it_was_not_told_how_many(tmp_path, capsys):
+    for name in ("rgb_default", "dep_default"):
+        write_run(tmp_path / "main", name)
+    assert main(["top", str(tmp_path / "main")]) == 0
+    assert sorted(capsys.readouterr().out.strip().split(",")) == ["[dep_default]", "[rgb_default]"]
+    assert main(["top", str(tmp_path / "main"), "--count", "3"]) == 2
+    assert "has 2 camera sets" in capsys.readouterr().err

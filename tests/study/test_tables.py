@@ -1,0 +1,427 @@
+"""Tables: what is in them, and that no character breaks them."""
+
+import csv
+import io
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import trim_mean
+from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
+
+from needlehoop.rewards import reference_reward
+from needlehoop.study.data import paper
+from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.render.table import Column, Estimated, Of, Table
+from needlehoop.study.report.tables import (
+    agreements,
+    all_tables,
+    improvements,
+    phases,
+    rankings,
+    reached,
+    results,
+    rewards,
+    table_1,
+    table_2,
+    write_tables,
+)
+from needlehoop.study.stats.findings import StudyFindings, paper_findings, study_findings
+from needlehoop.study.stats.statistics import OVER_EPISODES, Interval
+
+NOWHERE = Path("nowhere")
+"""A folder of studies without a probe."""
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("results") / "main"
+    return write_study(folder, [*PAIRS, *REWARDED], seeds=3)
+
+
+@pytest.fixture(scope="module")
+def findings(study) -> StudyFindings:
+    write_answers(study)
+    return study_findings(study)
+
+
+def dicts(table: Table) -> list[dict[str, str]]:
+    return table.texts_by_heading()
+
+
+def test_table_2_sets_ours_beside_the_papers(findings):
+    rows = dicts(table_2(findings))
+    assert len(rows) == 16
+    first = rows[0]
+    assert (first["list"], first["cameras"]) == ("RGB and depth", "DEP (F) + RGB (S)")
+    assert (first["place"], first["VLM's place"], first["the paper's place"]) == ("1", "1", "1")
+    assert (first["the paper's return"], first["the paper's VLM's place"]) == ("8.92", "1")
+    ours = {r.cameras: r.value.value for r in findings.ranked}
+    assert float(first["return"]) == pytest.approx(ours["dep_front+rgb_side"], abs=0.006)
+    for name in ("RGB and depth", "RGB and segmentation", "Depth and segmentation"):
+        own = [row for row in rows if row["list"] == name]
+        assert [row["place"] for row in own] == [str(i + 1) for i in range(len(own))]
+        returns = [float(row["return"]) for row in own]
+        assert returns == sorted(returns, reverse=True)
+
+
+def test_agreement_is_given_for_each_pair_of_sides(findings):
+    rows = dicts(agreements(findings))
+    # Of the paper's VLM and claude and the paper's measured, by final return and over training,
+    # and of both models in the paper; the study's own VLM has the paper's orders, and is the
+    # paper's.
+    assert len(rows) == ((2 + 1) * 2 + 2) * (3 + 1)
+    papers = [r for r in agreements(findings).records() if said_of(r) == PAPERS]
+    ps = [row["p of tau-b"] for row in papers]
+    papers = [r for r in rows if said_of(r) == PAPERS]
+    *alone, together = papers
+    assert [(r["tau-b"], r["best found"], r["worst found"]) for r in alone] == [
+        ("0.60", "yes", "yes")
+    ] * 3
+    assert together["list"] == "all lists"
+    assert (together["tau-b"], together["best found"]) == ("0.60", "3 of 3")
+    # No list alone rules chance out; together they do.
+    assert min(ps[:3]) > 0.1
+    assert ps[3] == pytest.approx(0.007, abs=0.003)
+
+
+PAPERS = ("the paper's VLM", "the paper's measured")
+
+
+def said_of(row) -> tuple[str, str]:
+    return row["prediction"], row["against"]
+
+
+PROBE = (
+    "place,cameras,score\n1,RGB (F) + DEP (S),0.8\n2 to 3,RGB (F) + RGB (S),0.7\n"
+    "2 to 3,DEP (F) + RGB (S),0.7\n4,RGB (D) + DEP (D),0.6\n5,RGB (D),0.5\n,constant,0.0\n"
+)
+
+
+def test_rankings_stand_side_by_side(tmp_path):
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
+    table = rankings(study_findings(study))
+    who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
+    who += ("the paper's measured",)
+    assert table.header == ("list", "cameras", *who)
+    rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
+    assert len(rows) == 16
+    best = rows["RGB and depth", "DEP (F) + RGB (S)"]
+    # Claude's first is the paper's second; the probe's tie shares its mean place.
+    assert [best[name] for name in who] == ["1", "2", "2.5", "", "", "1"]
+    assert rows["RGB and depth", "RGB (D)"]["measured"] == "1 of 1"
+    # The probe has not seen all of the other lists.
+    assert rows["Depth and segmentation", "DEP (F) + SEG (S)"]["probe"] == ""
+    said = {*map(said_of, dicts(agreements(study_findings(study))))}
+    assert {(one, "the paper's measured") for one in who[:3]} <= said
+    assert "probe" not in rankings(paper_findings(NOWHERE)).header
+    assert "probe" in rankings(paper_findings(tmp_path)).header
+
+
+def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
+    study = write_study(tmp_path / "main", PAIRS, seeds=1)
+    write_answers(study)
+    path = study / "vlm" / "rankings.json"
+    found = json.loads(path.read_text())
+    for entry in found["lists"]:
+        entry["rankings"][0].reverse()
+    path.write_text(json.dumps(found))
+    table = rankings(study_findings(study))
+    assert table.header[2:5] == ("the paper's VLM", "claude", "VLM")
+    row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
+    assert row["VLM"] == "5"
+
+
+def test_a_probe_that_can_not_be_read_is_named(tmp_path):
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text("place,cameras\n1,x\n")
+    found = study_findings(study)
+    assert [str(one) for one in found.left_out] == [
+        "../probe/ranking.csv: is no ranking of a probe"
+    ]
+
+
+def test_what_was_not_run_is_said(tmp_path):
+    write_study(tmp_path, [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
+    found = study_findings(tmp_path)
+    rows = dicts(table_2(found))
+    assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
+    assert {row["place"] for row in rows if row["cameras"] == "RGB (D)"} == {"1 of 1"}
+    assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
+    assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
+    assert "improvement" not in {table.name for table in all_tables(found)}
+
+
+def test_the_papers_own_tables(findings):
+    rows = dicts(table_2(paper_findings(NOWHERE)))
+    assert [row["the paper's return"] for row in rows][:5] == [
+        "8.92", "8.05", "3.40", "2.41", "1.56",
+    ]  # fmt: skip
+    assert "place" not in rows[0]
+    # Its text says of which it was surprised: depth from the side, and segmentation.
+    assert [row["cameras"] for row in rows if row["better there than its VLM said"] == "yes"] == [
+        "RGB (F) + DEP (S)",
+        "RGB (D) + SEG (D)",
+        "SEG (F) + SEG (S)",
+        "SEG (D)",
+    ]
+    said = {row["question"]: row for row in dicts(table_1(findings))}
+    assert said["Best view for subtask 2"] == {
+        "question": "Best view for subtask 2",
+        "test-model": "side",
+        "claude": "side",
+        "the paper's VLM": "side",
+    }
+    assert len(table_1(paper_findings(NOWHERE)).rows) == 9
+    assert len(results(paper_findings(NOWHERE)).rows) == 15
+
+
+def test_results_have_places_among_those_of_their_reward(findings):
+    rows = dicts(results(findings))
+    assert len(rows) == len(findings.results)
+    rewarded = [(row["reward"], int(row["place"])) for row in rows]
+    images = ["VLM, text"] * 3 + ["VLM, text + image"] * 3
+    assert [reward for reward, _ in rewarded] == ["human"] * 14 + images
+    assert [place for _, place in rewarded] == [*range(1, 15), 1, 2, 3, 1, 2, 3]
+    for reward in {reward for reward, _ in rewarded}:
+        returns = [float(row["return"]) for row in rows if row["reward"] == reward]
+        assert returns == sorted(returns, reverse=True)
+
+
+def test_rewards_stand_together_with_the_papers(findings):
+    rows = dicts(rewards(findings))
+    assert len(rows) == 9 + 3
+    assert [(row["cameras"], row["reward"], row["cheat, %"]) for row in rows[9:]] == [
+        ("all 3", "human", "2"),
+        ("all 3", "VLM, text", "60"),
+        ("all 3", "VLM, text + image", "2"),
+    ]
+    images = [final for r in findings.results if r.reward == "vlm_img" for final in r.finals]
+    for column, values, error in (
+        ("return", [final.value for final in images], 0.006),
+        ("success at best, %", [100 * (final.best or 0) for final in images], 0.6),
+        ("threaded over training, %", [100 * (final.threading or 0) for final in images], 0.6),
+    ):
+        assert float(rows[11][column]) == pytest.approx(trim_mean(values, 0.25), abs=error)
+        assert float(rows[11][column]) > float(rows[10][column])
+    assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
+    (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
+    assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
+    assert cheat["cheat, %"] == "60"
+
+
+def test_rewards_say_what_was_learnt_and_lost_again(tmp_path):
+    cameras = "dep_front+seg_side"
+    write_run(tmp_path, cameras)
+    # Not called vlm_text while it is made: runs of that name never thread there.
+    hacked = tmp_path / cameras / "vlm_text"
+    (write_run(tmp_path / "other", cameras, noise=1).parent).rename(hacked)
+    path = hacked / "seed0" / "evaluation.json"
+    last = json.loads(path.read_text())
+    path.write_text(json.dumps(last | {"success": 0.1, "cheat": 0.9}))
+    write_run(tmp_path, cameras, "vlm_img", updates=50)
+    with (hacked / "seed0" / "evaluations.csv").open(newline="") as file:
+        ways = [float(row["success"]) for row in csv.DictReader(file)]
+    said = {row["reward"]: row for row in dicts(rewards(study_findings(tmp_path)))}
+    row = said["VLM, text"]
+    assert row["success, %"] == "10"
+    assert row["success at best, %"] == f"{100 * max(ways):.0f}" != "10"
+    assert said["VLM, text + image"]["success at best, %"] == ""
+
+
+def test_rewards_say_how_soon_each_seed_threads(findings):
+    rows = {(row["cameras"], row["reward"]): row for row in dicts(rewards(findings))}
+    for result in findings.results:
+        if (row := rows.get((label(result.cameras), reward_label(result.reward)))) is None:
+            continue
+        for run, said in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
+            assert run.metrics is not None
+            step, share = run.metrics["step"], run.metrics["success"]
+            sooner = [
+                step[i] for i in range(4, len(step)) if np.nanmean(share[i - 4 : i + 1]) >= 0.9
+            ]
+            assert said == (f"{sooner[0] / 1e6:.2f}" if sooner else "not reached")
+    told = {said for row in rows.values() for said in row["M steps to 90 %"].split(", ")}
+    assert "not reached" in told
+    assert len(told) > 2
+
+
+def test_points_of_another_scene_unit_say_so(tmp_path):
+    pairs = [("rgb_default", "human"), ("rgb_default", "vlm_text"), ("rgb_default", "vlm_img")]
+    study = write_study(tmp_path / "main", pairs, seeds=2)
+    said = {
+        "human": {},
+        "vlm_text": {"human_unit": reference_reward().unit},
+        "vlm_img": {"human_unit": 1},
+    }
+    for reward, unit in said.items():
+        for path in (study / "rgb_default" / reward).glob("*/evaluation.json"):
+            found = json.loads(path.read_text())
+            path.write_text(json.dumps({**found, "return_human": 2.5, **unit}))
+    rows = {row["reward"]: row["human's points"] for row in dicts(rewards(study_findings(study)))}
+    assert rows == {
+        "human": "2.50",
+        "VLM, text": "2.50",
+        "VLM, text + image": "2.50 (unit 1 m)",
+    }
+
+
+def test_chances_to_be_better_add_up(findings):
+    table = improvements(findings)
+    assert len(table.rows) == 14
+    for i in range(14):
+        for j in range(14):
+            cell, other = table.rows[i][j + 1], table.rows[j][i + 1]
+            if i == j:
+                assert cell is None
+            else:
+                assert isinstance(cell, Estimated)
+                assert isinstance(other, Estimated)
+                assert cell.value + other.value == pytest.approx(1.0)
+
+
+cells = st.text(" ,;\"'\n|\\aä", max_size=5)
+
+
+@given(st.lists(st.tuples(cells, cells), max_size=3))
+def test_csv_brings_every_cell_back(rows):
+    table = Table("t", "T", (Column("a"), Column("b")), tuple(rows))
+    assert list(csv.reader(io.StringIO(table.csv(), newline=""))) == [["a", "b"], *map(list, rows)]
+
+
+def test_markdown_and_latex_escape_what_they_must():
+    nasty = "50 % of a_b & c|d {e} $f^2$ #1 ~ \\x <script> [l](u) `c`\nnext"
+    table = Table("my_table", "A & B", (Column("100 %"),), ((nasty,),), "note_1")
+    latex = table.latex()
+    row = latex.splitlines()[7]
+    assert row == (
+        r"50 \% of a\_b \& c|d \{e\} \$f\textasciicircum{}2\$ \#1 \textasciitilde{}"
+        r" \textbackslash{}x \textless{}script\textgreater{} [l](u) `c` next \\"
+    )
+    assert r"\caption{A \& B. note\_1}" in latex
+    assert r"\label{tab:my-table}" in latex
+    line = table.markdown().splitlines()[4]
+    assert line.count("|") - line.count(r"\|") == 2
+    assert r"\<script\>" in line
+    assert r"\[l\](u)" in line
+
+
+def test_tables_are_written_three_ways(findings, tmp_path):
+    written = write_tables(findings, tmp_path)
+    names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
+    names |= {"phases"}
+    assert {path.name for path in written} == {
+        f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
+    }
+    with (tmp_path / "table_2.csv").open(newline="") as file:
+        assert len(list(csv.reader(file))) == 17
+
+
+def test_tables_without_rows_any_more_are_removed(tmp_path):
+    folder = tmp_path / "tables"
+    study = write_study(tmp_path / "main", [("rgb_default", "human"), ("rgb_default", "vlm_text")])
+    before = write_tables(study_findings(study), folder)
+    (folder / "own.csv").write_text("mine\n")
+    shutil.rmtree(study / "rgb_default" / "vlm_text")
+    after = write_tables(study_findings(study), folder)
+    assert {path.name for path in before} - {path.name for path in after} == {
+        f"rewards.{kind}" for kind in ("csv", "md", "tex")
+    }
+    assert {*folder.iterdir()} == {*after, folder / "own.csv"}
+
+
+def test_the_papers_lists_hold_its_14_camera_sets():
+    lists = paper.lists()
+    assert {name: len(members) for name, members in lists.items()} == {
+        "rgb_dep": 5,
+        "rgb_seg": 5,
+        "dep_seg": 6,
+    }
+    assert {name for members in lists.values() for name in members} == set(paper.measured())
+
+
+def test_imitation_is_a_ranking_of_its_own(tmp_path):
+    sets = ["rgb_default", "rgb_default+dep_default", "rgb_front+rgb_side", "rgb_front+dep_side"]
+    pairs = [(cameras, "expert") for cameras in (*sets, "dep_front+rgb_side")]
+    imitation = write_study(tmp_path / "imitation", pairs, seeds=2)
+    (tmp_path / "probe").mkdir()
+    (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
+    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
+    findings = study_findings(study)
+    assert "imitation" in rankings(findings).header
+    said = {said_of(row) for row in dicts(agreements(findings)) if row["tau-b"]}
+    assert {
+        ("imitation", "the paper's measured"),
+        ("probe", "imitation"),
+        ("the paper's VLM", "imitation"),
+    } <= said
+    # In its own study it is what was measured.
+    own = study_findings(imitation)
+    assert own.main_reward == "expert"
+    assert "imitation" not in rankings(own).header
+    assert ("probe", "measured") in {said_of(r) for r in dicts(agreements(own)) if r["tau-b"]}
+
+
+def test_numbers_become_text_by_their_column():
+    points, share = Column("return", form="+.2f"), Column.share("success")
+    whole = Interval(0.1, 0.25, OVER_EPISODES)
+    for column, cell, text in (
+        (points, None, ""),
+        (points, 1.005, "+1.00"),
+        (points, float("nan"), "undefined"),
+        (points, "not run", "not run"),
+        (points, Estimated(1.0, Interval(-1.0, 3.0)), "+1.00 (-1.00 to +3.00)"),
+        (points, Estimated(1.0), "+1.00"),
+        (share, whole, "10 to 25 (over episodes)"),
+        (share, [0.5, "never", None, [1.0, 0.0]], "50, never, , 100, 0"),
+        (Column("place"), Of(1.5, 4), "1.5 of 4"),
+        (Column("place"), 3, "3"),
+        (Column("hit"), True, "yes"),
+        (Column("p", form="p"), 0.00041, "0.0004"),
+        (Column("p", form="p"), 0.041, "0.04"),
+        (Column("steps", "M", ".2f", 1e-6), 512_000, "0.51"),
+    ):
+        assert column.text(cell) == text
+    assert (share.heading, points.heading) == ("success, %", "return")
+
+
+def rewrite(run, **numbers):
+    path = run / "evaluation.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | numbers))
+
+
+def test_the_phase_that_loses_most_episodes_is_named(tmp_path):
+    run = write_run(tmp_path / "main", "rgb_default")
+    for grasped, lifted, success, said in (
+        (1.0, 1.0, 0.97, ""),
+        (0.2, 0.2, 0.1, "grasp"),
+        (0.9, 0.1, 0.1, "lift"),
+        (0.9, 0.8, 0.0, "insert"),
+    ):
+        rewrite(run, grasped=grasped, lifted=lifted, success=success)
+        (row,) = phases(study_findings(tmp_path / "main")).records()
+        assert (row["fails in"], row["threaded, %"]) == (said, success)
+    rewrite(run, grasped=2.0)
+    left_out = study_findings(tmp_path / "main").left_out
+    assert any("no usable grasped" in one.reason for one in left_out)
+
+
+def test_a_needle_that_goes_past_the_lift_position_has_not_failed_there(tmp_path):
+    study = tmp_path / "main"
+    for cameras, reward, grasped, lifted, success in (
+        ("dep_default", "vlm_text", 1.0, 0.5, 1.0),
+        ("rgb_default", "vlm_text", 0.9, 0.1, 0.05),
+        ("rgb_default", "human", 0.9, 0.1, 0.05),
+    ):
+        run = write_run(study, cameras, reward)
+        rewrite(run, grasped=grasped, lifted=lifted, success=success)
+    found = reached(study_findings(study))
+    assert found["rgb_default", "vlm_text"].fails_in == "carry and insert"
+    assert found["rgb_default", "human"].fails_in == "lift"
