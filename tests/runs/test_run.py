@@ -317,7 +317,7 @@ def test_a_damaged_file_is_named_where_a_run_goes_on(run, content):
     for name, read in (
         (CONFIG, again.config),
         (MANIFEST, again.manifest),
-        (CHECKPOINT, again.load),
+        (CHECKPOINT, again.checkpoint),
     ):
         with pytest.raises(ValueError, match=rf"{name} (is|holds) .*; put it back.*overwrite=true"):
             read()

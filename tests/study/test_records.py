@@ -77,7 +77,7 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     run = Run.create(folder, values, "sparse", overwrite=False)
     true = torch.ones(4, dtype=torch.bool)
     points = torch.full((4,), 8.5)
-    outcome = Outcome(true, true, ~true, true, true, true, points, points, torch.full((4,), 50))
+    outcome = Outcome(true, true, ~true, true, true, true, ~true, points, points, torch.full((4,), 50))
     at = {"update": 1, "step": 10_240, "wall_time": 12.5}
     run.append(METRICS, {**at, "return": 1.25, "success": float("nan")})
     run.append(EVALUATIONS, {**at, **outcome.summary()})
