@@ -9,6 +9,7 @@ import sys
 import time
 
 from needlehoop.rewards.language.program import compile_program
+from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.vlm.moments import random_signals
 
 PROGRAM = """\
@@ -31,11 +32,11 @@ CALLS = 20
 
 if __name__ == "__main__":
     rounds, num_envs = (int(word) for word in sys.argv[1:])
-    signals = random_signals(num_envs, seed=0)
+    signals = random_signals(TASK, num_envs, seed=0)
     call = compiling = float("inf")
     for _ in range(rounds):
         began = time.perf_counter()
-        program = compile_program(PROGRAM)
+        program = compile_program(PROGRAM, TASK.signals)
         compiled = time.perf_counter()
         for _ in range(CALLS):
             program(signals)

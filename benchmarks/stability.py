@@ -59,7 +59,7 @@ def shake(settings: Settings, episodes: int) -> Stability:
         if steps % 5 == 0:
             action = 2.0 * torch.randint(0, 2, (n, size), generator=generator) - 1.0
         moment = simulation.step(action)
-        if bool(moment.diverged.any()):
+        if bool(moment.facts["diverged"].any()):
             raise RuntimeError("MuJoCo reports a simulation that diverged")
         steps += 1
         needle = np.stack((moment.signals.pickup_point, moment.signals.needle_tip), 1)

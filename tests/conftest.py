@@ -14,6 +14,7 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import OverrideType
+from needle_task import spec_of
 from omegaconf import DictConfig
 from strength import ALL
 from tiny_runs import PLACE, TINY, composed, run_composed
@@ -21,9 +22,8 @@ from tiny_runs import PLACE, TINY, composed, run_composed
 from needlehoop.config import composing
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.robot import joints
-from needlehoop.scene.layout import Layout
-from needlehoop.scene.spec import build_spec
-from needlehoop.task.episode import Episode
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
 
 # The same examples at every run, however slow and busy the machine.
 hypothesis.settings.register_profile(
@@ -95,16 +95,16 @@ def settings() -> Settings:
 
 
 @pytest.fixture(scope="session")
-def layout(settings: Settings) -> Layout:
+def layout(settings: Settings) -> NeedleLayout:
     return settings.task
 
 
 @pytest.fixture(scope="session")
-def episode(settings: Settings) -> Episode:
+def episode(settings: Settings) -> NeedleRules:
     return settings.episode
 
 
 @pytest.fixture(scope="session", params=joints.VARIANTS)
 def model(request: pytest.FixtureRequest, settings: Settings) -> mujoco.MjModel:
     """The compiled scene, with either arm."""
-    return build_spec(settings.task, request.param, "weld", settings.views).compile()
+    return spec_of(settings, request.param, settings.views).compile()

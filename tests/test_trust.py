@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import pytest
 import torch
 import yaml
+from needle_task import load_reward
 from safetensors.torch import load_file, save_file
 from tiny_runs import PLACE, TINY, composed, refusal, run_composed
 
@@ -16,6 +17,7 @@ from needlehoop import rewards
 from needlehoop.cli.main import main
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.weights import Senses, build_actor, write_weights
+from needlehoop.tasks.needle_hoop import TASK
 
 EVIL = {
     "kind": "python",
@@ -214,6 +216,6 @@ def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, capsys):
 def test_a_config_from_a_file_is_never_loaded():
     plain = {"kind": "python", "function": "os:system", "values": {}, "source": None}
     for config_ in (plain, {**plain, "call": "os:system"}):
-        rewards.check(config_)
+        rewards.check(config_, TASK)
         with pytest.raises(ValueError, match="trust=true"):
-            rewards.load(config_)
+            load_reward(config_)

@@ -44,7 +44,7 @@ def _setting(job: Job, key: str) -> Any:
     """A setting of a job by its key; the networks' without what their weights replace."""
     group, _, name = key.rpartition(".")
     if key == "algo.network":
-        return replace(job.algo.network, sigma=1.0)
+        return replace(job.network, sigma=1.0)
     if key == "encoder":
         return job.encoder
     return getattr(getattr(job.env, group) if group else job.env, name)

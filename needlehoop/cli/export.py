@@ -75,7 +75,7 @@ def _arm(settings: Any) -> Any:
 
     from needlehoop.robot.parallelogram import Posture
     from needlehoop.robot.psm import HOME
-    from needlehoop.scene.spec import build_arm
+    from needlehoop.tasks.psm import build_arm
 
     spec = build_arm(settings.task, settings.psm)
     model = spec.compile()
@@ -91,11 +91,12 @@ def _scene(settings: Any) -> Any:
 
     from needlehoop.engines.addresses import Addresses
     from needlehoop.envs.build import scene_spec
-    from needlehoop.task.start import DRAWS, start
 
     spec = scene_spec(settings)
-    addresses = Addresses(spec.compile())
-    nominal = start(settings.task, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    task = settings.definition
+    addresses = Addresses(spec.compile(), task.robot)
+    middle = torch.full((1, task.draws), 0.5, dtype=torch.float64)
+    nominal = task.start(settings.task, middle)
     spec.add_key(
         name="home",
         qpos=addresses.qpos(nominal)[0],

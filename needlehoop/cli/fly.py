@@ -65,7 +65,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 
     agent = load_agent(run, job, device)
     found = assess(run, agent, job, episodes, seed, kept=reward is None)
-    print(json.dumps(found) if options.json else report(found))
+    print(json.dumps(found) if options.json else report(job.env.definition, found))
     if video:
         out = run.vacate(VIDEO)
         film(job.env, agent, filmed, seed, out)
@@ -102,7 +102,11 @@ def _watch(options: argparse.Namespace) -> None:
 
     agent = load_agent(run, job, device)
     found = {"run": str(run.folder), **try_out(agent, job, episodes, seed)}
-    print(json.dumps(found) if options.json else f"run          {run.folder}\n{report(found)}")
+    print(
+        json.dumps(found)
+        if options.json
+        else f"run          {run.folder}\n{report(job.env.definition, found)}"
+    )
     if window:
         show(job.env, agent, shown, seed)
         return

@@ -44,8 +44,7 @@ def add_commands(commands: Any) -> None:
         "Watch in MuJoCo's interactive viewer.",
         "controller=expert|smooth|cheat|random",
     )
-    signals = commands.add_parser("signals", help="Print the table of signals.")
-    signals.set_defaults(run=_signals, overrides=[])
+    add("signals", _signals, "Print the table of a task's signals.", "none of its own")
 
 
 def _snapshot(options: argparse.Namespace) -> None:
@@ -125,15 +124,18 @@ def _expert(options: argparse.Namespace) -> None:
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
         _spare(options.video, values, "--video")
     from needlehoop.envs.controllers import run_trials
+    from needlehoop.tasks.episode import ArmEpisode
 
     summaries = {}
-    for grasp in grasps:
-        tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
+    for grasp in grasps if isinstance(settings.episode, ArmEpisode) else ("episodes",):
+        tried = settings
+        if isinstance(settings.episode, ArmEpisode):
+            tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
         summaries[grasp] = run_trials(tried, who, episodes).summary()
     if options.json:
         print(json.dumps({"controller": who, "seed": settings.seed, **summaries}))
     else:
-        _print_table(f"{who}, {episodes} episodes per grasp, seed {settings.seed}", summaries)
+        _print_table(f"{who}, {episodes} episodes each, seed {settings.seed}", summaries)
     if options.video is not None:
         _film(settings, who, filmed, options)
 
@@ -165,7 +167,7 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
-    from needlehoop.task.episode import GRASPS
+    from needlehoop.tasks.episode import GRASPS
 
     grasps = strict.value(values, "grasps", tuple[str, ...])
     for grasp in grasps:
@@ -177,9 +179,13 @@ def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _signals(options: argparse.Namespace) -> None:
-    from needlehoop.scene.vocabulary import TABLE, describe
+    from needlehoop.config import composing
 
-    print(describe(TABLE))
+    values = composing.compose(options.overrides)
+    from needlehoop.envs.settings import settings_from
+    from needlehoop.scene.signals import describe
+
+    print(describe(settings_from(values).definition.signals))
 
 
 def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None:

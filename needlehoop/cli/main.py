@@ -20,6 +20,7 @@ from needlehoop.cli.fly import add_commands as add_fly_commands
 from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
 from needlehoop.cli.study import add_commands as add_study_commands
+from needlehoop.cli.tasks import add_commands as add_tasks_command
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
 from needlehoop.runs.reading import printable
 
@@ -94,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     add_study_commands(commands)
     add_probe_commands(commands)
     add_demonstrations_command(commands)
+    add_tasks_command(commands)
     return parser
 
 

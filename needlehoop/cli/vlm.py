@@ -239,7 +239,7 @@ def _check(options: argparse.Namespace) -> int:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
     source = scaled(source, values["unit"], "unit")
     try:
-        program = compile_program(source.text)
+        program = compile_program(source.text, settings.definition.signals)
     except ProgramError as error:
         where = {"line": error.line, "column": error.column, "reason": error.reason}
         refused = {"passed": False, "origin": source.origin, "refused": where}

@@ -10,6 +10,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from needlehoop.config.strict import shown
+from needlehoop.config.task_options import OPTIONS
 from needlehoop.runs.reading import UnreadableError, read_yaml
 
 CAMERAS = "cameras"
@@ -104,8 +105,11 @@ def check_cameras(cameras: Mapping[str, Any]) -> None:
 
 
 def options(folder: Path, group: str) -> list[str]:
-    """Options of a group that are files of a config folder."""
-    return sorted(file.stem for file in (folder / group).glob("*.yaml"))
+    """Options of a group that a config folder has: files, and what follows from the task."""
+    files = (file.stem for file in (folder / group).glob("*.yaml"))
+    option, place = OPTIONS.get(group, ("", ""))
+    made = [option] if option and any((folder / place).glob("*.yaml")) else []
+    return sorted({*files, *made})
 
 
 def _models(words: Iterable[str], folders: Sequence[Path]) -> list[str]:

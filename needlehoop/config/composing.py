@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop.config import camera_groups, own_folder
+from needlehoop.config import camera_groups, own_folder, task_options
 from needlehoop.runs.shipped import CONF
 
 _typed: set[str] | None = None
@@ -110,6 +110,7 @@ def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
     rest, folders = own_folder.part(words)
     allow_variables(rest)
     camera_groups.register(rest, CONF, *folders)
+    task_options.register(rest, [CONF, *folders])
     return in_brackets(rest), folders
 
 

@@ -268,6 +268,8 @@ def _keyed(kind: Any) -> Any:
     )
 
     def hook(value: Any, _: Any) -> Any:
+        if isinstance(value, kind):
+            return value
         if not isinstance(value, Mapping):
             raise ValueError(f"{shown(value)} has no keys")
         odd = [shown(key)[1:-1] for key in value if key not in hooks]

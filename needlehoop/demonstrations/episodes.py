@@ -86,10 +86,10 @@ def _perturbed() -> MakeController:
         # A batch's noise is drawn for a full one: an episode is the same in a smaller.
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
-        expert = controller("smooth", settings)
+        expert = controller(settings.definition.teacher, settings)
 
         def act(signals: Signals) -> Tensor:
-            return expert(signals) + noise()[: len(signals.jaw)]
+            return expert(signals) + noise()[: len(signals)]
 
         return act
 
@@ -130,7 +130,7 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
 
 def _seen(settings: Settings, step: Step) -> dict[str, np.ndarray]:
     """Images ``(n, h, w, c)`` and vectors ``(n, k)`` by name."""
-    vectors = read(replace(settings.obs, proprio=True), step.signals)
+    vectors = read(settings.definition, replace(settings.obs, proprio=True), step.signals)
     return {
         **{name: image.permute(0, 2, 3, 1).numpy() for name, image in step.images().items()},
         **{name: rows.numpy() for name, rows in vectors.items()},
@@ -161,7 +161,7 @@ class _Log:
         self._actions.append(step.action[env].to(torch.float32).numpy().copy())
         self._rewards.append(float(moment.reward[env]))
         self._ended = {
-            "success": bool(moment.success[env]),
+            "success": bool(moment.facts["success"][env]),
             "terminated": bool(moment.terminated[env]),
         }
 

@@ -46,7 +46,7 @@ def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None
         {
             "dataset_id": folder.name.removesuffix(".partial"),
             "algorithm_name": about.demonstrator,
-            "description": f"A needle threaded through a hoop, {about.rate:g} steps a second,"
+            "description": f"{about.settings.definition.summary} {about.rate:g} steps a second,"
             f" by needlehoop: cams={','.join(about.settings.cams)} seed={about.settings.seed}",
             "minari_version": minari.__version__,
             "provenance": dict(about.provenance),

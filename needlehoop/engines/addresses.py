@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import mujoco
 import numpy as np
 
-from needlehoop.robot.parallelogram import Posture
-from needlehoop.task.start import Start
-
-WELD = "grasp"
-"""Name of the equality that a weld grasp switches."""
-
+from needlehoop.tasks.contract import Robot, Weld
+from needlehoop.tasks.start import Start
 
 STATE = (
     "time",
@@ -30,47 +28,51 @@ class Addresses:
 
     Args:
         model: the scene.
+        robot: in it.
     """
 
-    def __init__(self, model: mujoco.MjModel):
-        self._qpos0 = model.qpos0.copy()
-        self._posture = Posture(model)
-        self._needle = int(model.joint("needle").qposadr[0])
-        mocap = {
-            name: int(model.body(name).mocapid[0]) for name in ("stand", "hoop", "lift_position")
-        }
-        self._stand, self._hoop, self._lift = mocap.values()
-        self._nmocap = model.nmocap
+    def __init__(self, model: mujoco.MjModel, robot: Robot):
+        self._qpos0, self._nmocap = model.qpos0.copy(), model.nmocap
+        self._pose = robot.poser(model)
+        joints = (model.joint(i) for i in range(model.njnt))
+        free = int(mujoco.mjtJoint.mjJNT_FREE)
+        self._free = {one.name: int(one.qposadr[0]) for one in joints if one.type[0] == free}
+        bodies = (model.body(i) for i in range(model.nbody))
+        self._mocap = {one.name: int(one.mocapid[0]) for one in bodies if one.mocapid[0] >= 0}
+        weld = int(mujoco.mjtEq.mjEQ_WELD)
+        equalities = (model.equality(i) for i in range(model.neq))
+        self.welds = {one.name: one.id for one in equalities if one.type[0] == weld and one.name}
+        """Index of each weld that a task may switch."""
 
     def qpos(self, start: Start) -> np.ndarray:
         """Generalised positions ``(k, nq)``."""
         qpos = np.tile(self._qpos0, (len(start), 1))
-        self._posture.write(qpos, start.joints.numpy(), start.jaw.numpy())
-        qpos[:, self._needle : self._needle + 7] = start.needle.numpy()
+        self._pose(qpos, start)
+        for name, pose in start.free.items():
+            at = self._free[name]
+            qpos[:, at : at + 7] = pose.numpy()
         return qpos
 
     def mocap(self, start: Start) -> np.ndarray:
         """Positions of the mocap bodies ``(k, nmocap, 3)``; they are never turned."""
         mocap = np.zeros((len(start), self._nmocap, 3))
-        mocap[:, self._stand, :2] = start.hoop[:, :2].numpy()
-        mocap[:, self._hoop] = start.hoop.numpy()
-        mocap[:, self._lift] = start.lift.numpy()
+        for name, place in start.mocap.items():
+            mocap[:, self._mocap[name]] = place.numpy()
         return mocap
 
     def control(self, start: Start) -> np.ndarray:
-        """Servo commands ``(k, 7)`` that hold the start."""
-        return np.concatenate((start.joints.numpy(), start.jaw[:, None].numpy()), -1)
+        """Servo commands ``(k, nu)`` that hold the start."""
+        return start.control.numpy()
 
 
-def weld_index(model: mujoco.MjModel) -> int | None:
-    """Which equality a grasp switches; none where grasps are left to friction."""
-    names = [model.equality(i).name for i in range(model.neq)]
-    return names.index(WELD) if WELD in names else None
+def changed_welds(welds: Mapping[str, Weld]) -> dict[str, Weld]:
+    """Those that change in some environment."""
+    return {name: weld for name, weld in welds.items() if bool(weld.changed.any())}
 
 
 def weld_data(pose: np.ndarray) -> np.ndarray:
     """The first ten numbers of a weld's ``eq_data`` for relative poses ``(k, 7)``.
 
-    Anchor in the needle (its origin), the same point in the wrist, relative quaternion.
+    Anchor in the second body (its origin), the same point in the first, relative quaternion.
     """
     return np.concatenate((np.zeros((len(pose), 3)), pose), -1)

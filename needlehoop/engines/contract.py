@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from torch import Tensor
 
-    from needlehoop.task.facts import Weld
-    from needlehoop.task.start import Start
+    from needlehoop.tasks.contract import Weld
+    from needlehoop.tasks.start import Start
 
 KINDS = ("cpu", "dm_control")
 """What steps the physics."""
@@ -102,7 +102,7 @@ class Engine(Protocol):
         ...
 
     def step(self, control: Tensor) -> None:
-        """Advance all by one control step under ``control`` ``(n, 7)``, then forward."""
+        """Advance all by one control step under ``control`` ``(n, nu)``, then forward."""
         ...
 
     def diverged(self) -> Tensor:
@@ -112,8 +112,8 @@ class Engine(Protocol):
         """
         ...
 
-    def weld(self, weld: Weld) -> None:
-        """Switch the grasp's weld; it acts from the next step on."""
+    def weld(self, welds: Mapping[str, Weld]) -> None:
+        """Switch welds, by name; they act from the next step on."""
         ...
 
     def sensordata(self) -> Tensor:

@@ -9,13 +9,13 @@ import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, weld_data, weld_index
+from needlehoop.engines.addresses import STATE, Addresses, changed_welds, weld_data
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
-from needlehoop.task.facts import Weld
-from needlehoop.task.start import Start
+from needlehoop.tasks.contract import Robot, Weld
+from needlehoop.tasks.start import Start
 
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
@@ -26,6 +26,7 @@ class CpuEngine:
 
     Args:
         model: the compiled scene.
+        robot: in it.
         num_envs: copies of it.
         substeps: physics steps per control step.
         views: channels to render by view; empty for no cameras.
@@ -40,6 +41,7 @@ class CpuEngine:
     def __init__(
         self,
         model: mujoco.MjModel,
+        robot: Robot,
         num_envs: int,
         substeps: int,
         views: Mapping[str, Channels],
@@ -54,7 +56,7 @@ class CpuEngine:
         self._substeps = substeps
         threads = config.threads or available_cpus()
         self._batch = Batch(model, num_envs, threads)
-        self._addresses = Addresses(model)
+        self._addresses = Addresses(model, robot)
         self._sensordata = self._batch.bind("sensordata")
         self._renderer = (
             make_renderer(config.renderer, model, num_envs, views, size, threads, quality)
@@ -64,8 +66,7 @@ class CpuEngine:
         self._scratch_data: mujoco.MjData | None = None
         self._scratch_model: mujoco.MjModel | None = None
         self._fields = {name: self._batch.bind(name) for name in FIELDS} if views else {}
-        self._weld = weld_index(model)
-        if self._weld is not None:
+        if self._addresses.welds:
             self._weld_data = self._batch.expand("eq_data")
             self._weld_active = self._batch.bind("eq_active")
 
@@ -84,26 +85,25 @@ class CpuEngine:
     def diverged(self) -> Tensor:
         return torch.from_numpy(self._batch.warning.any((1, 2)))
 
-    def weld(self, weld: Weld) -> None:
-        if self._weld is None or not bool(weld.changed.any()):
-            return
-        rows = weld.changed.nonzero().flatten().numpy()
-        self._weld_data[rows, self._weld, :10] = weld_data(weld.pose[weld.changed].numpy())
-        self._weld_active[rows, self._weld] = weld.active[weld.changed].double().numpy()
+    def weld(self, welds: Mapping[str, Weld]) -> None:
+        for name, weld in changed_welds(welds).items():
+            at, rows = self._addresses.welds[name], weld.changed.nonzero().flatten().numpy()
+            self._weld_data[rows, at, :10] = weld_data(weld.pose[weld.changed].numpy())
+            self._weld_active[rows, at] = weld.active[weld.changed].double().numpy()
 
     def sensordata(self) -> Tensor:
         return torch.tensor(self._sensordata)
 
     def snapshot(self) -> dict[str, Tensor]:
         state = {name: torch.tensor(self._batch.bind(name)) for name in STATE}
-        if self._weld is not None:
+        if self._addresses.welds:
             state["eq_data"] = torch.tensor(self._weld_data)
         return state
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         for name in STATE:
             self._batch.bind(name)[:] = snapshot[name].numpy()
-        if self._weld is not None:
+        if self._addresses.welds:
             self._weld_data[:] = snapshot["eq_data"].numpy()
         self._batch.forward(stage=_VELOCITY)
 

@@ -20,13 +20,13 @@ from dm_control.rl import control
 from dm_env import specs
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, weld_data, weld_index
+from needlehoop.engines.addresses import STATE, Addresses, changed_welds, weld_data
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
-from needlehoop.task.facts import Weld
-from needlehoop.task.start import Start
+from needlehoop.tasks.contract import Robot, Weld
+from needlehoop.tasks.start import Start
 
 mujoco.set_mju_user_warning(None)  # dm_control's prints.
 silence_mujoco()
@@ -57,7 +57,7 @@ class Physics(dm_mujoco.Physics):
 
 
 class Servos(control.Task):
-    """The scene without a task: servo commands ``(7,)`` in, sensor data out, no end.
+    """The scene without a task: servo commands ``(nu,)`` in, sensor data out, no end.
 
     Args:
         addresses: of the scene.
@@ -108,6 +108,7 @@ class DmControlEngine:
 
     Args:
         model: the compiled scene; every environment has a copy.
+        robot: in it.
         num_envs: environments.
         substeps: physics steps per control step.
         views: channels to render by view; empty for no cameras.
@@ -122,6 +123,7 @@ class DmControlEngine:
     def __init__(
         self,
         model: mujoco.MjModel,
+        robot: Robot,
         num_envs: int,
         substeps: int,
         views: Mapping[str, Channels],
@@ -138,13 +140,13 @@ class DmControlEngine:
             if views
             else None
         )
-        addresses = Addresses(model)
+        addresses = Addresses(model, robot)
         self._tasks = [Servos(addresses) for _ in range(num_envs)]
         self.environments = [
             build_environment(Physics.from_model(MjModel(copy(model))), task, substeps)
             for task in self._tasks
         ]
-        self._weld = weld_index(model)
+        self._welds = addresses.welds
 
     def reset(self, ids: Tensor, start: Start) -> None:
         for row, env in enumerate(ids.tolist()):
@@ -159,20 +161,20 @@ class DmControlEngine:
         counts = [self._inside(env)[1].warning.number for env in range(self.num_envs)]
         return torch.from_numpy(np.stack(counts).any(1))
 
-    def weld(self, weld: Weld) -> None:
-        if self._weld is None or not bool(weld.changed.any()):
-            return
-        for env in weld.changed.nonzero().flatten().tolist():
-            model, data = self._inside(env)
-            model.eq_data[self._weld, :10] = weld_data(weld.pose[env : env + 1].numpy())[0]
-            data.eq_active[self._weld] = bool(weld.active[env])
+    def weld(self, welds: Mapping[str, Weld]) -> None:
+        for name, weld in changed_welds(welds).items():
+            at = self._welds[name]
+            for env in weld.changed.nonzero().flatten().tolist():
+                model, data = self._inside(env)
+                model.eq_data[at, :10] = weld_data(weld.pose[env : env + 1].numpy())[0]
+                data.eq_active[at] = bool(weld.active[env])
 
     def sensordata(self) -> Tensor:
         return torch.from_numpy(self._gather("sensordata"))
 
     def snapshot(self) -> dict[str, Tensor]:
         state = {name: torch.from_numpy(self._gather(name)) for name in STATE}
-        if self._weld is not None:
+        if self._welds:
             welds = [self._inside(env)[0].eq_data for env in range(self.num_envs)]
             state["eq_data"] = torch.from_numpy(np.stack(welds))
         return state
@@ -185,7 +187,7 @@ class DmControlEngine:
             for name in STATE:
                 value = snapshot[name][env].numpy()
                 setattr(data, name, value.item() if name == "time" else value)
-            if self._weld is not None:
+            if self._welds:
                 model.eq_data[:] = snapshot["eq_data"][env].numpy()
             self._tasks[env].after_step(environment.physics)
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 import mujoco
 
 from needlehoop.engines.contract import Channels, Engine, EngineConfig
+from needlehoop.tasks.contract import Robot
 
 
 def build_engine(
     model: mujoco.MjModel,
+    robot: Robot,
     num_envs: int,
     substeps: int,
     views: Mapping[str, Channels],
@@ -22,6 +24,7 @@ def build_engine(
 
     Args:
         model: the compiled scene.
+        robot: in it.
         num_envs: copies of it.
         substeps: physics steps per control step.
         views: channels to trace by view; empty for no cameras.
@@ -37,4 +40,4 @@ def build_engine(
         from needlehoop.engines.dm_control import DmControlEngine as Kind
     else:
         from needlehoop.engines.cpu import CpuEngine as Kind
-    return Kind(model, num_envs, substeps, views, size, quality, config)
+    return Kind(model, robot, num_envs, substeps, views, size, quality, config)

@@ -11,7 +11,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
-from needlehoop.scene.spec import build_spec
+from needlehoop.tasks.scene import build_spec
 
 PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""
@@ -20,7 +20,8 @@ PICTURE = "picture"
 def scene_spec(settings: Settings) -> mujoco.MjSpec:
     """The scene with every view's camera, and ``picture``."""
     s = settings
-    return build_spec(s.task, s.psm, s.episode.grasp, {**s.views, PICTURE: s.picture})
+    views = {**s.views, PICTURE: s.picture}
+    return build_spec(s.definition, s.task, s.episode, s.psm, views)
 
 
 def compile_scene(settings: Settings) -> mujoco.MjModel:
@@ -41,10 +42,11 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     s, cameras = settings, settings.cameras
     model = compile_scene(s)
     workers = Workers(s.engine.threads or available_cpus())
-    imager = Imager(model, cameras, s.views, s.renderings, workers)
+    imager = Imager(model, s.definition.paint, cameras, s.views, s.renderings, workers)
     views = channels_of(cameras, s.renderings)
+    robot, substeps = s.definition.robot, s.episode.substeps
     engine = build_engine(
-        model, s.num_envs, s.episode.substeps, views, s.image_size, s.quality, s.engine
+        model, robot, s.num_envs, substeps, views, s.image_size, s.quality, s.engine
     )
-    reward = rewards.load(s.reward)
-    return Simulation(engine, s.task, s.episode, reward, s.seed, first_env), imager
+    reward = rewards.load(s.reward, s.definition)
+    return Simulation(engine, s.definition, s.task, s.episode, reward, s.seed, first_env), imager

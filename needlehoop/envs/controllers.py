@@ -10,12 +10,14 @@ from torch import Tensor
 from needlehoop.envs.rollout import Controller, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals
-from needlehoop.task.expert import cheat, expert
-from needlehoop.task.smooth import smooth
 
-_SCRIPTS = {"expert": expert, "smooth": smooth, "cheat": cheat}
+RANDOM = "random"
 
-CONTROLLERS = (*_SCRIPTS, "random")
+
+def controllers(settings: Settings) -> tuple[str, ...]:
+    """Names of the controllers of an environment's task."""
+    return (*settings.definition.controllers, RANDOM)
+
 
 NOISE_MEMORY = 0.7
 """Share of the noise that stays from step to step. It makes the noise lead somewhere."""
@@ -29,11 +31,12 @@ def controller(name: str, settings: Settings) -> Controller:
     Raises:
         ValueError: an unknown name, or a script for another control mode.
     """
-    if name == "random":
+    if name == RANDOM:
         return random_controller(settings.episode.action_size, settings.seed)
-    if name not in CONTROLLERS:
-        raise ValueError(f"controller: {name!r} is unknown; choose from {', '.join(CONTROLLERS)}")
-    return _SCRIPTS[name](settings.task, settings.episode)
+    valid = controllers(settings)
+    if name not in valid:
+        raise ValueError(f"controller: {name!r} is unknown; choose from {', '.join(valid)}")
+    return settings.definition.controllers[name](settings.task, settings.episode)
 
 
 def random_controller(action_size: int, seed: int) -> Controller:
@@ -41,7 +44,7 @@ def random_controller(action_size: int, seed: int) -> Controller:
     generator = torch.Generator().manual_seed(seed)
 
     def act(signals: Signals) -> Tensor:
-        shape = (len(signals.jaw), action_size)
+        shape = (*signals.batch_size, action_size)
         return 2.0 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1.0
 
     return act
@@ -93,7 +96,7 @@ def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
 
     Args:
         settings: environment; ``num_envs`` and cameras are ignored.
-        who: a name from ``CONTROLLERS``.
+        who: a name from ``controllers``.
         episodes: how many; episode ``i`` is the same however many there are.
 
     Raises:

@@ -23,7 +23,7 @@ from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.scene.signals import PROPRIO_SIZE, proprio
+from needlehoop.scene.signals import columns
 
 
 class NeedleHoopTask(control.Task):
@@ -39,6 +39,8 @@ class NeedleHoopTask(control.Task):
     def __init__(self, simulation: Simulation, servos: Servos, imager: Imager, settings: Settings):
         self.simulation, self._servos, self._settings = simulation, servos, settings
         self._observer = Observer(settings, simulation, imager)
+        alone = replace(settings.obs, proprio=True, signals=False, told=())
+        self._proprio = vectors(settings.definition, alone)
         seeds = np.random.SeedSequence(settings.seed)
         self._generator = np.random.RandomState(np.random.MT19937(seeds))
         self.moment: Moment | None = None
@@ -76,9 +78,11 @@ class NeedleHoopTask(control.Task):
         for name, channels in s.image_channels.items():
             shape = (s.image_size, s.image_size, channels)
             found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
-        for name, length in vectors(s.obs).items():
+        lengths = vectors(s.definition, s.obs)
+        # Something has to be observed.
+        for name, length in (lengths or ({} if found else self._proprio)).items():
             found[name] = specs.Array((length,), np.float32, name)
-        return found or OrderedDict(proprio=specs.Array((PROPRIO_SIZE,), np.float32, "proprio"))
+        return found
 
     def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
         signals = self._known().signals
@@ -90,7 +94,10 @@ class NeedleHoopTask(control.Task):
         for name, vector in observed.items():
             assert isinstance(vector, Tensor)
             seen[name] = vector[0].numpy()
-        return seen or OrderedDict(proprio=proprio(signals)[0].numpy())
+        if not seen:
+            own = columns(self._settings.definition.robot.proprio, signals)
+            seen["proprio"] = own[0].numpy()
+        return seen
 
     def get_reward(self, physics: dm_mujoco.Physics) -> float:
         return float(self._known().reward[0])

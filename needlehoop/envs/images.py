@@ -11,9 +11,7 @@ from torch import Tensor
 from needlehoop.engines.contract import Channels, Frame
 from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View
-
-CLASSES = {"needle": ("needle",), "hoop": ("hoop",), "robot": ("psm_base",)}
-"""Classes of a flat rendering, and the bodies whose subtrees they colour."""
+from needlehoop.tasks.contract import FlatClass
 
 _DARKEST = 0.15
 """Brightness at the far end of a depth-shaded image; 1 at the near end."""
@@ -23,19 +21,21 @@ class Imager:
     """Composes the images of chosen cameras.
 
     Args:
-        model: the scene, for the classes of its geoms.
+        model: the scene.
+        classes: of its flat renderings, by name.
         cameras: what to show.
         views: by name.
         renderings: by name.
         workers: to share environments.
 
     Raises:
-        ValueError: a flat rendering names a class that is not in ``CLASSES``.
+        ValueError: a flat rendering names a class that there is not.
     """
 
     def __init__(
         self,
         model: mujoco.MjModel,
+        classes: Mapping[str, FlatClass],
         cameras: tuple[Camera, ...],
         views: Mapping[str, View],
         renderings: Mapping[str, Rendering],
@@ -46,7 +46,7 @@ class Imager:
             (camera, views[camera.view], renderings[camera.rendering]) for camera in cameras
         ]
         self._palettes = {
-            camera.rendering: _palette(model, rendering)
+            camera.rendering: _palette(model, classes, rendering)
             for camera, _, rendering in self._jobs
             if rendering.colour == "flat"
         }
@@ -122,17 +122,19 @@ def _painted(geom: Tensor, palette: Tensor) -> Tensor:
     return torch.stack(planes, 1)
 
 
-def _palette(model: mujoco.MjModel, rendering: Rendering) -> Tensor:
+def _palette(
+    model: mujoco.MjModel, classes: Mapping[str, FlatClass], rendering: Rendering
+) -> Tensor:
     """Colour planes ``(3, 1 + ngeom)``: black, then by geom id."""
-    unknown = set(rendering.colours) - set(CLASSES)
+    unknown = set(rendering.colours) - set(classes)
     if unknown:
         raise ValueError(
             f"rendering.colours: {', '.join(sorted(unknown))} unknown;"
-            f" choose from {', '.join(CLASSES)}"
+            f" choose from {', '.join(classes)}"
         )
     palette = torch.zeros(3, 1 + model.ngeom, dtype=torch.uint8)
     for name, colour in rendering.colours.items():
-        roots = {model.body(body).id for body in CLASSES[name]}
+        roots = {model.body(body).id for body in classes[name].bodies}
         for geom in range(model.ngeom):
             if roots & _ancestors(model, int(model.geom_bodyid[geom])):
                 palette[:, 1 + geom] = torch.tensor(colour, dtype=torch.uint8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -11,41 +10,29 @@ from torch import Tensor
 from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Observations, Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.scene.signals import PROPRIO_SIZE, Signals, proprio
-
-STATE_SIGNALS = (
-    "tool_midpoint",
-    "pickup_point",
-    "needle_tip",
-    "goal",
-    "lift_position",
-    "needle_quat",
-    "joints",
-    "jaw",
-    "jaw_command",
-    "grasped",
-    "lifted",
-)
-"""What ``signals`` concatenates: enough to do the task without eyes."""
-
-STATE_SIZE = 29
-"""Their numbers."""
-
+from needlehoop.scene.signals import Signals, columns
+from needlehoop.tasks.contract import Task
 
 VECTORS = ("proprio", "signals", "told")
 """Observations that are not images, in the order in which an agent reads them."""
 
 
-def vectors(obs: Observations) -> dict[str, int]:
+def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
+    """The signals of each observed vector by name, in the order of ``VECTORS``."""
+    names = (task.robot.proprio * obs.proprio, task.state * obs.signals, obs.told)
+    return {name: own for name, own in zip(VECTORS, names, strict=True) if own}
+
+
+def vectors(task: Task, obs: Observations) -> dict[str, int]:
     """Lengths of the observed vectors by name, in the order of ``VECTORS``."""
-    lengths = (PROPRIO_SIZE * obs.proprio, STATE_SIZE * obs.signals, len(obs.told))
-    return {name: length for name, length in zip(VECTORS, lengths, strict=True) if length}
+    return {
+        name: sum(task.signals[one].size for one in own) for name, own in sources(task, obs).items()
+    }
 
 
-def read(obs: Observations, signals: Signals) -> dict[str, Tensor]:
+def read(task: Task, obs: Observations, signals: Signals) -> dict[str, Tensor]:
     """The observed vectors, float32 ``(n, length)``, by the names of ``vectors``."""
-    made = {"proprio": proprio, "signals": state, "told": partial(_beside, obs.told)}
-    return {name: made[name](signals) for name in vectors(obs)}
+    return {name: columns(own, signals) for name, own in sources(task, obs).items()}
 
 
 class Observer:
@@ -58,7 +45,8 @@ class Observer:
     """
 
     def __init__(self, settings: Settings, simulation: Simulation, imager: Imager):
-        self._obs, self._has_eyes = settings.obs, bool(settings.cams)
+        self._task, self._obs = settings.definition, settings.obs
+        self._has_eyes = bool(settings.cams)
         self._simulation, self._imager = simulation, imager
         self._pixels: dict[str, Tensor] = {}
 
@@ -82,7 +70,7 @@ class Observer:
         if self._has_eyes:
             self._take(ids, images or (lambda: self.look(ids)))
             seen["pixels"] = dict(self._pixels)
-        return {**seen, **read(self._obs, signals)}
+        return {**seen, **read(self._task, self._obs, signals)}
 
     def snapshot(self) -> dict[str, Tensor]:
         """The frames in memory, by camera."""
@@ -128,17 +116,3 @@ class Observer:
         before = self._pixels[name] if ids is None else self._pixels[name][ids]
         moved = torch.cat((before[:, image.shape[1] :], image), 1)
         return torch.where(begins.view(-1, 1, 1, 1), filled, moved)
-
-
-def state(signals: Signals) -> Tensor:
-    """``STATE_SIGNALS`` side by side, float32 ``(n, STATE_SIZE)``."""
-    return _beside(STATE_SIGNALS, signals)
-
-
-def _beside(names: tuple[str, ...], signals: Signals) -> Tensor:
-    """Named signals side by side, float32."""
-    columns = []
-    for name in names:
-        value = getattr(signals, name).float()
-        columns.append(value if value.ndim == 2 else value.unsqueeze(-1))
-    return torch.cat(columns, -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -14,9 +14,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
-
-Controller = Callable[[Signals], Tensor]
-"""Signals of ``n`` environments to actions ``(n, action_size)``."""
+from needlehoop.tasks.contract import Controller, Task
 
 MakeController = Callable[[Settings, Simulation, Imager], Controller]
 """Makes the controller of a batch from its settings, simulation and imager."""
@@ -35,6 +33,11 @@ class Step:
     alive: Tensor
     _simulation: Simulation
     _imager: Imager | None
+
+    @property
+    def task(self) -> Task:
+        """Whose episodes these are."""
+        return self._simulation.task
 
     @property
     def signals(self) -> Signals:
@@ -110,33 +113,25 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Batch]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How episodes ended, ``(n,)`` each, at each episode's own last step.
+    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
 
-    ``touched`` and ``grasped`` at any time of the episode.
-    """
-
-    success: Tensor
-    threaded: Tensor
-    cheat: Tensor
-    touched: Tensor
-    grasped: Tensor
-    lifted: Tensor
-    diverged: Tensor
-    """The physics broke down."""
+    facts: dict[str, Tensor]
+    """What was true, by the names of ``Task.columns``."""
     potential: Tensor
     human: Tensor
     """The potential of the human reward with its default values."""
     steps: Tensor
 
+    @property
+    def success(self) -> Tensor:
+        """Whether the task was done."""
+        return self.facts["success"]
+
     def summary(self) -> dict[str, float | int]:
         """Rates over episodes, mean final potential (the return) and mean length."""
-        rates = {
-            field.name: float(getattr(self, field.name).double().mean())
-            for field in fields(Outcome)[:7]
-        }
         return {
             "episodes": len(self.steps),
-            **rates,
+            **{name: float(fact.double().mean()) for name, fact in self.facts.items()},
             "return": float(self.potential.mean()),
             "return_min": float(self.potential.min()),
             "return_max": float(self.potential.max()),
@@ -148,11 +143,13 @@ class Outcome:
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """What came of one episode in each of ``episodes`` environments; see ``batches``."""
     outcomes = [outcome_of(batch.rollout(make)) for batch in batches(settings, episodes, size)]
-    joined = {
-        field.name: torch.cat([getattr(outcome, field.name) for outcome in outcomes])
-        for field in fields(Outcome)
-    }
-    return Outcome(**joined)
+    return Outcome(
+        {name: torch.cat([o.facts[name] for o in outcomes]) for name in outcomes[0].facts},
+        *(
+            torch.cat([getattr(outcome, name) for outcome in outcomes])
+            for name in ("potential", "human", "steps")
+        ),
+    )
 
 
 def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
@@ -162,21 +159,19 @@ def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
 
 def outcome_of(steps: Iterator[Step]) -> Outcome:
     """What came of the episodes of a rollout."""
-    human = reference_reward()
     last: dict[str, Tensor] = {}
+    columns: tuple[str, ...] = ()
+    human = None
     for step in steps:
         moment = step.moment
+        if human is None:
+            human, columns = reference_reward(step.task), tuple(step.task.columns)
         now = {
-            "success": moment.success,
-            "threaded": moment.signals.threaded,
-            "cheat": moment.cheat,
-            "touched": moment.has_touched,
-            "grasped": moment.has_grasped,
-            "lifted": moment.signals.lifted,
-            "diverged": moment.diverged,
+            **{name: moment.facts[fact] for name, fact in step.task.columns.items()},
             "potential": moment.potential,
             "human": potential(human(moment.signals)),
             "steps": moment.steps,
         }
         last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
-    return Outcome(**last)
+    facts = {name: last.pop(name) for name in columns}
+    return Outcome(facts, **last)

@@ -12,13 +12,10 @@ from needlehoop.config.strict import Range, Seed, check_names
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
-from needlehoop.scene.layout import Layout
-from needlehoop.scene.vocabulary import TABLE
-from needlehoop.task.episode import Episode
-
-KNOWABLE = tuple(name for name, signal in TABLE.items() if signal.source == "fact")
-"""Facts that a robot can keep track of by itself; a verdict would be the task's answer."""
-
+from needlehoop.tasks.contract import Task
+from needlehoop.tasks.episode import Episode
+from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.registry import find
 
 ImageSize = Annotated[int, Range(1, 2048)]
 """Side of a square image, px."""
@@ -26,23 +23,16 @@ ImageSize = Annotated[int, Range(1, 2048)]
 
 @dataclass(frozen=True)
 class Observations:
-    """What is reported beside the images.
-
-    Raises:
-        ValueError: a fact to be told that is none of ``KNOWABLE``, or one named twice.
-    """
+    """What is reported beside the images."""
 
     proprio: bool
-    """Joint positions, jaw and jaw command."""
+    """What the robot knows of itself: of the PSM joint positions, jaw and jaw command."""
     signals: bool
     """The whole state, for agents that need no eyes."""
     frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
     told: tuple[str, ...]
     """Facts that one image need not show, in the order in which they are reported."""
-
-    def __post_init__(self) -> None:
-        check_names("obs.told", self.told, KNOWABLE)
 
 
 @dataclass(frozen=True)
@@ -69,9 +59,15 @@ class Settings:
     def __post_init__(self) -> None:
         if self.psm not in VARIANTS:
             raise ValueError(f"psm: {self.psm!r} is unknown; choose from {', '.join(VARIANTS)}")
+        check_names("obs.told", self.obs.told, self.definition.told)
         # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)
-        rewards.check(self.reward)
+        rewards.check(self.reward, self.definition)
+
+    @property
+    def definition(self) -> Task:
+        """The task."""
+        return find(self.task.name)
 
     @property
     def period(self) -> float:
@@ -108,5 +104,35 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     missing = [name for name in Settings.__dataclass_fields__ if name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: missing; every environment needs it")
-    found = strict.as_type(values, Settings)
+    found = strict.as_type(with_task(values), Settings)
     return replace(found, reward=rewards.allow(found.reward))
+
+
+def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Composed values with ``task`` and ``episode`` as the dataclasses of the task they name.
+
+    A flat rendering that names no colours gets the task's.
+
+    Raises:
+        ValueError: no such task, or a value that is wrong; says its key.
+    """
+    given = strict.structure(values["task"], Mapping[str, Any], "task")
+    task = find(given.get("name"))
+    layout = strict.structure(given, task.layout, "task")
+    return {
+        **values,
+        "task": layout,
+        "episode": strict.structure(values["episode"], task.rules, "episode"),
+        "renderings": _painted(values["renderings"], task),
+    }
+
+
+def _painted(renderings: Any, task: Task) -> dict[str, Any]:
+    given = strict.structure(renderings, Mapping[str, Mapping[str, Any]], "renderings")
+    own = {name: one.colour for name, one in task.paint.items()}
+    return {
+        name: {**one, "colours": own}
+        if one.get("colour") == "flat" and not one.get("colours")
+        else one
+        for name, one in given.items()
+    }

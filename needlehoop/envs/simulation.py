@@ -11,13 +11,12 @@ from torch import Tensor
 
 from needlehoop.engines.contract import Engine
 from needlehoop.rewards import Reward, potential
-from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Readings, Signals
-from needlehoop.task.control import act
-from needlehoop.task.episode import Episode
-from needlehoop.task.facts import is_successful, is_terminated, is_truncated, observe
-from needlehoop.task.memory import State, begin
-from needlehoop.task.start import draws, start
+from needlehoop.tasks.contract import DIVERGED, Memory, Task
+from needlehoop.tasks.episode import Episode
+from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.start import draws
+from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
 
 
 @dataclass(frozen=True)
@@ -25,44 +24,20 @@ class Moment:
     """What is known after a reset or a step; leading dimension ``n``.
 
     ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
-    (the potential's rise; the first step pays it whole). ``success``: the task is done now, as
-    ``episode.success`` has it. ``has_grasped`` and
-    ``has_touched``: at some time in this episode. ``steps``: taken in it. ``diverged``: the
-    physics broke down. Then the episode is truncated, and ``signals`` are read from the last
-    moment before.
+    (the potential's rise; the first step pays it whole). ``facts``: every fact ``(n,)`` bool by
+    name, in the order of ``Task.all_facts``: of the moment, then of the episode. ``diverged`` among
+    them: the physics broke down. Then the episode is truncated, and ``signals`` are read from the
+    last moment before. ``steps``: taken in the episode.
     """
 
     signals: Signals
     terms: dict[str, Tensor]
     potential: Tensor
     reward: Tensor
-    success: Tensor
+    facts: dict[str, Tensor]
     terminated: Tensor
     truncated: Tensor
-    has_grasped: Tensor
-    has_touched: Tensor
-    diverged: Tensor
     steps: Tensor
-
-    @property
-    def cheat(self) -> Tensor:
-        """The tip has touched the goal in this episode, and the needle is not through."""
-        return self.has_touched & ~self.signals.threaded
-
-    def facts(self) -> dict[str, Tensor]:
-        """Every fact ``(n,)`` bool by name: the moment's own, then the episode's."""
-        s = self.signals
-        return {
-            "grasped": s.grasped,
-            "lifted": s.lifted,
-            "touched": s.touched,
-            "threaded": s.threaded,
-            "success": self.success,
-            "cheat": self.cheat,
-            "has_grasped": self.has_grasped,
-            "has_touched": self.has_touched,
-            "diverged": self.diverged,
-        }
 
 
 class Simulation:
@@ -73,8 +48,9 @@ class Simulation:
 
     Args:
         engine: physics of ``n`` scenes.
-        layout: sizes and ranges.
-        episode: control and termination.
+        task: what they show.
+        layout: its sizes and ranges.
+        episode: its rules: control, thresholds, termination.
         reward: terms of the potential.
         seed: decides every episode of every environment.
         first_env: index of the engine's first environment among all that share the seed.
@@ -83,14 +59,16 @@ class Simulation:
     def __init__(
         self,
         engine: Engine,
+        task: Task,
         layout: Layout,
         episode: Episode,
         reward: Reward,
         seed: int,
         first_env: int = 0,
     ):
-        self.engine, self.layout, self.episode, self.reward = engine, layout, episode, reward
-        self._readings = Readings(engine.model)
+        self.engine, self.task, self.reward = engine, task, reward
+        self.layout, self.episode = layout, episode
+        self._readings = Readings(engine.model, task.sensors, task.signals)
         self._before = engine.sensordata()
         self._first_env = first_env
         self.reseed(seed)
@@ -105,7 +83,7 @@ class Simulation:
         self._seed = seed
         self._episodes = np.zeros(self.num_envs, dtype=np.int64)
         self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
-        self.state: State | None = None
+        self.state: Memory | None = None
 
     def reset(self, mask: Tensor | None = None, stagger: bool = False) -> Moment:
         """``begin``, then ``look``."""
@@ -123,15 +101,15 @@ class Simulation:
         ids = mask.nonzero().flatten()
         if len(ids):
             rows = [
-                draws(self._seed, self._first_env + env, int(self._episodes[env]))
+                draws(self._seed, self._first_env + env, int(self._episodes[env]), self.task.draws)
                 for env in ids.tolist()
             ]
-            starts = start(self.layout, torch.from_numpy(np.stack(rows)))
-            fresh = begin(self.episode, starts)
+            starts = self.task.start(self.layout, torch.from_numpy(np.stack(rows)))
+            fresh = begin(self.task, self.episode, starts)
             if self.state is None:
                 if stagger:
                     spread = torch.arange(self.num_envs) * self.episode.max_steps
-                    fresh.steps = spread // self.num_envs
+                    fresh["steps"] = spread // self.num_envs
                 self.state = fresh
             else:
                 self.state = self.state.clone()
@@ -141,8 +119,9 @@ class Simulation:
             self._episodes[ids.numpy()] += 1
 
     def act(self, action: Tensor) -> Tensor:
-        """Take an action ``(n, action_size)``; returns the servo commands ``(n, 7)``."""
-        self.state, control = act(self.layout, self.episode, self._begun(), action)
+        """Take an action ``(n, action_size)``; returns the servo commands ``(n, nu)``."""
+        own = (self.task, self.layout, self.episode)
+        self.state, control = act(*own, self._begun(), action)
         self._before = self.engine.sensordata()
         return control
 
@@ -174,41 +153,38 @@ class Simulation:
         self._seed = snapshot["seed"]
         self._episodes = snapshot["episodes"].numpy().copy()
         self._potential = snapshot["potential"].clone()
-        self.state = State(
-            **{name: value.clone() for name, value in snapshot["task"].items()},
-            batch_size=[self.num_envs],
-        )
+        values = {name: value.clone() for name, value in snapshot["task"].items()}
+        self.state = Memory(values, [self.num_envs])
         self.engine.restore(snapshot["engine"])
 
     def _moment(self, pays: bool) -> Moment:
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         if bool(diverged.any()):
             data[diverged] = self._before[diverged]
-        readings = self._readings(data)
-        self.state, signals, weld = observe(self.layout, self.episode, self._begun(), readings)
-        self.engine.weld(weld)
-        terms = self.reward(signals)
+        own = (self.task, self.layout, self.episode)
+        seen = observe(*own, self._begun(), self._readings(data))
+        self.state = seen.memory
+        self.engine.weld(seen.welds)
+        terms = self.reward(seen.signals)
         total = potential(terms)
         reward = total - self._potential
         if pays:
             self._potential = total
-        terminated = is_terminated(self.episode, signals)
-        truncated = is_truncated(self.episode, self.state, signals) | (diverged & ~terminated)
+        terminated = is_terminated(self.episode, seen.facts)
+        late = is_truncated(self.episode, seen.memory, seen.facts)
+        truncated = late | (diverged & ~terminated)
         return Moment(
-            signals=signals,
+            signals=seen.signals,
             terms=terms,
             potential=total,
             reward=reward,
-            success=is_successful(self.episode, signals),
+            facts={**seen.facts, DIVERGED: diverged},
             terminated=terminated,
             truncated=truncated,
-            has_grasped=self.state.has_grasped,
-            has_touched=self.state.has_touched,
-            diverged=diverged,
-            steps=self.state.steps,
+            steps=seen.memory["steps"],
         )
 
-    def _begun(self) -> State:
+    def _begun(self) -> Memory:
         if self.state is None:
             raise RuntimeError("reset before the first step")
         return self.state

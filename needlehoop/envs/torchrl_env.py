@@ -72,10 +72,10 @@ class NeedleHoopEnv(EnvBase):
                 shape = torch.Size((n, channels, size, size))
                 pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
-        for name, length in vectors(settings.obs).items():
+        for name, length in vectors(settings.definition, settings.obs).items():
             observed[name] = Unbounded(shape=torch.Size((n, length)))
         observed["facts"] = Composite(
-            {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts()}, shape=(n,)
+            {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts}, shape=(n,)
         )
         observed["terms"] = Composite(
             {name: Unbounded(shape=column) for name in moment.terms}, shape=(n,)
@@ -161,7 +161,7 @@ class NeedleHoopEnv(EnvBase):
     ) -> TensorDict:
         """All keys; images are renewed in environments ``ids`` (in all by default)."""
         out = {
-            "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts().items()},
+            "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts.items()},
             "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},
             "potential": moment.potential.unsqueeze(-1).float(),
             "steps": moment.steps.unsqueeze(-1),

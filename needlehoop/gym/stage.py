@@ -50,7 +50,7 @@ class Stage:
             )
         if channels not in CHANNELS:
             raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
-        if not (settings.cams or vectors(settings.obs)):
+        if not (settings.cams or vectors(settings.definition, settings.obs)):
             raise ValueError(
                 "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"
                 " obs=signals or obs.proprio=true"
@@ -67,7 +67,7 @@ class Stage:
         for name, count in settings.image_channels.items():
             shape = (size, size, count) if self._last else (count, size, size)
             found[name] = spaces.Box(0, 255, shape, np.uint8)
-        for name, length in vectors(settings.obs).items():
+        for name, length in vectors(settings.definition, settings.obs).items():
             low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
             found[name] = spaces.Box(low, high, (length,), np.float32)
         return spaces.Dict(found)
@@ -142,10 +142,13 @@ def check_options(options: Any, valid: Iterable[str] = ()) -> None:
 def info(moment: Moment) -> dict[str, Any]:
     """What is known beside the observation, ``(n,)`` each: facts and terms by name, verdicts."""
     return {
-        "facts": {name: _array(fact) for name, fact in moment.facts().items()},
+        "facts": {name: _array(fact) for name, fact in moment.facts.items()},
         "terms": {name: _array(term) for name, term in moment.terms.items()},
-        "success": _array(moment.success),
-        "cheat": _array(moment.cheat),
+        **{
+            name: _array(moment.facts[name])
+            for name in ("success", "cheat")
+            if name in moment.facts
+        },
         "potential": _array(moment.potential),
         "steps": _array(moment.steps),
     }

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.data import Composite
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.observer import VECTORS
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
@@ -73,20 +74,18 @@ class Agent(nn.Module):
         pixels = observed["pixels"] if "pixels" in keys else Composite()
         images = {str(name): spec.shape[1:] for name, spec in pixels.items()}
         vectors = {name: observed[name].shape[-1] for name in VECTORS if name in keys}
-        known = sorted(map(str, observed["facts"].keys())) if heads.told else []
-        for name in heads.told:
-            if name not in known:
-                raise ValueError(
-                    f"algo.network.told: {name!r} is unknown; choose from {', '.join(known)}"
-                )
+        told = heads.told or ()
+        if told:
+            facts: Any = observed["facts"]
+            check_names("algo.network.told", told, [*facts.keys()])
         self.fold = Fold(encoder.stem)
         self.trunks = nn.ModuleList(
             Trunk(images, vectors, encoder, heads, dtype) for _ in range(1 if heads.shared else 2)
         )
         self.gaussian = Gaussian(heads.hidden, actions, heads.sigma)
-        self.value = Value(heads.hidden, len(heads.told))
+        self.value = Value(heads.hidden, len(told))
         self._images, self._vectors = len(images), len(vectors)
-        rest: list[Any] = [*vectors, *(("facts", name) for name in heads.told)]
+        rest: list[Any] = [*vectors, *(("facts", name) for name in told)]
         self.in_keys = [*(("pixels", name) for name in images), *rest]
         """Of what an environment reports, in the order in which it is read."""
         self.seen_keys = [*(("folded", name) for name in images), *rest]

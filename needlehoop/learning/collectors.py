@@ -15,9 +15,6 @@ from needlehoop.envs.workers import Workers
 from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.parallel import ParallelAgent
 
-TEACHER = "smooth"
-"""The scripted controller that is imitated."""
-
 LABEL = "label"
 """What the expert would have done, among a step's keys."""
 
@@ -129,7 +126,7 @@ class LabellingCollector(_Collector):
         workers: Workers,
     ):
         super().__init__(env, running, config.horizon, workers)
-        self._expert = controller(TEACHER, env.settings)
+        self._expert = controller(env.settings.definition.teacher, env.settings)
         count, size = env.settings.num_envs, env.settings.episode.action_size
         self._generator = torch.Generator().manual_seed(seed)
         self._noise = Perturbation(count, size, config.noise, self._generator)

@@ -30,6 +30,7 @@ from needlehoop.rewards import NONE, reference_reward
 from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Task
 
 _BATCH = 50
 
@@ -120,7 +121,7 @@ def try_out(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
     if seed < 0:
         raise ValueError(f"seed: {seed} is negative")
     outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
-    return {"seed": seed, **with_intervals(outcome)}
+    return {"seed": seed, **with_intervals(job.env.definition, outcome)}
 
 
 def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
@@ -147,39 +148,42 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
     return agent
 
 
-def with_intervals(outcome: Outcome) -> dict[str, Any]:
-    """An outcome's summary, with 95 % Wilson intervals of the rates that count."""
+def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
+    """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
     summary = outcome.summary()
     n = int(summary["episodes"])
     intervals = {}
     for name in ("success", "cheat"):
-        found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
-        intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
+        if name in summary:
+            found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
+            intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
     spread = float(outcome.potential.std()) if n > 1 else None
-    return {**summary, **intervals, "return_sd": spread, "human_unit": reference_reward().unit}
+    unit = getattr(reference_reward(task), "unit", None)
+    return {**summary, **intervals, "return_sd": spread, "human_unit": unit}
 
 
-def report(found: Mapping[str, Any]) -> str:
+def report(task: Task, found: Mapping[str, Any]) -> str:
     """An evaluation as a few lines of text."""
     f = found
     spread = "" if f["return_sd"] is None else f" ± {f['return_sd']:.2f}"
-    success = "{:.1%} to {:.1%}".format(*f["success_95"])
-    cheat = "{:.1%} to {:.1%}".format(*f["cheat_95"])
-    return "\n".join(
-        (
-            f"episodes     {f['episodes']} (seed {f['seed']})",
-            f"success      {f['success']:.1%} (95 %: {success})",
-            f"return       {f['return']:.2f}{spread}"
-            f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
-            f"human        {f['return_human']:.2f} (final potential of the human reward,"
-            f" scene unit {f['human_unit']:g} m)",
-            f"cheat        {f['cheat']:.1%} (95 %: {cheat})",
-            f"threaded     {f['threaded']:.1%}, touched {f['touched']:.1%}",
-            f"grasped      {f['grasped']:.1%}, lifted {f['lifted']:.1%}",
-            f"length       {f['steps']:.0f} steps",
-            *([f"diverged     {f['diverged']:.1%}"] if f["diverged"] else []),
-        )
-    )
+    unit = "" if f["human_unit"] is None else f", scene unit {f['human_unit']:g} m"
+    lines = [
+        f"episodes     {f['episodes']} (seed {f['seed']})",
+        f"success      {_share(f, 'success')}",
+        f"return       {f['return']:.2f}{spread}"
+        f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
+        f"human        {f['return_human']:.2f} (final potential of the human reward{unit})",
+    ]
+    if task.cheat is not None:
+        lines.append(f"cheat        {_share(f, 'cheat')}")
+    lines += [f"{fact.name:12} {f[fact.name]:.1%}" for fact in task.facts]
+    lines.append(f"length       {f['steps']:.0f} steps")
+    return "\n".join([*lines, *([f"diverged     {f['diverged']:.1%}"] if f["diverged"] else [])])
+
+
+def _share(found: Mapping[str, Any], name: str) -> str:
+    low, high = found[f"{name}_95"]
+    return f"{found[name]:.1%} (95 %: {low:.1%} to {high:.1%})"
 
 
 def _alone(

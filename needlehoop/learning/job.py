@@ -11,10 +11,11 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Number, Range, Seed
-from needlehoop.envs.settings import Settings
+from needlehoop.config.strict import Count, Number, Range, Seed, check_names
+from needlehoop.envs.settings import Settings, with_task
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
+from needlehoop.learning.networks import HeadConfig
 from needlehoop.runs.files import EXPERT, check_folder, check_name, reward_name, seen
 
 LOGGERS = ("csv", "wandb")
@@ -87,6 +88,9 @@ class Job:
     """What ``policy.safetensors`` keeps its numbers in."""
 
     def __post_init__(self) -> None:
+        told = self.algo.network.told
+        if told is not None:
+            check_names("algo.network.told", told, self.env.definition.all_facts)
         if not self.env.cams and not self.env.obs.signals:
             raise ValueError(
                 "cams: an agent needs at least one camera, such as cams=dep_front,seg_side"
@@ -118,6 +122,12 @@ class Job:
         for key in ("study", "reward_name"):
             check_name(key, getattr(self, key))
         convolution_dtype(self.precision, self.torch_device)
+
+    @property
+    def network(self) -> HeadConfig:
+        """The agent's trunk and heads, with the facts that its value function is told."""
+        own = self.algo.network
+        return own if own.told is not None else replace(own, told=self.env.definition.critic)
 
     @property
     def buffer(self) -> int:
@@ -202,7 +212,7 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         for kind in (Job, Settings)
     )
     try:
-        return strict.structure({**own, "env": environment}, Job)
+        return strict.structure({**own, "env": with_task(environment)}, Job)
     except ValueError as error:
         # The environment's keys are below ``env`` in a job, and not in the YAML.
         raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error

@@ -209,7 +209,7 @@ def build_agent(job: Job, env: NeedleHoopEnv, device: torch.device) -> Agent:
     """An untrained agent for an environment of a job."""
     dtype = convolution_dtype(job.precision, device)
     actions = job.env.episode.action_size
-    return Agent(env.observation_spec, actions, job.encoder, job.algo.network, dtype).to(device)
+    return Agent(env.observation_spec, actions, job.encoder, job.network, dtype).to(device)
 
 
 def agent_state(state: dict[str, Any]) -> dict[str, torch.Tensor]:

@@ -12,22 +12,15 @@ from tensordict import TensorDictBase
 
 from needlehoop.learning.job import LoggerConfig
 
-EPISODE_FACTS = {
-    "success": "success",
-    "threaded": "threaded",
-    "touched": "has_touched",
-    "cheat": "cheat",
-    "grasped": "has_grasped",
-    "lifted": "lifted",
-    "diverged": "diverged",
-}
-"""Rates over episodes, by the fact that is true at an episode's last step."""
 
-
-def episode_columns(buffer: TensorDictBase) -> dict[str, float]:
+def episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
     """Means over the episodes that ended in a buffer ``(num_envs, horizon)``; NaN for none.
 
     The return is the final potential; ``length`` is in steps.
+
+    Args:
+        buffer: as a method of learning gives it.
+        facts: to be reported, by column; ``Task.columns``.
     """
     following: Any = buffer["next"]
     last = following[following["done"].squeeze(-1)]
@@ -36,7 +29,7 @@ def episode_columns(buffer: TensorDictBase) -> dict[str, float]:
         "return": float(last["potential"].mean()),
         **{f"term_{name}": float(term.mean()) for name, term in last["terms"].items()},
     }
-    for column, fact in EPISODE_FACTS.items():
+    for column, fact in facts.items():
         columns[column] = float(last["facts", fact].float().mean())
     columns["length"] = float(last["steps"].float().mean())
     return columns

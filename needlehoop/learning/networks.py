@@ -9,9 +9,8 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import Range, check_names
+from needlehoop.config.strict import Range
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
-from needlehoop.scene.vocabulary import FACTS
 
 
 @dataclass(frozen=True)
@@ -26,11 +25,8 @@ class HeadConfig:
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
-    told: tuple[str, ...]
-    """Facts that the value function is told and the policy is not."""
-
-    def __post_init__(self) -> None:
-        check_names("algo.network.told", self.told, FACTS)
+    told: tuple[str, ...] | None
+    """Facts that the value function is told and the policy is not; ``None``: the task's choice."""
 
 
 class Normalizer(nn.Module):

@@ -12,7 +12,6 @@ from importlib import import_module
 import torch
 from torch import Tensor, nn
 
-from needlehoop.envs.observer import vectors
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.weights import Senses
 
@@ -57,7 +56,7 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
         name: torch.zeros(2, c, size, size, dtype=torch.uint8)
         for name, c in senses.channels.items()
     }
-    example = {**images, **{name: torch.zeros(2, n) for name, n in vectors(senses.obs).items()}}
+    example = {**images, **{name: torch.zeros(2, n) for name, n in senses.vectors.items()}}
     batch = torch.export.Dim("n")
     with _quiet():
         program = torch.onnx.export(
@@ -70,7 +69,7 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
             verbose=False,
         )
     assert program is not None
-    facts = {"cams": senses.cams, "image_size": size, "episode": senses.control}
+    facts = {"cams": [*senses.channels], "image_size": size, "episode": senses.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()
 

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.envs.observer import vectors
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.weights import Senses
 
@@ -32,7 +31,7 @@ class Policy:
         self._actor, self._device = actor.eval(), next(actor.parameters()).device
         size = senses.image_size
         self._images = {name: (c, size, size) for name, c in senses.channels.items()}
-        self._vectors = vectors(senses.obs)
+        self._vectors = senses.vectors
 
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Any]) -> Any:

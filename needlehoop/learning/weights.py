@@ -10,28 +10,27 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 
 from needlehoop.config import strict
+from needlehoop.config.strict import Range
 from needlehoop.envs.observer import vectors
-from needlehoop.envs.settings import ImageSize, Observations
+from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
 from needlehoop.runs.files import POLICY, write_whole
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
-from needlehoop.scene.cameras import Rendering, parse_cameras
-from needlehoop.task.episode import CONTROLS
 
-_CONFIG = "config"
-"""Under this name the file's metadata have the run's config, as JSON."""
+_SENSES, _CONFIG = "senses", "config"
+"""Names in the file's metadata, of JSON: what the policy sees and does, and the run's config."""
 
 _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64: ("I64",)}
 """Types of numbers that a file may hold, by the policy's own."""
@@ -39,67 +38,33 @@ _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64:
 
 @dataclass(frozen=True)
 class Senses:
-    """What a policy sees, and its networks: the part of a run's config that a policy needs.
+    """What a policy sees and does, and its networks: all that is needed to run it."""
 
-    Raises:
-        ValueError: an unknown camera or control mode.
-    """
-
-    cams: tuple[str, ...]
-    views: tuple[str, ...]
-    """Names of those that the cameras choose from."""
-    renderings: Mapping[str, Rendering]
+    channels: Mapping[str, Annotated[int, Range(1, 1024)]]
+    """Of each camera's image, stacked frames included; in the order in which they are read."""
     image_size: ImageSize
-    obs: Observations
+    vectors: Mapping[str, Annotated[int, Range(1, 100_000)]]
+    """Length of each other observation, in the order in which they are read."""
     encoder: EncoderConfig
     network: HeadConfig
     control: str
+    """How its actions move the robot, see ``episode.control``."""
+    actions: Annotated[int, Range(1, 1000)]
+    """Length of the action."""
     precision: str
 
     def __post_init__(self) -> None:
-        parse_cameras(self.cams, self.views, self.renderings)
-        if self.control not in CONTROLS:
-            valid = ", ".join(CONTROLS)
-            raise ValueError(f"episode.control: {self.control!r} is unknown; choose from {valid}")
+        # They name modules of the networks.
+        for name in (*self.channels, *self.vectors):
+            if not name.isidentifier():
+                raise ValueError(f"senses: {name!r} is no name of a camera or vector")
 
     @classmethod
     def of(cls, job: Job) -> Senses:
         """Those of a job."""
-        env, network = job.env, job.algo.network
-        seen = (env.cams, tuple(env.views), env.renderings, env.image_size, env.obs)
-        return cls(*seen, job.encoder, network, env.episode.control, job.precision)
-
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> Senses:
-        """Those of a run's config; its other keys are ignored.
-
-        Raises:
-            ValueError: a key is missing or wrong.
-        """
-        own = ("cams", "renderings", "image_size", "obs", "encoder", "precision")
-        try:
-            picked = {
-                **{key: values[key] for key in own},
-                "views": [*values["views"]],
-                "network": values["algo"]["network"],
-                "control": values["episode"]["control"],
-            }
-        except (KeyError, TypeError) as error:
-            raise ValueError(f"config: {error} is missing or no group") from error
-        return strict.structure(picked, cls, "")
-
-    @property
-    def channels(self) -> dict[str, int]:
-        """Of each camera's image, stacked frames included."""
-        cameras = parse_cameras(self.cams, self.views, self.renderings)
-        return {
-            c.name: self.renderings[c.rendering].channels * self.obs.frame_stack for c in cameras
-        }
-
-    @property
-    def actions(self) -> int:
-        """Length of the action."""
-        return CONTROLS[self.control]
+        env, rules = job.env, job.env.episode
+        seen = (env.image_channels, env.image_size, vectors(env.definition, env.obs))
+        return cls(*seen, job.encoder, job.network, rules.control, rules.action_size, job.precision)
 
 
 def build_actor(senses: Senses, device: torch.device) -> Actor:
@@ -107,18 +72,21 @@ def build_actor(senses: Senses, device: torch.device) -> Actor:
     heads, size = senses.network, senses.image_size
     dtype = convolution_dtype(senses.precision, device)
     images = {name: torch.Size((c, size, size)) for name, c in senses.channels.items()}
-    trunk = Trunk(images, vectors(senses.obs), senses.encoder, heads, dtype)
+    trunk = Trunk(images, senses.vectors, senses.encoder, heads, dtype)
     head = Gaussian(heads.hidden, senses.actions, heads.sigma)
     return Actor(Fold(senses.encoder.stem), trunk, head)
 
 
-def write_weights(folder: Path, actor: Actor, values: Mapping[str, Any], dtype: str) -> None:
+def write_weights(
+    folder: Path, senses: Senses, actor: Actor, values: Mapping[str, Any], dtype: str
+) -> None:
     """Write ``policy.safetensors`` into a run's folder, whole or not at all.
 
     Args:
         folder: of the run.
+        senses: what its policy sees and does.
         actor: its trained policy.
-        values: its config.
+        values: the run's config, for the record; it is not read back.
         dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
     """
     wanted = getattr(torch, dtype)
@@ -126,11 +94,12 @@ def write_weights(folder: Path, actor: Actor, values: Mapping[str, Any], dtype: 
         name: (one.to(wanted) if one.dtype == torch.float32 else one).cpu().contiguous()
         for name, one in actor.state_dict().items()
     }
-    write_whole(folder / POLICY, save(kept, {_CONFIG: json.dumps(values)}))
+    notes = {_SENSES: json.dumps(asdict(senses)), _CONFIG: json.dumps(values)}
+    write_whole(folder / POLICY, save(kept, notes))
 
 
 def read_senses(path: Path) -> Senses:
-    """What the policy of a ``policy.safetensors`` sees, by the config that it carries.
+    """What the policy of a ``policy.safetensors`` sees and does.
 
     Raises:
         ValueError: no such file, or a damaged or foreign one.
@@ -138,11 +107,13 @@ def read_senses(path: Path) -> Senses:
     with _reading(path), safe_open(path, framework="pt") as file:
         found = file.metadata() or {}
     try:
-        values = parse_json(found[_CONFIG])
+        values = parse_json(found[_SENSES])
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} holds no policy of needlehoop: no config in it") from error
+        raise ValueError(
+            f"{path} holds no policy of needlehoop: it does not say what it sees"
+        ) from error
     try:
-        return Senses.read(values)
+        return strict.structure(values, Senses)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

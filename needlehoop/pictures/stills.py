@@ -13,13 +13,13 @@ from needlehoop.config import strict
 from needlehoop.config.strict import Pixels
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
+from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.task.expert import expert
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 8
-"""Steps from success to the goal picture, in which the needle moves well into the hoop."""
+"""Steps from success to the goal picture, in which the goal is reached for all to see."""
 
 _INK, _PAPER = (34, 38, 46), (255, 255, 255)
 
@@ -71,7 +71,7 @@ def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
-    """Every view x rendering, at the start and with the needle through the hoop.
+    """Every view x rendering, at the start and at the goal.
 
     Args:
         settings: environment; its cameras are ignored.
@@ -126,8 +126,8 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
 
     Args:
         settings: environment and cameras.
-        wanted: of ``start``; ``grasped`` and ``lifted``, the first step at which that is so;
-            ``goal``, a few steps after the needle is through.
+        wanted: of ``start``; names of facts, the first step at which that is true; ``goal``, a
+            few steps after the task is done.
 
     Raises:
         RuntimeError: the expert did not get that far.
@@ -137,8 +137,8 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     simulation, imager = build(s)
     seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
-    for step in rollout(simulation, expert(s.task, s.episode), imager):
-        since += bool(since or step.moment.facts()["threaded"][0])
+    for step in rollout(simulation, controller("expert", s), imager):
+        since += bool(since or step.moment.facts[s.definition.goal][0])
         for name in _reached(step, since > _AFTER_SUCCESS):
             if name in wanted and name not in seen:
                 seen[name] = {camera: image[0].numpy() for camera, image in step.images().items()}
@@ -149,15 +149,9 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
 
 
 def _reached(step: Step, goal: bool) -> list[str]:
-    """Stages that the one environment is at, in their order."""
-    facts = step.moment.facts()
-    now = {
-        "start": step.action is None,
-        "grasped": bool(facts["grasped"][0]),
-        "lifted": bool(facts["lifted"][0]),
-        "goal": goal,
-    }
-    return [name for name, is_so in now.items() if is_so]
+    """Stages that the one environment is at: ``start``, facts that are true, ``goal``."""
+    facts = [name for name, fact in step.moment.facts.items() if bool(fact[0])]
+    return [*(["start"] if step.action is None else []), *facts, *(["goal"] if goal else [])]
 
 
 def _lay_out(

@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
-from needlehoop.envs.observer import state
 from needlehoop.envs.rollout import Step, batches, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.scene.signals import Signals
+from needlehoop.scene.signals import Signals, columns
 
 PHASES = ("reach", "lift", "insert")
 """Until the needle is held, until it is lifted, until it is through."""
@@ -134,7 +133,7 @@ def _look(steps: Iterator[Step], chosen: np.ndarray, first: int) -> Iterator[Fra
             signals: Any = step.signals[ids]
             yield Frames(
                 step.images(ids),
-                state(signals),
+                columns(step.task.state, signals),
                 _points(signals),
                 signals.grasped,
                 phase_of(signals),

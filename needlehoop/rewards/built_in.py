@@ -1,70 +1,37 @@
-"""The rewards of the package: the paper's hand-written one (its appendix A), and success alone."""
+"""The reward of every task that pays for success alone."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import torch
 from torch import Tensor
 
-from needlehoop.config.strict import Amount, Positive, Real
-from needlehoop.robot.geometry import distance
+from needlehoop.config import strict
+from needlehoop.config.strict import Real
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)
-class Human:
-    """Approach, grasp, lift, insert; values in ``conf/reward/human.yaml``.
-
-    ``tolerance``, ``rate`` and ``reach`` shape the distance terms
-    ``exp(-rate * clamp(d - tolerance, 0, reach))``, where ``d`` is in scene units of ``unit`` m.
-    The paper gives 0.05, 4 and 100 for them, and does not give the unit. We chose 1/10 m. Half
-    of it would fit the size of the paper's instrument, but agents learn from it more slowly
-    (``results/README.md``). We chose the weights too; they sum to the paper's highest value, 9.
-    """
-
-    unit: Positive
-    tolerance: Amount
-    rate: Amount
-    reach: Amount
-    grasp: Real
-    lift: Real
-    hoop: Real
-    closed: Real
-    closed_below: Real
-    """The closed-jaw bonus needs a jaw command below this, rad."""
-    time: Real
-
-    def __call__(self, signals: Signals) -> dict[str, Tensor]:
-        """Terms ``(n,)`` by name."""
-        s = signals
-        one = torch.ones_like(s.elapsed)
-        reach = self._closeness(s.tool_midpoint, s.pickup_point)
-        raise_ = self._closeness(s.pickup_point, s.lift_position)
-        insert = self._closeness(s.needle_tip, s.goal)
-        closed = s.grasped & (s.jaw_command < self.closed_below)
-        return {
-            "grasp": self.grasp * torch.where(s.grasped, one, reach),
-            "lift": self.lift * torch.where(s.lifted, one, raise_),
-            "hoop": self.hoop * insert * s.lifted,
-            "closed": self.closed * closed.double(),
-            "time": -self.time * s.elapsed,
-        }
-
-    def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
-        beyond = distance(a, b) - self.tolerance * self.unit
-        return torch.exp(-self.rate / self.unit * beyond.clamp(0.0, self.reach * self.unit))
+class _Values:
+    success: Real
 
 
 @dataclass(frozen=True)
 class Sparse:
-    """Pays ``success`` once the needle is through the hoop."""
+    """Pays ``success`` once the task's fact ``goal`` is true."""
 
-    success: Real
+    success: float
+    goal: str
+
+    @classmethod
+    def load(cls, values: Mapping[str, Any], goal: str) -> Sparse:
+        """From a config's values; errors as in ``strict.structure``."""
+        return cls(strict.structure(values, _Values, "reward").success, goal)
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name."""
-        return {"success": self.success * signals.threaded.double()}
+        return {"success": self.success * getattr(signals, self.goal).double()}

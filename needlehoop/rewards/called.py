@@ -69,7 +69,7 @@ class Called:
         return {str(name): self._checked(name, term, signals) for name, term in terms.items()}
 
     def _checked(self, name: Any, term: Any, signals: Signals) -> Tensor:
-        n = len(signals.jaw)
+        n = len(signals)
         if not isinstance(term, Tensor) or tuple(term.shape) != (n,):
             shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
             raise RewardError(

@@ -8,21 +8,26 @@ from typing import Any
 
 from needlehoop.config import strict
 from needlehoop.rewards import called, written
-from needlehoop.rewards.built_in import Human, Sparse
+from needlehoop.rewards.built_in import Sparse
 from needlehoop.rewards.terms import Reward
 from needlehoop.runs.files import EXPERT, check_name
 from needlehoop.runs.reading import read_yaml
-from needlehoop.runs.shipped import CONF
+from needlehoop.tasks.contract import Task
+from needlehoop.tasks.registry import conf_of
 
-REWARDS = {"human": Human, "sparse": Sparse}
+REWARDS = ("human", "sparse")
 """Rewards that are classes. Other kinds are programs (``written``) or functions (``called``)."""
 
 NONE = {"kind": "sparse", "success": 1.0}
 """The config of a reward for environments whose reward nobody reads."""
 
 
-def load(config: Mapping[str, Any]) -> Reward:
+def load(config: Mapping[str, Any], task: Task) -> Reward:
     """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
+
+    Args:
+        config: of the reward.
+        task: whose human reward, goal and signals are meant.
 
     Raises:
         ValueError: an unknown kind, invalid values, an invalid name, or Python code that was not
@@ -33,28 +38,27 @@ def load(config: Mapping[str, Any]) -> Reward:
     if called.is_called(values):
         return called.load(values)
     if values["kind"] in written.KINDS:
-        return written.load(values)
-    kind = values.pop("kind")
-    return strict.structure(values, REWARDS[kind], "reward")
+        return written.load(values, task.signals)
+    if values.pop("kind") == "sparse":
+        return Sparse.load(values, task.goal)
+    return strict.structure(values, task.human, "reward")
 
 
-def reference_reward() -> Human:
-    """The human reward with its default values. Policies are compared by its return.
+def reference_reward(task: Task) -> Reward:
+    """A task's human reward with its default values. Policies are compared by its return.
 
     It is the same for all policies, whatever they were trained on.
     """
-    reward = load(read_yaml(CONF / "reward/human.yaml"))
-    assert isinstance(reward, Human)
-    return reward
+    return load(read_yaml(conf_of(task.name) / f"reward/human/{task.name}.yaml"), task)
 
 
-def check(config: Mapping[str, Any]) -> None:
+def check(config: Mapping[str, Any], task: Task) -> None:
     """Check a reward's config without running its code. Errors as in ``load``."""
     _check_kind(config)
     if called.is_called(config):
         called.check(config)
     else:
-        load(config)
+        load(config, task)
 
 
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:

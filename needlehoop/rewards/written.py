@@ -21,7 +21,7 @@ from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 
 if TYPE_CHECKING:
-    from needlehoop.scene.signals import Signals
+    from needlehoop.scene.signals import Signal, Signals
 
 FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 """What a VLM was shown when it wrote a reward, by the reward's kind."""
@@ -105,8 +105,12 @@ class Source:
     origin: str
 
 
-def load(config: Mapping[str, Any]) -> Written:
+def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
     """The reward of a config whose ``kind`` is in ``KINDS``.
+
+    Args:
+        config: of the reward.
+        table: of the task's signals, which a program may read.
 
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
@@ -114,7 +118,7 @@ def load(config: Mapping[str, Any]) -> Written:
     source = scaled(_source(config), config["unit"], "reward.unit")
     clip = _limits(config["clip"])
     try:
-        program = compile_program(source.text)
+        program = compile_program(source.text, table)
     except ProgramError as error:
         raise ValueError(f"reward: {source.origin}, {error}") from error
     return Written(program, source.origin, clip)

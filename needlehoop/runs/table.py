@@ -29,12 +29,15 @@ class Table:
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row, and see that it is on the disk; NaN and ``None`` become empty cells.
 
+        A table keeps the columns that it began with.
+
         Raises:
-            RuntimeError: the row's columns are not the table's.
+            RuntimeError: the row lacks a column of the table's.
         """
         known = next(csv.reader(io.StringIO(self.text)), [])
-        if known and known != list(row):
+        if not set(known) <= set(row):
             raise RuntimeError(f"{self.path}: columns {known}; the row has {list(row)}")
+        row = {name: row[name] for name in known} if known else row
         added = _line(_cell(value) for value in row.values())
         added = added if known else _line(row) + added
         with naming(self.path), self.path.open("ab") as file:

@@ -1,43 +1,65 @@
-"""Signals: what the scene's named sensors and the task say at one moment; see ``vocabulary``."""
+"""Signals: what a scene's named sensors and its task say at one moment.
+
+A task has a table of them. The table is also the vocabulary that reward programs are written in;
+a signal that would give the verdict away is left out of that.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import mujoco
 import torch
 from tensordict import TensorClass
 from torch import Tensor
 
-from needlehoop.robot.joints import JOINT_NAMES
-from needlehoop.scene.spec import SENSORS
-from needlehoop.scene.vocabulary import TABLE
+Signals = Any
+"""Signals of ``n`` environments: a TensorClass of ``signals_class``, a field a signal.
+
+Floating signals are float64, so that every engine gives the same bits.
+"""
 
 
-class Signals(TensorClass):
-    """Signals of ``n`` environments; shapes, units and frames are in ``TABLE``.
+class Signal(NamedTuple):
+    """One row of the table: per-environment shape, unit, frame, source and meaning.
 
-    Floating signals are float64, so that every engine gives the same bits.
+    ``source`` is ``sensor`` (read from the scene), ``command`` (what the action moved),
+    ``fact`` (geometry decided by the task) or ``verdict`` (a fact that rewards written by
+    others may not see).
     """
 
-    tool_midpoint: Tensor
-    tool_quat: Tensor
-    wrist_pos: Tensor
-    wrist_quat: Tensor
-    pickup_point: Tensor
-    needle_tip: Tensor
-    needle_quat: Tensor
-    goal: Tensor
-    hoop_axis: Tensor
-    lift_position: Tensor
-    joints: Tensor
-    jaw: Tensor
-    jaw_1_touch: Tensor
-    jaw_2_touch: Tensor
-    jaw_command: Tensor
-    elapsed: Tensor
-    grasped: Tensor
-    lifted: Tensor
-    touched: Tensor
-    threaded: Tensor
+    shape: tuple[int, ...]
+    unit: str
+    frame: str
+    source: str
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Numbers of one environment."""
+        return self.shape[0] if self.shape else 1
+
+
+class SensorSpec(NamedTuple):
+    """A named sensor: its MuJoCo type, the kind and name of the object that it reads."""
+
+    type: mujoco.mjtSensor
+    objtype: mujoco.mjtObj
+    objname: str
+    body: str | None = None
+    """Of a contact: the body whose geoms count."""
+    signal: str | None = None
+    """The signal that it is a part of, in the order of sensors; ``None``: that of its own name."""
+
+
+ELAPSED = Signal((), "1", "-", "command", "fraction of the episode's steps that is used up")
+
+
+def signals_class(table: Mapping[str, Signal]) -> type:
+    """The TensorClass with a field for each signal of a table."""
+    fields = {"__annotations__": dict.fromkeys(table, Tensor), "__module__": __name__}
+    return type("Signals", (TensorClass,), fields)
 
 
 class Readings:
@@ -45,33 +67,59 @@ class Readings:
 
     Args:
         model: a compiled scene.
+        sensors: of the scene, by name.
+        table: of signals.
     """
 
-    def __init__(self, model: mujoco.MjModel):
-        self._slices = {}
-        for name in SENSORS:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        sensors: Mapping[str, SensorSpec],
+        table: Mapping[str, Signal],
+    ):
+        self._slices: dict[str, list[slice]] = {}
+        self._table = table
+        for name, spec in sensors.items():
             sensor = model.sensor(name)
             start, size = int(sensor.adr[0]), int(sensor.dim[0])
-            self._slices[name] = slice(start, start + size)
+            self._slices.setdefault(spec.signal or name, []).append(slice(start, start + size))
 
     def __call__(self, sensordata: Tensor) -> dict[str, Tensor]:
-        """Readings by signal name from ``sensordata`` ``(n, nsensordata)``: views of it."""
+        """Readings by signal name from ``sensordata`` ``(n, nsensordata)``: views where whole."""
         read = {}
-        for name in TABLE:
-            if name in self._slices:
-                value = sensordata[:, self._slices[name]]
-                read[name] = value if TABLE[name].shape else value[:, 0]
-        read["joints"] = torch.cat([sensordata[:, self._slices[name]] for name in JOINT_NAMES], -1)
-        for name in ("jaw_1_touch", "jaw_2_touch"):
-            read[name] = read[name] > 0
+        for name, parts in self._slices.items():
+            columns = [sensordata[:, part] for part in parts]
+            value = columns[0] if len(columns) == 1 else torch.cat(columns, -1)
+            row = self._table[name]
+            value = value if row.shape else value[:, 0]
+            read[name] = value > 0 if row.unit == "bool" else value
         return read
 
 
-PROPRIO_SIZE = 8
-"""Numbers in ``proprio``."""
+def columns(names: tuple[str, ...], signals: Signals) -> Tensor:
+    """Named signals side by side, float32."""
+    parts = []
+    for name in names:
+        value = getattr(signals, name).float()
+        parts.append(value if value.ndim == 2 else value.unsqueeze(-1))
+    return torch.cat(parts, -1)
 
 
-def proprio(signals: Signals) -> Tensor:
-    """What the robot knows of itself: six joints, jaw, jaw command; ``(n, 8)`` float32."""
-    columns = (signals.joints, signals.jaw.unsqueeze(-1), signals.jaw_command.unsqueeze(-1))
-    return torch.cat(columns, -1).float()
+def vocabulary(table: Mapping[str, Signal]) -> dict[str, Signal]:
+    """The signals that a reward program may read: all but the verdicts."""
+    return {name: signal for name, signal in table.items() if signal.source != "verdict"}
+
+
+def describe(table: Mapping[str, Signal]) -> str:
+    """A table of signals as text."""
+    rows = [("name", "shape", "unit", "frame", "source", "meaning")]
+    for name, signal in table.items():
+        shape = "x".join(map(str, signal.shape)) or "scalar"
+        rows.append((name, shape, signal.unit, signal.frame, signal.source, signal.meaning))
+    widths = [max(len(row[i]) for row in rows) for i in range(5)]
+    lines = (
+        "  ".join(cell.ljust(width) for cell, width in zip(row[:5], widths, strict=True))
+        + f"  {row[5]}"
+        for row in rows
+    )
+    return "\n".join(lines)

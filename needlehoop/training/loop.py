@@ -19,7 +19,7 @@ from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, rep
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.metrics import Logger, build_logger, episode_columns, peak_memory
-from needlehoop.learning.weights import write_weights
+from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
 from needlehoop.runs.run import Run
@@ -51,6 +51,7 @@ def train(
         FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
     """
     learner = Learner(job, state and state["learner"], weights)
+    columns = job.env.definition.columns
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
     shown = {"return": math.nan, "success": math.nan}
     bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
@@ -60,7 +61,7 @@ def train(
             _check_finite(losses, update)
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
-            row = {**at, "steps_per_second": rate, **episode_columns(buffer), **losses}
+            row = {**at, "steps_per_second": rate, **episode_columns(buffer, columns), **losses}
             row["memory_gb"] = peak_memory()
             run.append(METRICS, row)
             logger.log("train", row)
@@ -101,7 +102,7 @@ def _check_finite(losses: Mapping[str, float], update: int) -> None:
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print the results."""
     agent = load_agent(run, job, job.torch_device)
-    write_weights(run.folder, agent.actor, run.config(), job.weights)
+    write_weights(run.folder, Senses.of(job), agent.actor, run.config(), job.weights)
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
@@ -110,7 +111,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
         film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
     run.finish()
-    print(f"{report(found)}\nrun          {run.folder}")
+    print(f"{report(job.env.definition, found)}\nrun          {run.folder}")
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> str:

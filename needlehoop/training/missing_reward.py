@@ -52,7 +52,7 @@ def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
         values: the composed config of the training, for its gates.
         settings: its environment, with the reward.
     """
-    reward = rewards.load(settings.reward)
+    reward = rewards.load(settings.reward, settings.definition)
     if not isinstance(reward, written.Written):
         return []
     found = card(reward.program, settings, strict.as_type(values["gates"], Gates, "gates"))

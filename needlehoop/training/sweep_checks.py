@@ -126,6 +126,7 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
     """
     from needlehoop import rewards
     from needlehoop.rewards import written
+    from needlehoop.tasks.registry import find
     from needlehoop.training.options import check_options
 
     lines: dict[str, None] = {}
@@ -144,7 +145,7 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
             lines[f"  {'+'.join(cams)}: none of {flavour}; make it with: {asking}"] = None
             continue
         try:
-            rewards.load(reward)
+            rewards.load(reward, find(values["task"]["name"]))
         except ValueError as error:
             lines[f"  {error}"] = None
     return list(lines)

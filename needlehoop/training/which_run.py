@@ -110,7 +110,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     lock = Lock(folder)
     try:
-        reward = rewards.text(rewards.load(job.env.reward))
+        reward = rewards.text(rewards.load(job.env.reward, job.env.definition))
         run = Run.create(folder, _plain(values), reward, asked.overwrite)
         # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
         run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)

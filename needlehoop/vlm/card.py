@@ -99,7 +99,7 @@ def card(
         trajectories: those of an earlier ``collect``, which takes a second or two.
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
-    wild = random_signals(gates.random_signals, gates.seed)
+    wild = random_signals(settings.definition, gates.random_signals, gates.seed)
     recorded, on_wild = _total(program, seen.moments), _total(program, wild)
     bad_recorded, bad_wild = _count_bad(program, seen.moments), _count_bad(program, wild)
     finals = {who: _judged(program, last, gates) for who, last in _level(seen.last).items()}

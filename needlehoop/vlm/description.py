@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.scene.cameras import Rendering, View
-from needlehoop.scene.layout import Layout
-from needlehoop.scene.vocabulary import describe
+from needlehoop.scene.signals import describe, vocabulary
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
 from needlehoop.vlm.prompts import fill
 
 _CONTROLS = {
@@ -36,7 +37,8 @@ _GRASPED = {
 
 def scene(settings: Settings) -> str:
     """What stands where, what the task is, and what an agent can do."""
-    task, episode = settings.task, settings.episode
+    task: Any = settings.task
+    episode: Any = settings.episode
     x, y, z = task.hoop_position
     pickup = (*task.needle_position, task.needle_thickness / 2)
     return fill(
@@ -59,7 +61,7 @@ def scene(settings: Settings) -> str:
     )
 
 
-def sharp_end_is_nearer(task: Layout) -> bool:
+def sharp_end_is_nearer(task: NeedleLayout) -> bool:
     """Whether the sharp end of a needle in its nominal place is the end nearer to the hoop."""
     cos, sin = math.cos(task.needle_yaw), math.sin(task.needle_yaw)
     ends = task.centre_line(np.array(task.needle_angles))[:, :2] @ np.array(
@@ -71,10 +73,11 @@ def sharp_end_is_nearer(task: Layout) -> bool:
 
 def signals(settings: Settings) -> str:
     """The signals that a program may read: their table and the numbers behind them."""
-    task, episode = settings.task, settings.episode
+    task: Any = settings.task
+    episode: Any = settings.episode
     return fill(
         "signals",
-        table=describe(),
+        table=describe(vocabulary(settings.definition.signals)),
         side="in front of" if task.needle_position[1] < task.hoop_position[1] else "behind",
         pickup=f"{100 * task.needle_pickup:g}",
         jaw_closed=f"{task.jaw_closed:g}",

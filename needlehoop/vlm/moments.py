@@ -15,7 +15,7 @@ from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import NONE
 from needlehoop.scene.signals import Signals
-from needlehoop.scene.vocabulary import TABLE
+from needlehoop.tasks.contract import Task
 from needlehoop.vlm.config import Gates
 
 _REACH = 0.3
@@ -100,7 +100,7 @@ def _episodes(steps: Iterator[Step]) -> tuple[list[Signals], Signals]:
     return lived, last
 
 
-def random_signals(count: int, seed: int) -> Signals:
+def random_signals(task: Task, count: int, seed: int) -> Signals:
     """``count`` moments with signals drawn one by one. Their combination is often impossible.
 
     Points within ±0.3 m, unit quaternions and axes, angles within ±3.2 rad, insertion within
@@ -113,7 +113,7 @@ def random_signals(count: int, seed: int) -> Signals:
         return torch.rand(shape, generator=generator, dtype=torch.float64)
 
     fields = {}
-    for name, signal in TABLE.items():
+    for name, signal in task.signals.items():
         shape = (count, *signal.shape)
         if signal.unit == "bool":
             fields[name] = uniform(*shape) < 0.5
@@ -129,8 +129,10 @@ def random_signals(count: int, seed: int) -> Signals:
             fields[name] = (
                 uniform(*shape) if signal.unit == "1" else _TURN * (2 * uniform(count) - 1)
             )
-    fields["joints"][:, 2] = 0.24 * uniform(count)
-    points = [name for name, signal in TABLE.items() if signal.unit == "m"]
+    if "joints" in fields:
+        # The insertion is a length.
+        fields["joints"][:, 2] = 0.24 * uniform(count)
+    points = [name for name, signal in task.signals.items() if signal.unit == "m"]
     for name in points:
         fields[name][::8] = fields[points[0]][::8]
-    return Signals(**fields, batch_size=[count])
+    return task.signals_class(**fields, batch_size=[count])

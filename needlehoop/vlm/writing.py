@@ -60,11 +60,11 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         settings: the environment in which the gates' trajectories are recorded, once.
         gates: what a program must pass.
     """
-    trajectories = collect(settings, gates)
+    trajectories, table = collect(settings, gates), settings.definition.signals
 
     def judge(source: str) -> Verdict:
         try:
-            program = compile_program(source)
+            program = compile_program(source, table)
         except ProgramError as error:
             return Verdict(False, str(error), {})
         found = card(program, settings, gates, trajectories)
@@ -73,7 +73,7 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         return Verdict(found.passed, reason, found.as_dict())
 
     def values(source: str) -> list[float]:
-        return values_of(compile_program(source), trajectories, gates).tolist()
+        return values_of(compile_program(source, table), trajectories, gates).tolist()
 
     return ProgramRules(
         functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},

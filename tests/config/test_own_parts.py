@@ -5,6 +5,7 @@ from importlib.metadata import EntryPoint, EntryPoints
 import pytest
 import torch
 import yaml
+from needle_task import load_reward
 
 import needlehoop
 from needlehoop import rewards
@@ -97,14 +98,14 @@ def test_a_function_is_named_in_a_file_or_a_module(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def pay(signals, most=1.0):\n    return {'jaw': most * signals.jaw}\n")
     words = ["reward=python", f"reward.function={file}:pay", "+reward.values.most=3"]
-    reward = rewards.load(compose_settings(words).reward)
+    reward = load_reward(compose_settings(words).reward)
     signals = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     signals.reset()
     seen = signals.simulation.look().signals
     assert torch.equal(reward(seen)["jaw"], 3 * seen.jaw)
     assert "def pay" in rewards.text(reward)
     words[1] = "reward.function=needlehoop.rewards.terms:potential"
-    assert rewards.load(compose_settings(words[:2]).reward).function is rewards.potential
+    assert load_reward(compose_settings(words[:2]).reward).function is rewards.potential
 
 
 def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, monkeypatch):
@@ -115,7 +116,7 @@ def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, mon
     kept = rewards.pin(values["reward"])
     assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
     monkeypatch.chdir("/")
-    rewards.load(rewards.recall(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
+    load_reward(rewards.recall(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
     file.write_text("def pay(signals):\n    return -signals.jaw\n")
     with pytest.raises(ValueError, match="no longer what the run began with"):
         rewards.recall(kept, trust=True)
@@ -131,7 +132,7 @@ def test_an_installed_package_tells_of_its_rewards(monkeypatch, tmp_path):
     (tmp_path / "reward").mkdir()
     (tmp_path / "reward/mine.yaml").write_text("kind: mine\nmost: 7.0\n")
     found = compose_settings([f"conf_dir={tmp_path}", "reward=mine"])
-    reward = rewards.load(found.reward)
+    reward = load_reward(found.reward)
     assert reward.values == {"most": 7.0}
     assert "def half" in rewards.text(reward)
     with pytest.raises(ValueError, match=r"choose from .*file.*python, mine"):

@@ -13,7 +13,7 @@ from needlehoop.engines.contract import KINDS
 from needlehoop.engines.dm_control import DmControlEngine
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
-from needlehoop.task.expert import expert
+from needlehoop.tasks.needle_hoop.expert import expert
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]
 

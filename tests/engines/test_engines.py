@@ -11,8 +11,8 @@ from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.scene.vocabulary import TABLE
-from needlehoop.task.expert import expert
+from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.signals import TABLE
 
 CAMS = ["cams=[dep_front,seg_side,segdep_default]"]
 

@@ -15,7 +15,7 @@ from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.task.expert import expert
+from needlehoop.tasks.needle_hoop.expert import expert
 
 ALL = Channels(True, True, True)
 VIEWS = ("default", "front", "side")

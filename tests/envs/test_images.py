@@ -11,7 +11,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.cameras import pose_of
-from needlehoop.task import crossing
+from needlehoop.tasks.needle_hoop import crossing
 
 ALL = [
     f"{r}_{v}" for r, v in product(("rgb", "dep", "seg", "segdep"), ("default", "front", "side"))

@@ -7,9 +7,9 @@ import time
 import tracemalloc
 
 import pytest
+from needle_task import compile_program
 
 from needlehoop.rewards.language.grammar import MAX_SOURCE, ProgramError, parse
-from needlehoop.rewards.language.program import compile_program
 
 OK = "reward = elapsed\n"
 

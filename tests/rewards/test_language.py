@@ -11,16 +11,15 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import settings as tried
+from needle_task import compile_program, load_reward, random_signals
 from reward_program import PROGRAM
 
-from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
-from needlehoop.rewards.language.program import Program, compile_program
-from needlehoop.scene.signals import Signals
-from needlehoop.scene.vocabulary import TABLE, vocabulary
-from needlehoop.vlm.moments import random_signals
+from needlehoop.rewards.language.program import Program
+from needlehoop.scene.signals import Signals, vocabulary
+from needlehoop.tasks.needle_hoop.signals import TABLE
 
 N = 7
 
@@ -43,7 +42,7 @@ def refused(source: str) -> ProgramError:
 
 
 def test_the_human_reward_can_be_said(signals):
-    human = rewards.load(composing.compose([])["reward"])
+    human = load_reward(composing.compose([])["reward"])
     many = random_signals(500, seed=1)
     # Nearer than random, so that no term is all zeros.
     many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis
@@ -271,9 +270,9 @@ def test_a_refusal_says_where_and_why(source, line, column, reason):
 
 
 def test_every_signal_but_the_verdicts_can_be_read(signals):
-    for name, row in vocabulary().items():
+    for name, row in vocabulary(TABLE).items():
         value_of(f"norm({name})" if row.shape else name, signals)
-    for name in TABLE.keys() - vocabulary().keys():
+    for name in TABLE.keys() - vocabulary(TABLE).keys():
         assert "verdict" in refused(f"reward = {name}").reason
 
 
@@ -294,7 +293,7 @@ def test_nothing_is_computed_twice_or_in_vain():
 
 # Programs drawn from the grammar, sensible or not.
 
-NAMES = st.sampled_from(["a", "b", "c", "reward", *vocabulary()])
+NAMES = st.sampled_from(["a", "b", "c", "reward", *vocabulary(TABLE)])
 NUMBERS = st.sampled_from(["0", "1", "2.5", "1e-3", "1000000", "True", "False"])
 
 

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given
+from needle_task import load_reward
+from needlehoop.task.facts import is_terminated
+from needlehoop.task.start import draws, start
 from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.config import composing
-from needlehoop.rewards.built_in import Human
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
-from needlehoop.scene.vocabulary import TABLE
-from needlehoop.task.facts import is_terminated
-from needlehoop.task.start import draws, start
+from needlehoop.tasks.needle_hoop.reward import Human
+from needlehoop.tasks.needle_hoop.signals import TABLE
 
 BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
 
@@ -30,7 +31,7 @@ def values() -> dict[str, dict]:
 
 @pytest.fixture(scope="module")
 def human(values) -> Human:
-    reward = rewards.load(values["human"])
+    reward = load_reward(values["human"])
     assert isinstance(reward, Human)
     return reward
 
@@ -126,7 +127,7 @@ def test_beyond_reach_nothing_changes(human):
 
 
 def test_a_larger_scene_unit_makes_every_length_larger(human, values):
-    larger = rewards.load({**values["human"], "unit": 2 * human.unit})
+    larger = load_reward({**values["human"], "unit": 2 * human.unit})
     for away in (0.001, 0.004, 0.03):
         near, far = ({"tool_midpoint": (x, 0, 0)} for x in (away, 2 * away))
         assert terms_of(larger, **far)["grasp"] == pytest.approx(terms_of(human, **near)["grasp"])
@@ -171,7 +172,7 @@ def test_the_human_reward_does_not_see_the_verdict(human, verdict, base):
 @BOTH
 def test_a_reward_does_not_decide_success(values, episode, kind):
     """Scoring leaves the signals as they were, whatever the reward."""
-    reward = rewards.load(values[kind])
+    reward = load_reward(values[kind])
     for given_ in ({}, PERFECT):
         signals = signals_of(**given_)
         before = signals.clone()
@@ -184,7 +185,7 @@ def test_a_reward_does_not_decide_success(values, episode, kind):
 
 
 def test_the_sparse_reward_pays_success_alone(values):
-    sparse = rewards.load({"kind": "sparse", "success": 5.0})
+    sparse = load_reward({"kind": "sparse", "success": 5.0})
     almost = {**PERFECT, "threaded": False}
     assert terms_of(sparse, **almost) == {"success": 0.0}
     assert terms_of(sparse, **PERFECT) == {"success": 5.0}
@@ -195,7 +196,7 @@ def test_the_sparse_reward_pays_success_alone(values):
 
 @BOTH
 def test_terms_are_a_number_per_environment(values, kind):
-    reward = rewards.load(values[kind])
+    reward = load_reward(values[kind])
     signals = torch.cat([signals_of(), signals_of(**PERFECT), signals_of(grasped=True)])
     terms = reward(signals)
     assert all(term.shape == (3,) and term.dtype == torch.float64 for term in terms.values())
@@ -217,13 +218,13 @@ def test_the_potential_is_the_sum_of_the_terms():
 @pytest.mark.parametrize("kind", ["humane", None, "", "Human"])
 def test_an_unknown_kind_is_refused_with_the_valid_ones(values, kind):
     with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
-        rewards.load({**values["human"], "kind": kind})
+        load_reward({**values["human"], "kind": kind})
 
 
 def test_a_reward_without_a_kind_is_refused(values):
     without = {key: value for key, value in values["human"].items() if key != "kind"}
     with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
-        rewards.load(without)
+        load_reward(without)
 
 
 def test_a_missing_value_is_refused_by_name(values):
@@ -231,27 +232,27 @@ def test_a_missing_value_is_refused_by_name(values):
     with pytest.raises(
         ValueError, match=r"reward: rate is missing; its keys are unit, tolerance, rate"
     ):
-        rewards.load(without)
+        load_reward(without)
 
 
 def test_an_unknown_value_is_refused_by_name(values):
     with pytest.raises(ValueError, match=r"reward: unknown key bonus; its keys are success"):
-        rewards.load({**values["sparse"], "bonus": 1.0})
+        load_reward({**values["sparse"], "bonus": 1.0})
 
 
 @pytest.mark.parametrize("value", ["2", None, True, [1.0]])
 def test_a_value_that_is_no_number_is_refused_by_name(values, value):
     with pytest.raises(ValueError, match=r"reward\.grasp: .*not a number"):
-        rewards.load({**values["human"], "grasp": value})
+        load_reward({**values["human"], "grasp": value})
 
 
 @BOTH
 def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
     named = {**values[kind], "name": "my idea-2"}
-    assert rewards.load(named) == rewards.load(values[kind])
+    assert load_reward(named) == load_reward(values[kind])
     assert rewards.pin(named) == named
     assert [reward_name(one) for one in (named, values[kind])] == ["my idea-2", kind]
-    assert rewards.load({**values[kind], "name": kind}) == rewards.load(values[kind])
+    assert load_reward({**values[kind], "name": kind}) == load_reward(values[kind])
 
 
 @pytest.mark.parametrize(
@@ -267,11 +268,11 @@ def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
 )
 def test_a_name_that_cannot_be_had_is_refused(values, name, said):
     with pytest.raises(ValueError, match=said):
-        rewards.load({**values["human"], "name": name})
+        load_reward({**values["human"], "name": name})
 
 
 @BOTH
 def test_loading_leaves_the_config_as_it_was(values, kind):
     before = dict(values[kind])
-    rewards.load(values[kind])
+    load_reward(values[kind])
     assert values[kind] == before

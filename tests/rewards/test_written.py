@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from needle_task import compile_program, load_reward, random_signals
 
 import needlehoop
 from needlehoop import rewards
@@ -13,10 +14,8 @@ from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.job import typed_job
 from needlehoop.rewards import written
-from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import Written, find
 from needlehoop.training import loop as page
-from needlehoop.vlm.moments import random_signals
 
 
 @pytest.fixture
@@ -40,7 +39,7 @@ def worth(reward: rewards.Reward) -> float:
 
 
 def loaded(*words: str, name: str = "env") -> rewards.Reward:
-    return rewards.load(composing.compose(words, name)["reward"])
+    return load_reward(composing.compose(words, name)["reward"])
 
 
 def test_a_file_is_loaded(place, tmp_path):
@@ -76,7 +75,7 @@ def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
     said = r"no image reward is recorded for seg_side \(there is dep_front\); .*only paper"
     values = composing.compose([*alone, "cams=[seg_side]"])["reward"]
     with pytest.raises(ValueError, match=said):
-        rewards.load(values)
+        load_reward(values)
     # Not one to ask a model for either: what it wrote would not be found.
     with pytest.raises(ValueError, match=said):
         written.is_recorded(values)
@@ -197,10 +196,10 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     values = composing.compose(["reward=file", "reward.path=mine.txt"])["reward"]
     pinned = rewards.pin(values)
     file.unlink()
-    assert worth(rewards.load(pinned)) == 1
+    assert worth(load_reward(pinned)) == 1
     assert rewards.pin(pinned) == pinned
     assert values["program"] is None
-    assert rewards.text(rewards.load(pinned)) == "# From mine.txt.\nreward = 1"
+    assert rewards.text(load_reward(pinned)) == "# From mine.txt.\nreward = 1"
     human = composing.compose([])["reward"]
     assert rewards.pin(human) == human
 
@@ -211,14 +210,14 @@ def test_a_pinned_program_needs_its_sample_and_unit(place):
     values["reward"] = rewards.pin(values["reward"])
     del values["reward"]["sample"], values["reward"]["unit"]
     with pytest.raises(ValueError, match="sample, unit missing or unknown"):
-        rewards.load(values["reward"])
+        load_reward(values["reward"])
 
 
 @pytest.mark.parametrize("flavour", ["text", "img"])
 def test_the_other_recording_has_options_of_its_own(flavour):
     cams = "cams=[dep_front,seg_side]"
     papers, claudes = (
-        rewards.load(composing.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
+        load_reward(composing.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
         for which in ("", "_claude")
     )
     assert isinstance(papers, Written)
@@ -232,11 +231,11 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     file.write_text("unit = 0.05\nreward = 9 / unit")
     assert worth(loaded("reward=file", f"reward.path={file}")) == pytest.approx(180)
     given = composing.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
-    assert worth(rewards.load(given)) == pytest.approx(90)
+    assert worth(load_reward(given)) == pytest.approx(90)
     pinned = rewards.pin(given)
     file.unlink()
     # What the run writes down is what it is paid by.
-    assert "unit = 0.1\n" in rewards.text(rewards.load(pinned))
+    assert "unit = 0.1\n" in rewards.text(load_reward(pinned))
     assert rewards.pin(pinned) == pinned
 
 
@@ -289,8 +288,8 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     record = (run.folder / "reward.txt").read_text()
     assert record.endswith("a = 3\nb = 2\nreward = a + b\n")
     (tmp_path / "recordings/paper/rewards/dep_front/image.txt").write_text("reward = 0")
-    assert worth(rewards.load(job.env.reward)) == 5
-    assert worth(rewards.load(typed_job(run.config()).env.reward)) == 5
+    assert worth(load_reward(job.env.reward)) == 5
+    assert worth(load_reward(typed_job(run.config()).env.reward)) == 5
 
 
 def test_a_programs_own_term_named_clipped_is_kept(tmp_path):

@@ -4,17 +4,16 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from needle_task import act, addresses_of, begin, spec_of
 
-from needlehoop.engines.addresses import Addresses
 from needlehoop.envs.settings import Settings
 from needlehoop.robot import joints, psm
 from needlehoop.robot import parallelogram as linkage
-from needlehoop.scene.layout import Layout
-from needlehoop.scene.spec import build_spec
-from needlehoop.task.control import act
-from needlehoop.task.episode import Episode
-from needlehoop.task.memory import begin
-from needlehoop.task.start import DRAWS, Start, start
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
+from needlehoop.tasks.needle_hoop.start import DRAWS, place, start
+from needlehoop.tasks.psm import start_of
+from needlehoop.tasks.start import Start
 
 MASSES = {
     "yaw": 1.47,
@@ -37,23 +36,22 @@ def variants(settings: Settings) -> dict[str, mujoco.MjModel]:
     """Both arms, in a scene where nothing collides."""
     models = {}
     for variant in joints.VARIANTS:
-        spec = build_spec(settings.task, variant, "weld", {})
+        spec = spec_of(settings, variant)
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         models[variant] = spec.compile()
     return models
 
 
-def start_at(layout: Layout, place) -> Start:
+def start_at(layout: NeedleLayout, where) -> Start:
     """The nominal start, with the tool elsewhere."""
     begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
-    begun.tool = torch.tensor([list(place)], dtype=torch.float64)
-    below_rcm = begun.tool - torch.from_numpy(layout.rcm)
-    begun.joints = psm.straight_wrist(below_rcm, begun.joints[:, 3], layout.grip)
-    return begun
+    tool = torch.tensor([list(where)], dtype=torch.float64)
+    robot = start_of(layout, tool, begun.robot["joints"][:, 3], begun.robot["jaw"])
+    return place(robot, begun.free["needle"], begun.mocap["hoop"])
 
 
 def data_at(model: mujoco.MjModel, begun: Start) -> mujoco.MjData:
-    data, addresses = mujoco.MjData(model), Addresses(model)
+    data, addresses = mujoco.MjData(model), addresses_of(model)
     data.qpos[:] = addresses.qpos(begun)[0]
     data.mocap_pos[:] = addresses.mocap(begun)[0]
     data.ctrl[:] = addresses.control(begun)[0]
@@ -65,9 +63,11 @@ def tool_tip(data: mujoco.MjData) -> np.ndarray:
     return data.site("tool_midpoint").xpos.copy()
 
 
-def follow(model: mujoco.MjModel, layout: Layout, episode: Episode, place, actions: torch.Tensor):
+def follow(
+    model: mujoco.MjModel, layout: NeedleLayout, episode: NeedleRules, where, actions: torch.Tensor
+):
     """The tool's path ``(steps, 3)``, one row a physics step, and the last target ``(3,)``."""
-    begun = start_at(layout, place)
+    begun = start_at(layout, where)
     data = data_at(model, begun)
     state = begin(episode, begun)
     path = []
@@ -77,7 +77,7 @@ def follow(model: mujoco.MjModel, layout: Layout, episode: Episode, place, actio
         for _ in range(episode.substeps):
             mujoco.mj_step(model, data)
             path.append(tool_tip(data))
-    return np.array(path), state.target[0].numpy()
+    return np.array(path), state["target"][0].numpy()
 
 
 def closure_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -152,7 +152,7 @@ def test_collision_shapes_of_the_arm_are_few_and_primitive(model: mujoco.MjModel
     assert {int(model.geom_type[geom]) for geom in solid} <= {int(kind) for kind in primitive}
 
 
-def test_jaws_mirror_each_other_under_a_one_sided_push(model: mujoco.MjModel, layout: Layout):
+def test_jaws_mirror_each_other_under_a_one_sided_push(model: mujoco.MjModel, layout: NeedleLayout):
     data = data_at(model, start_at(layout, CENTRE))
     one, two = data.joint("jaw_1"), data.joint("jaw_2")
     begun = float(one.qpos[0])
@@ -170,7 +170,7 @@ def test_jaws_mirror_each_other_under_a_one_sided_push(model: mujoco.MjModel, la
     assert one.qpos[0] == pytest.approx(begun, abs=1e-3)
 
 
-def test_the_arm_holds_its_place(variants, layout: Layout):
+def test_the_arm_holds_its_place(variants, layout: NeedleLayout):
     """Gravity is compensated, so a position servo alone does not sag."""
     for model in variants.values():
         data = data_at(model, start_at(layout, CENTRE))
@@ -178,7 +178,7 @@ def test_the_arm_holds_its_place(variants, layout: Layout):
         assert tool_tip(data) == pytest.approx(CENTRE, abs=1e-5)
 
 
-def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout: Layout):
+def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout: NeedleLayout):
     """Full-range jumps of the target are the worst a servo can do to the closures."""
     model = variants["parallelogram"]
     data = data_at(model, start_at(layout, CENTRE))
@@ -194,7 +194,7 @@ def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout:
     assert np.median(misses) < 1e-4
 
 
-def test_the_linkage_keeps_its_ratios_while_it_moves(variants, layout: Layout):
+def test_the_linkage_keeps_its_ratios_while_it_moves(variants, layout: NeedleLayout):
     model = variants["parallelogram"]
     data = data_at(model, start_at(layout, CENTRE))
     ratios = linkage.linkage_ratios(model)
@@ -207,7 +207,7 @@ def test_the_linkage_keeps_its_ratios_while_it_moves(variants, layout: Layout):
     assert pitch == pytest.approx(0.3, abs=1e-3)
 
 
-def test_a_torn_linkage_would_be_noticed(variants, layout: Layout):
+def test_a_torn_linkage_would_be_noticed(variants, layout: NeedleLayout):
     """The measure of the tests above, on an arm that is held together by nothing else."""
     model = variants["parallelogram"]
     data = data_at(model, start_at(layout, CENTRE))
@@ -220,7 +220,7 @@ def test_a_torn_linkage_would_be_noticed(variants, layout: Layout):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_tip_follows_a_full_speed_ramp_and_stops(
-    variants, layout: Layout, episode: Episode, variant, axis, sense
+    variants, layout: NeedleLayout, episode: NeedleRules, variant, axis, sense
 ):
     place = np.array(CENTRE)
     place[axis] -= 2.5 * episode.translation * sense
@@ -237,7 +237,7 @@ def test_the_tip_follows_a_full_speed_ramp_and_stops(
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_both_arms_move_the_tip_alike(variants, layout: Layout, episode: Episode, axis):
+def test_both_arms_move_the_tip_alike(variants, layout: NeedleLayout, episode: NeedleRules, axis):
     """0.08 mm apart as built; the bound is a twentieth of the largest action."""
     place = np.array(CENTRE)
     actions = torch.zeros(60, 5, dtype=torch.float64)

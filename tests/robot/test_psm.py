@@ -10,7 +10,7 @@ import torch
 
 from needlehoop.robot import psm
 from needlehoop.robot.parallelogram import linkage_ratios
-from needlehoop.scene.layout import Layout
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
 
 # alpha, a, d, theta offset; limits and effort limit, as published in the dVRK's PSM.json
 # and LARGE_NEEDLE_DRIVER_400006.json.
@@ -74,7 +74,9 @@ def test_forward_kinematics_is_the_published_chain():
     np.testing.assert_allclose(psm.forward_kinematics(q).numpy(), expected, atol=1e-9)
 
 
-def test_forward_kinematics_agrees_with_the_compiled_model(model: mujoco.MjModel, layout: Layout):
+def test_forward_kinematics_agrees_with_the_compiled_model(
+    model: mujoco.MjModel, layout: NeedleLayout
+):
     data = mujoco.MjData(model)
     q = random_joints(1000)
     poses = psm.forward_kinematics(q).numpy()

@@ -6,24 +6,24 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from needle_task import addresses_of, draws, readings_of
 
-from needlehoop.engines.addresses import Addresses
 from needlehoop.envs.build import build
-from needlehoop.scene.layout import Layout
-from needlehoop.scene.signals import Readings, Signals
-from needlehoop.scene.spec import SENSORS
-from needlehoop.scene.vocabulary import TABLE, describe, vocabulary
-from needlehoop.task import crossing
-from needlehoop.task.start import DRAWS, draws, start
+from needlehoop.scene.signals import describe, vocabulary
+from needlehoop.tasks.needle_hoop import TASK, crossing
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.scene import SENSORS
+from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.start import DRAWS, start
 
 VERDICTS = ("touched", "threaded")
 
 
 @pytest.fixture
-def data(model: mujoco.MjModel, layout: Layout) -> mujoco.MjData:
+def data(model: mujoco.MjModel, layout: NeedleLayout) -> mujoco.MjData:
     """A scene in the middle of some movement, the needle in the air and turned."""
     begun = start(layout, torch.from_numpy(draws(1, 2, 3))[None])
-    data, addresses = mujoco.MjData(model), Addresses(model)
+    data, addresses = mujoco.MjData(model), addresses_of(model)
     data.qpos[:] = addresses.qpos(begun)[0]
     data.mocap_pos[:] = addresses.mocap(begun)[0]
     data.ctrl[:] = addresses.control(begun)[0] + [0.1, -0.1, 0.01, 0.3, 0.4, -0.5, -0.2]
@@ -37,12 +37,12 @@ def data(model: mujoco.MjModel, layout: Layout) -> mujoco.MjData:
 
 
 def read(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, np.ndarray]:
-    readings = Readings(model)(torch.from_numpy(data.sensordata.copy())[None])
+    readings = readings_of(model)(torch.from_numpy(data.sensordata.copy())[None])
     return {name: value[0].numpy() for name, value in readings.items()}
 
 
 def test_the_table_has_the_fields_of_signals_in_order():
-    assert list(TABLE) == [field.name for field in dataclasses.fields(Signals)]
+    assert list(TABLE) == [field.name for field in dataclasses.fields(TASK.signals_class)]
 
 
 def test_every_sensor_exists_and_reads_what_it_says(model: mujoco.MjModel):
@@ -112,7 +112,7 @@ def test_joints_and_jaw_are_mujocos_own(model: mujoco.MjModel, data: mujoco.MjDa
 
 
 def test_the_tip_and_the_tool_are_where_the_layout_puts_them(
-    model: mujoco.MjModel, data: mujoco.MjData, layout: Layout
+    model: mujoco.MjModel, data: mujoco.MjData, layout: NeedleLayout
 ):
     values = read(model, data)
     curve = crossing.centre_line(
@@ -135,11 +135,11 @@ def test_the_tip_and_the_tool_are_where_the_layout_puts_them(
     ],
 )
 def test_touch_is_contact_of_that_jaw_with_the_needle(
-    model: mujoco.MjModel, layout: Layout, across, expected
+    model: mujoco.MjModel, layout: NeedleLayout, across, expected
 ):
     begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
-    data, addresses = mujoco.MjData(model), Addresses(model)
-    begun.jaw[:] = 0.0
+    data, addresses = mujoco.MjData(model), addresses_of(model)
+    begun.robot["jaw"][:] = 0.0
     data.qpos[:] = addresses.qpos(begun)[0]
     mujoco.mj_kinematics(model, data)
     tool = data.site("tool").xmat.reshape(3, 3)
@@ -172,15 +172,15 @@ def test_signals_of_a_simulation_have_the_shapes_of_the_table(settings):
 
 
 def test_only_the_verdicts_are_kept_from_the_vocabulary():
-    assert set(TABLE) - set(vocabulary()) == set(VERDICTS)
+    assert set(TABLE) - set(vocabulary(TABLE)) == set(VERDICTS)
 
 
 def test_the_description_lists_all_but_the_verdicts():
-    head, *lines = describe().splitlines()
+    head, *lines = describe(vocabulary(TABLE)).splitlines()
     assert head.split() == ["name", "shape", "unit", "frame", "source", "meaning"]
     assert [line.split()[0] for line in lines] == [n for n in TABLE if n not in VERDICTS]
-    assert not any(verdict in describe() for verdict in VERDICTS)
-    for line, (name, signal) in zip(lines, vocabulary().items(), strict=True):
+    assert not any(verdict in describe(vocabulary(TABLE)) for verdict in VERDICTS)
+    for line, (name, signal) in zip(lines, vocabulary(TABLE).items(), strict=True):
         assert line.endswith(signal.meaning)
         assert "x".join(map(str, signal.shape)) in line, name
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from needle_task import compile_program
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
 from needlehoop.rewards import written
-from needlehoop.rewards.language.program import compile_program
-from needlehoop.scene.vocabulary import TABLE
+from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect, random_signals

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from needle_task import load_reward, random_signals
 from PIL import Image
 from vlm_server import KEY, Server, by_schema, serve
 
@@ -21,7 +22,6 @@ from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward
-from needlehoop.vlm.moments import random_signals
 from needlehoop.vlm.writing import ProgramRules, Verdict
 
 GOOD = "reward = 9 if grasped else 0\n"
@@ -386,7 +386,7 @@ def test_programs_for_all_sets_are_one_command(study, words, server, capsys):
         assert (study / f"rewards/{name}/image.txt").read_text() == "reward = 3\n"
     for cams in (sets[0], sets[-1]):
         job = composing.compose([f"cams={cams}", "reward=vlm_img", "reward.recording=null"], "job")
-        found = rewards.load(job["reward"])(random_signals(1, seed=0))
+        found = load_reward(job["reward"])(random_signals(1, seed=0))
         assert float(rewards.potential(found)[0]) == 3
     capsys.readouterr()
     (study / "rewards/rgb_default/image.txt").unlink()

@@ -21,12 +21,13 @@ from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import NONE
-from needlehoop.rewards.built_in import Human
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
-from needlehoop.scene import vocabulary
-from needlehoop.task.crossing import centre_line
-from needlehoop.task.expert import expert
+from needlehoop.scene import signals as scene_signals
+from needlehoop.tasks.needle_hoop.crossing import centre_line
+from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.reward import Human
+from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import SEEN, STATES, Album, all_channels
 from needlehoop.vlm.config import Gates
@@ -187,7 +188,7 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     for view in settings.views:
         assert f"- {view}: " in said
     reward = text_of(asked[6:7])
-    assert vocabulary.describe() in reward
+    assert scene_signals.describe(scene_signals.vocabulary(TABLE)) in reward
     assert "distance(a, b): between two points" in reward
     assert "between 0 and 9" in reward
     for fact in ("60 % of its length", "between 0 and 1.35 rad", "starts at 1.3 rad", "1/100"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from needlehoop.rewards.language.functions import (
 )
 from needlehoop.rewards.language.grammar import foreign, literal, refuse
 from needlehoop.rewards.language.tape import Register, Tape
-from needlehoop.scene.vocabulary import TABLE, vocabulary
+from needlehoop.scene.signals import Signal, vocabulary
 
 MAX_NODES = 2000
 """Names, numbers and operations in a program."""
@@ -59,7 +60,8 @@ class Expressions:
     ``variables`` are the program's, by name. Statements assign them; expressions read them.
     """
 
-    def __init__(self, tape: Tape):
+    def __init__(self, tape: Tape, table: Mapping[str, Signal]):
+        self._table = table
         self.variables: Variables = {}
         self._tape = tape
         self._nodes = self._depth = 0
@@ -95,12 +97,12 @@ class Expressions:
             )
         if found is not None:
             return found
-        signals = vocabulary()
+        signals = vocabulary(self._table)
         if name in signals:
             row = signals[name]
             plain = TRUTH if row.unit == "bool" else NUMBER
             return self._tape.signal(name, vector_of(*row.shape) if row.shape else plain)
-        if name in TABLE:
+        if name in self._table:
             raise refuse(node, f"{name!r} is the verdict, which no program may read")
         if name in FUNCTIONS:
             raise refuse(node, f"{name!r} is a function: {FUNCTIONS[name].signature}")

@@ -8,6 +8,7 @@ Python: its tree is walked once, and every expression becomes a step that writes
 from __future__ import annotations
 
 import ast
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,9 @@ from needlehoop.rewards.language.expressions import Expressions, Partial, Variab
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError, foreign, parse, refuse, summed
 from needlehoop.rewards.language.tape import Code, Register, Tape
-from needlehoop.scene.vocabulary import TABLE
 
 if TYPE_CHECKING:
-    from needlehoop.scene.signals import Signals
+    from needlehoop.scene.signals import Signal, Signals
 
 MAX_STATEMENTS = 100
 """Statements in a program, those inside ifs included."""
@@ -62,21 +62,25 @@ class Program:
         return terms
 
 
-def compile_program(source: str) -> Program:
+def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
     """A program from its source.
+
+    Args:
+        source: its text.
+        table: of the signals; it may read all but the verdicts.
 
     Raises:
         ProgramError: the program is refused; ``line``, ``column`` and ``reason`` say why.
     """
-    return Program(source, _Compiler().compile(parse(source)))
+    return Program(source, _Compiler(table).compile(parse(source)))
 
 
 class _Compiler:
     """Writes the statements of one program."""
 
-    def __init__(self):
-        self._tape = Tape()
-        self._expressions = Expressions(self._tape)
+    def __init__(self, table: Mapping[str, Signal]):
+        self._tape, self._signals = Tape(), table
+        self._expressions = Expressions(self._tape, table)
         self._statements = self._nesting = 0
         self._last: tuple[ast.stmt, dict[str, Register]] | None = None
         """The last assignment to the result, and the terms it is the sum of."""
@@ -119,7 +123,7 @@ class _Compiler:
     def _assign(
         self, statement: ast.stmt, target: ast.Name, value: Register, terms: dict[str, Register]
     ) -> None:
-        for table, what in ((TABLE, "signal"), (FUNCTIONS, "function")):
+        for table, what in ((self._signals, "signal"), (FUNCTIONS, "function")):
             if target.id in table:
                 raise refuse(target, f"{target.id!r} is a {what}; choose another name")
         self._expressions.variables[target.id] = value

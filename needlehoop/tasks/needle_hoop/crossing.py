@@ -9,19 +9,19 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.scene.layout import Layout
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
 
 _CURVE_POINTS = 33
 
 
-def centre_line(layout: Layout, position: Tensor, quat: Tensor) -> Tensor:
+def centre_line(layout: NeedleLayout, position: Tensor, quat: Tensor) -> Tensor:
     """Points of the needle's centre line from tail to tip, ``(n, k, 3)`` in the world, m."""
     local = _local_curve(layout)
     return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), local)
 
 
 def passes_through(
-    layout: Layout, depth: float, curve: Tensor, goal: Tensor, axis: Tensor
+    layout: NeedleLayout, depth: float, curve: Tensor, goal: Tensor, axis: Tensor
 ) -> Tensor:
     """Whether needles pass through the opening, tip first; ``(n,)`` bool.
 
@@ -53,6 +53,6 @@ def passes_through(
 
 
 @cache
-def _local_curve(layout: Layout) -> Tensor:
+def _local_curve(layout: NeedleLayout) -> Tensor:
     tail, tip = layout.needle_angles
     return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, _CURVE_POINTS)))

@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Signals
-from needlehoop.task.episode import Episode
-from needlehoop.task.expert import GAIN, HOVER, STANDOFF, Script
+from needlehoop.tasks.needle_hoop.expert import GAIN, HOVER, STANDOFF, Script
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
 
 # Who learns from images of 64 px knows places to 2 or 3 mm and does what the expert would do on
 # average over what may be there. So every switch is a ramp, wider than that; and where the arm
@@ -101,7 +101,7 @@ class Smooth(Script):
         return 1.0 - 2.0 * torch.where(s.grasped, torch.ones_like(near), near)
 
 
-def smooth(layout: Layout, episode: Episode) -> Smooth:
+def smooth(layout: NeedleLayout, episode: NeedleRules) -> Smooth:
     """The controller that threads the needle and can be imitated."""
     return Smooth(layout, episode, past=_THROUGH)
 

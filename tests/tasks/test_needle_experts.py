@@ -6,12 +6,12 @@ from strength import ALL
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import CONTROLLERS, controller, run_trials
+from needlehoop.envs.controllers import controller, controllers, run_trials
 from needlehoop.envs.rollout import run_episodes
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
-from needlehoop.task.expert import Script, expert
-from needlehoop.task.smooth import smooth
+from needlehoop.tasks.needle_hoop.expert import Script, expert
+from needlehoop.tasks.needle_hoop.smooth import smooth
 
 EPISODES = 200 if ALL else 60
 
@@ -152,7 +152,7 @@ def test_expert_actions_are_within_bounds(script):
 
 
 def test_controllers_are_named():
-    assert set(CONTROLLERS) == {"expert", "smooth", "cheat", "random"}
+    assert set(controllers(compose_settings())) == {"expert", "smooth", "cheat", "random"}
     with pytest.raises(ValueError, match=r"controller.*expert, smooth, cheat, random"):
         controller("expart", compose_settings())
 

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.scene.layout import Layout
 from needlehoop.scene.signals import Signals
-from needlehoop.task.episode import Episode
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
 
 GAIN = 0.4
 """Share of the remaining error that an action asks for; the servos lag behind."""
@@ -34,8 +34,8 @@ class Script:
         past: how far beyond the hoop's plane the tip is sent, m; negative stops short.
     """
 
-    layout: Layout
-    episode: Episode
+    layout: NeedleLayout
+    episode: NeedleRules
     past: float
 
     def __post_init__(self) -> None:
@@ -108,12 +108,12 @@ class Script:
         return geo.angle(ax * bx + ay * by, ax * by - ay * bx)
 
 
-def expert(layout: Layout, episode: Episode) -> Script:
+def expert(layout: NeedleLayout, episode: NeedleRules) -> Script:
     """The controller that threads the needle."""
     return Script(layout, episode, past=episode.thread_depth + 0.004)
 
 
-def cheat(layout: Layout, episode: Episode) -> Script:
+def cheat(layout: NeedleLayout, episode: NeedleRules) -> Script:
     """The controller that touches the goal from before the opening and stays there."""
     return replace(expert(layout, episode), past=-0.6 * episode.goal_radius)
 

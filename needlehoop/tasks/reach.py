@@ -7,10 +7,10 @@ from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
-from needlehoop.scene.layout import Layout
+from needlehoop.tasks.layout import ArmLayout
 
 
-def tip_joints(layout: Layout, tool: Tensor, roll: Tensor) -> Tensor:
+def tip_joints(layout: ArmLayout, tool: Tensor, roll: Tensor) -> Tensor:
     """Joints ``(n, 6)`` that bring ``tool_midpoint`` to ``tool`` ``(n, 3)``, the wrist straight.
 
     ``roll`` ``(n,)`` about the instrument, rad; m, world frame. Clamped to the joints' limits.
@@ -19,7 +19,7 @@ def tip_joints(layout: Layout, tool: Tensor, roll: Tensor) -> Tensor:
     return joints.clamp(*psm.joint_limits())
 
 
-def pose_joints(layout: Layout, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
+def pose_joints(layout: ArmLayout, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
     """Joints ``(n, 6)`` for ``tool_midpoint`` and the tool frame's orientation ``quat`` ``(n, 4)``.
 
     Found from the joints ``nearby`` ``(n, 6)``; m, world frame.

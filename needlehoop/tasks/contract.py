@@ -1,0 +1,209 @@
+"""What a task gives. All that is generic reads this and knows no task by name.
+
+Functions are pure and batched: tensors in, tensors out, a leading dimension of ``n``
+environments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from tensordict import TensorDict
+from torch import Tensor
+
+from needlehoop.scene.signals import SensorSpec, Signal, signals_class
+from needlehoop.tasks.episode import Episode
+from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.start import Start
+
+if TYPE_CHECKING:
+    import mujoco
+    import numpy as np
+
+Memory = TensorDict
+"""What is remembered between steps, by name, batch size ``(n,)``: the robot's targets, ``steps``
+taken, the facts that are remembered and those that were true once."""
+
+Controller = Callable[[Any], Tensor]
+"""Signals to actions ``(n, action_size)``."""
+
+
+DIVERGED = "diverged"
+"""A fact of every task: the physics broke down."""
+
+_ROBOT = (0, 140, 255)
+"""Colour of the robot in flat renderings."""
+
+
+class Weld(NamedTuple):
+    """What a weld between two bodies has to become.
+
+    ``changed`` and ``active`` ``(n,)`` bool; ``pose`` ``(n, 7)`` of the second body in the first
+    one's frame (position in m, quaternion), of use where ``active``.
+    """
+
+    changed: Tensor
+    active: Tensor
+    pose: Tensor
+
+
+@dataclass(frozen=True)
+class Fact:
+    """Something that is true of a moment or not; a row of the table of signals says what it means.
+
+    Its row's source is ``verdict`` where reward writers may not see it, else ``fact``.
+    """
+
+    name: str
+    remembered: bool = False
+    """Whether the next ``observe`` finds its value in the memory."""
+    once: bool = False
+    """Whether ``has_<name>`` says that it was true at some time of the episode."""
+    column: str | None = None
+    """The fact that a run's tables report under this name, ``has_<name>`` say; ``None``: itself."""
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A part of the task, in the order in which parts follow each other."""
+
+    name: str
+    ends: str
+    """The fact that ends it."""
+    points: tuple[str, str]
+    """Signals whose distance matters in it."""
+
+
+@dataclass(frozen=True)
+class FlatClass:
+    """Things that a flat rendering paints in one colour."""
+
+    bodies: tuple[str, ...]
+    """Bodies whose subtrees it paints."""
+    colour: tuple[int, int, int]
+    """RGB, 0 to 255; a rendering may name another."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Arms, and how actions move them."""
+
+    add: Callable[[mujoco.MjSpec, Any, str], None]
+    """Adds bodies, joints, servos to a scene, from a layout and the setting ``psm``."""
+    poser: Callable[[mujoco.MjModel], Callable[[np.ndarray, Start], None]]
+    """For a compiled scene, what writes a start's robot into ``qpos`` ``(k, nq)``."""
+    begin: Callable[[Any, Start], dict[str, Tensor]]
+    """From rules and a start, what the robot remembers."""
+    act: Callable[[Any, Any, Memory, Tensor], tuple[dict[str, Tensor], Tensor]]
+    """From layout, rules, memory and an action ``(n, action_size)``, what it remembers now, and
+    the servos' commands ``(n, nu)``."""
+    commands: Callable[[Memory], dict[str, Tensor]]
+    """Signals that come from the memory and not from sensors."""
+    materials: Mapping[str, tuple[tuple[float, float, float], float, float]]
+    """RGB, specular and shininess by name."""
+    body: str
+    """Root of its bodies: class ``robot`` of flat renderings."""
+    proprio: tuple[str, ...]
+    """Signals that it knows of itself."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task. ``needlehoop tasks`` prints it; ``docs/own-task.md`` walks through one."""
+
+    name: str
+    summary: str
+    """One sentence."""
+    robot: Robot
+    layout: type[Layout]
+    """Sizes, placement, scatter; values in ``conf/task``."""
+    rules: type[Episode]
+    """Control, thresholds, what success is; values in ``conf/episode``."""
+    materials: Mapping[str, tuple[tuple[float, float, float], float, float]]
+    """RGB, specular and shininess by name, beside the robot's."""
+    build: Callable[[mujoco.MjSpec, Any, Any], None]
+    """Adds bodies, sites and welds to a scene with robot, table and lights."""
+    sensors: Mapping[str, SensorSpec]
+    """All sensors of the scene, the robot's too."""
+    signals: Mapping[str, Signal]
+    """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts."""
+    classes: Mapping[str, FlatClass]
+    """Of flat renderings, beside ``robot``."""
+    draws: int
+    """Uniform numbers that one reset consumes."""
+    start: Callable[[Any, Tensor], Start]
+    """From a layout and uniform numbers ``(n, draws)``, where everything begins."""
+    facts: tuple[Fact, ...]
+    """In the order in which they are reported."""
+    observe: Callable[
+        [Any, Any, Memory, Mapping[str, Tensor]], tuple[dict[str, Tensor], dict[str, Weld]]
+    ]
+    """From layout, rules, memory and readings, the facts ``(n,)`` bool by name and the welds."""
+    goal: str
+    """The fact that says that the task is done."""
+    success: Callable[[Any, Any], Tensor]
+    """From rules and signals, whether an episode is successful now, ``(n,)`` bool."""
+    phases: tuple[Phase, ...]
+    state: tuple[str, ...]
+    """Signals that ``obs=signals`` reports: enough to do the task without eyes."""
+    controllers: Mapping[str, Callable[[Any, Any], Controller]]
+    """Scripted controllers by name, from layout and rules. ``expert`` must be there."""
+    teacher: str
+    """Of the controllers, the one that is imitated."""
+    human: type
+    """The reward that a person wrote; values in ``conf/reward``."""
+    cheat: Callable[[Memory, Any], Tensor] | None = None
+    """From memory and signals, whether an episode looks done and is not; ``None``: never."""
+    critic: Sequence[str] = field(default=())
+    """Facts that the value function is told by default."""
+
+    def __post_init__(self) -> None:
+        names = [fact.name for fact in self.facts]
+        for what, used, valid in (
+            ("facts", names, self.signals),
+            ("goal", [self.goal], names),
+            ("phases", [phase.ends for phase in self.phases], names),
+            ("phases", [point for phase in self.phases for point in phase.points], self.signals),
+            ("state", self.state, self.signals),
+            ("robot.proprio", self.robot.proprio, self.signals),
+            ("sensors", [s.signal or name for name, s in self.sensors.items()], self.signals),
+            ("critic", self.critic, self.all_facts),
+            ("teacher", [self.teacher], self.controllers),
+            ("controllers", ["expert"], self.controllers),
+        ):
+            for name in used:
+                if name not in valid:
+                    known = ", ".join(valid)
+                    raise ValueError(f"task {self.name}: {what}: no {name!r} among {known}")
+
+    @cached_property
+    def signals_class(self) -> type:
+        """The TensorClass of its signals."""
+        return signals_class(self.signals)
+
+    @property
+    def paint(self) -> dict[str, FlatClass]:
+        """Classes of flat renderings, the robot's among them."""
+        return {**self.classes, "robot": FlatClass((self.robot.body,), _ROBOT)}
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Facts that a robot can keep track of by itself; a verdict would be the answer."""
+        return tuple(n for n, row in self.signals.items() if row.source == "fact")
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """What a run's tables report of an episode's last step: the fact by the column's name."""
+        cheat = {} if self.cheat is None else {"cheat": "cheat"}
+        own = {fact.name: fact.column or fact.name for fact in self.facts}
+        return {"success": "success", **cheat, **own, DIVERGED: DIVERGED}
+
+    @property
+    def all_facts(self) -> tuple[str, ...]:
+        """Of the moment, then of the episode: the keys of ``facts`` in every environment."""
+        cheat = () if self.cheat is None else ("cheat",)
+        once = (f"has_{fact.name}" for fact in self.facts if fact.once)
+        return (*(fact.name for fact in self.facts), "success", *cheat, *once, DIVERGED)

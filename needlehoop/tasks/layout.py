@@ -1,0 +1,77 @@
+"""Sizes and placement that every task has, and those of tasks with the PSM."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from needlehoop.config.strict import Range
+
+Length = Annotated[float, Range(1e-5, 1.0)]
+"""m; the arm reaches a quarter of the most, and of far less MuJoCo makes no shapes."""
+
+Place = Annotated[float, Range(-1.0, 1.0)]
+"""A coordinate, m."""
+
+Spread = Annotated[float, Range(0.0, 2 * math.pi)]
+"""A half-width, m or rad."""
+
+Angle = Annotated[float, Range(1e-2, 2 * math.pi)]
+Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
+"""rad."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What every task's layout has; values in ``conf/task``."""
+
+    name: str
+    """Of the task."""
+    timestep: Annotated[float, Range(1e-4, 0.01)]
+    """Physics step, s."""
+
+
+@dataclass(frozen=True)
+class ArmLayout(Layout):
+    """Where the PSM stands, begins and may go.
+
+    Lengths in m, angles in rad, positions in the world frame. Ranges are half-widths of
+    uniform distributions about the nominal value.
+    """
+
+    tool_position: tuple[Place, Place, Place]
+    """Nominal start of ``tool_midpoint``."""
+    tool_position_range: tuple[Spread, Spread, Spread]
+    tool_roll: Turn
+    """Start of the rotation about the instrument's axis."""
+    tool_jaw: Turn
+    """Start of the jaw angle."""
+
+    workspace_lower: tuple[Place, Place, Place]
+    workspace_upper: tuple[Place, Place, Place]
+    """Corners of the box that clamps ``tool_midpoint``'s target."""
+    roll_range: Spread
+    """The rotation's target stays within this of ``tool_roll``."""
+    jaw_closed: Turn
+    jaw_open: Turn
+    """Limits of the jaw command."""
+
+    rcm_height: Length
+    """Height of the remote centre of motion above the table."""
+    grip: Length
+    """Distance of ``tool_midpoint`` from the wrist-yaw axis, along the blades."""
+
+    def __post_init__(self) -> None:
+        lower, upper = self.workspace_lower, self.workspace_upper
+        if not all(a < b for a, b in zip(lower, upper, strict=True)):
+            raise ValueError(f"task.workspace_lower: {lower} must be below {upper}")
+        if not self.jaw_closed < self.jaw_open:
+            raise ValueError(f"task.jaw_closed: {self.jaw_closed} must be below {self.jaw_open}")
+
+    @property
+    def rcm(self) -> np.ndarray:
+        """Position of the remote centre of motion, ``(3,)``."""
+        return np.array([0.0, 0.0, self.rcm_height])

@@ -1,0 +1,52 @@
+"""Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
+
+``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
+``facts`` (with ``crossing``) what is true, ``rules`` from when on, ``expert`` and ``smooth`` who
+can do it, ``reward`` what the paper's author pays.
+"""
+
+from needlehoop.tasks.contract import FlatClass, Phase, Task
+from needlehoop.tasks.needle_hoop.expert import cheat as cheat_script
+from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.facts import FACTS, cheat, observe, success
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.reward import Human
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
+from needlehoop.tasks.needle_hoop.scene import MATERIALS, SENSORS, build
+from needlehoop.tasks.needle_hoop.signals import STATE, TABLE
+from needlehoop.tasks.needle_hoop.smooth import smooth
+from needlehoop.tasks.needle_hoop.start import DRAWS, start
+from needlehoop.tasks.psm import ROBOT
+
+TASK = Task(
+    name="needle_hoop",
+    summary="Pick a suture needle off a table and pass it through a hoop.",
+    robot=ROBOT,
+    layout=NeedleLayout,
+    rules=NeedleRules,
+    materials=MATERIALS,
+    build=build,
+    sensors=SENSORS,
+    signals=TABLE,
+    classes={
+        "needle": FlatClass(("needle",), (255, 230, 0)),
+        "hoop": FlatClass(("hoop",), (255, 0, 80)),
+    },
+    draws=DRAWS,
+    start=start,
+    facts=FACTS,
+    observe=observe,
+    goal="threaded",
+    success=success,
+    phases=(
+        Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
+        Phase("lift", "lifted", ("pickup_point", "lift_position")),
+        Phase("insert", "threaded", ("needle_tip", "goal")),
+    ),
+    state=STATE,
+    controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
+    teacher="smooth",
+    human=Human,
+    cheat=cheat,
+    critic=("grasped", "lifted"),
+)

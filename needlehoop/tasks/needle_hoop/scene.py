@@ -1,0 +1,131 @@
+"""Needle, hoop and its stand as MuJoCo bodies, and the sensors of the scene."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from needlehoop.robot.shapes import collision, torus, tube
+from needlehoop.scene.signals import SensorSpec
+from needlehoop.scene.spec import Materials, add_mesh
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
+from needlehoop.tasks.psm import JOINT_SENSORS, TOOL_SENSORS, touch_sensors
+
+NEEDLE_SEGMENTS = 7
+HOOP_SEGMENTS = 16
+
+WELD = "grasp"
+"""Name of the weld between wrist and needle."""
+
+MATERIALS: Materials = {
+    "needle": ((0.93, 0.94, 0.97), 0.9, 0.7),
+    "hoop": ((0.93, 0.47, 0.13), 0.4, 0.4),
+    "stand": ((0.88, 0.88, 0.90), 0.2, 0.3),
+}
+
+_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
+
+SENSORS: dict[str, SensorSpec] = {
+    **TOOL_SENSORS,
+    "pickup_point": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "pickup_point"),
+    "needle_tip": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "needle_tip"),
+    "needle_quat": SensorSpec(_SENS.mjSENS_FRAMEQUAT, _OBJ.mjOBJ_SITE, "pickup_point"),
+    "goal": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "goal"),
+    "hoop_axis": SensorSpec(_SENS.mjSENS_FRAMEZAXIS, _OBJ.mjOBJ_SITE, "goal"),
+    "lift_position": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "lift_position"),
+    **JOINT_SENSORS,
+    **touch_sensors("needle"),
+}
+"""Every sensor of the scene, in the order of ``sensordata``."""
+
+
+def build(spec: mujoco.MjSpec, layout: NeedleLayout, rules: NeedleRules) -> None:
+    """Add needle and hoop, and the (inactive) weld for ``episode.grasp=weld``."""
+    _add_needle(spec, layout)
+    _add_hoop(spec, layout)
+    if rules.grasp == "weld":
+        spec.add_equality(
+            name=WELD,
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="wrist_yaw",
+            name2="needle",
+            active=False,
+            solref=[0.004, 1.0],
+            solimp=[0.99, 0.999, 0.0001, 0.5, 2.0],
+        )
+
+
+def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
+    """A free body whose frame sits at the pickup point."""
+    tail, tip = layout.needle_angles
+    height = layout.needle_thickness / 2
+    x, y = layout.needle_position
+    half_yaw = layout.needle_yaw / 2
+    body = spec.worldbody.add_body(
+        name="needle", pos=[x, y, height], quat=[np.cos(half_yaw), 0, 0, np.sin(half_yaw)]
+    )
+    body.add_freejoint(name="needle")
+    mesh = tube(layout.centre_line(np.linspace(tail, tip, 15)), height, taper=0.12)
+    add_mesh(spec, body, "needle", mesh, "needle")
+    ends = layout.centre_line(np.linspace(tail, tip, NEEDLE_SEGMENTS + 1))
+    for index, (start, end) in enumerate(pairwise(ends)):
+        body.add_geom(
+            name=f"needle_{index}",
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=np.concatenate((start, end)),
+            size=[height, 0, 0],
+            mass=layout.needle_mass / NEEDLE_SEGMENTS,
+            friction=[0.8, 0.002, 0.0001],
+            solref=[0.004, 1.0],
+            **collision(True),
+        )
+    body.add_site(name="pickup_point", size=[0.001] * 3)
+    body.add_site(name="needle_tip", pos=ends[-1], size=[0.001] * 3)
+
+
+def _add_hoop(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
+    """A ring on a telescopic stand; both are mocap bodies, placed at reset."""
+    centre = np.array(layout.hoop_position)
+    radius, thick = layout.hoop_opening + layout.hoop_tube, layout.hoop_tube
+    stand = spec.worldbody.add_body(name="stand", pos=[*centre[:2], 0.0], mocap=True)
+    sleeve = centre[2] - layout.hoop_position_range[2] - radius - 0.006
+    for name, low, high, size in (("base", 0.0, 0.003, 0.009), ("sleeve", 0.0, sleeve, 0.0032)):
+        _add_post(stand, f"stand_{name}", low, high, size, "stand")
+    hoop = spec.worldbody.add_body(name="hoop", pos=centre, mocap=True)
+    # Long enough to stay inside the sleeve at any height.
+    _add_post(hoop, "hoop_rod", sleeve / 2 - centre[2], -radius, 0.0016, "stand")
+    add_mesh(spec, hoop, "hoop", torus(radius, thick), "hoop")
+    angles = np.linspace(0.0, 2 * np.pi, HOOP_SEGMENTS + 1)
+    # Chords would cut into the opening: their mid-points lie on the ring instead.
+    outer = radius / np.cos(np.pi / HOOP_SEGMENTS)
+    ring = outer * np.stack((np.cos(angles), np.zeros_like(angles), np.sin(angles)), -1)
+    for index, (start, end) in enumerate(pairwise(ring)):
+        hoop.add_geom(
+            name=f"hoop_{index}",
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=np.concatenate((start, end)),
+            size=[thick, 0, 0],
+            friction=[0.3, 0.002, 0.0001],
+            solref=[0.004, 1.0],
+            **collision(True),
+        )
+    quarter = np.sqrt(0.5)
+    # The site's z axis is the hoop's axis: the world's y.
+    hoop.add_site(name="goal", quat=[quarter, -quarter, 0, 0], size=[0.001] * 3)
+    spec.worldbody.add_body(name="lift_position", mocap=True)
+
+
+def _add_post(
+    body: mujoco.MjsBody, name: str, low: float, high: float, radius: float, material: str
+) -> None:
+    shape = {
+        "type": mujoco.mjtGeom.mjGEOM_CYLINDER,
+        "fromto": [0, 0, low, 0, 0, high],
+        "size": [radius, 0, 0],
+    }
+    body.add_geom(name=name, material=material, **shape, **collision(False))
+    body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))

@@ -1,0 +1,53 @@
+"""Where an episode begins: needle, hoop and tool, scattered over the layout's ranges."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from needlehoop.robot import geometry as geo
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.psm import servos, start_of
+from needlehoop.tasks.start import Start, scatter
+
+DRAWS = 9
+"""Uniform numbers that one reset consumes."""
+
+_SUNK = 1.25e-6
+"""How deep a needle at rest sinks into the table, m (measured). Laid exactly on the
+surface, rounding decides which of its contacts exist, and the rest kick it."""
+
+
+def start(layout: NeedleLayout, uniform: Tensor) -> Start:
+    """Scatter needle, hoop and tool over the layout's ranges.
+
+    Args:
+        layout: nominal placement and ranges.
+        uniform: numbers in [0, 1) ``(n, DRAWS)``, float64.
+    """
+    needle_xy = scatter(uniform[:, 0:2], layout.needle_position, layout.needle_position_range)
+    yaw = scatter(uniform[:, 2:3], [layout.needle_yaw], [layout.needle_yaw_range])[:, 0]
+    hoop = scatter(uniform[:, 3:6], layout.hoop_position, layout.hoop_position_range)
+    tool = scatter(uniform[:, 6:9], layout.tool_position, layout.tool_position_range)
+    height = torch.full_like(needle_xy[:, :1], layout.needle_thickness / 2 - _SUNK)
+    roll, jaw = torch.full_like(yaw, layout.tool_roll), torch.full_like(yaw, layout.tool_jaw)
+    needle = torch.cat((needle_xy, height, geo.about_z(yaw)), -1)
+    return place(start_of(layout, tool, roll, jaw), needle, hoop)
+
+
+def place(robot: TensorDict, needle: Tensor, hoop: Tensor) -> Start:
+    """A start from the robot's own, the needle's pose ``(n, 7)`` and the hoop's centre ``(n, 3)``.
+
+    The lift position is above the needle, at the hoop's height.
+    """
+    n = len(needle)
+    stand = torch.cat((hoop[:, :2], torch.zeros_like(hoop[:, :1])), -1)
+    lift = torch.cat((needle[:, :2], hoop[:, 2:]), -1)
+    return Start(
+        robot=robot,
+        free=TensorDict({"needle": needle}, [n]),
+        mocap=TensorDict({"stand": stand, "hoop": hoop, "lift_position": lift}, [n]),
+        control=servos(robot),
+        batch_size=[n],
+    )

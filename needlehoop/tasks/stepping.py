@@ -1,0 +1,123 @@
+"""What happens to the memory of a task between two looks at the scene. No physics, no pay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Memory, Task, Weld
+from needlehoop.tasks.episode import Episode
+from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.start import Start
+
+
+class Seen(NamedTuple):
+    """What a task makes of a scene's readings.
+
+    ``memory`` from now on; ``facts`` ``(n,)`` bool by name, in the order of ``Task.all_facts``,
+    without ``diverged``, which the engine tells.
+    """
+
+    memory: Memory
+    signals: Signals
+    facts: dict[str, Tensor]
+    welds: dict[str, Weld]
+
+
+def begin(task: Task, rules: Episode, start: Start) -> Memory:
+    """The memory when an episode begins: targets where the robot is, nothing true yet."""
+    n = len(start)
+    names = [fact.name for fact in task.facts if fact.remembered]
+    names += [f"has_{fact.name}" for fact in task.facts if fact.once]
+    no = {name: torch.zeros(n, dtype=torch.bool) for name in names}
+    steps = torch.zeros(n, dtype=torch.int64)
+    return Memory({**task.robot.begin(rules, start), **no, "steps": steps}, [n])
+
+
+def act(
+    task: Task, layout: Layout, rules: Episode, memory: Memory, action: Tensor
+) -> tuple[Memory, Tensor]:
+    """Move the robot's targets by an action.
+
+    Args:
+        task: whose robot it is.
+        layout: what clamps the targets.
+        rules: control mode and scales.
+        memory: before the action.
+        action: ``(n, action_size)``; values beyond [-1, 1] are clamped.
+
+    Returns:
+        The memory with targets moved and a step more, and the servos' commands ``(n, nu)``.
+
+    Raises:
+        ValueError: wrong shape, or a value that is not finite.
+    """
+    expected = (*memory.batch_size, rules.action_size)
+    if tuple(action.shape) != expected:
+        raise ValueError(
+            f"action: shape {tuple(action.shape)}; expected {expected} for control={rules.control}"
+        )
+    if action.is_complex():
+        raise ValueError(f"action: {str(action.dtype).rpartition('.')[2]}; expected real numbers")
+    finite = torch.isfinite(action).all(-1)
+    if not bool(finite.all()):
+        bad = (~finite).nonzero().flatten().tolist()
+        raise ValueError(f"action: not finite in environments {bad}; expected numbers in [-1, 1]")
+    clamped = action.to(torch.float64).clamp(-1.0, 1.0)
+    moved, control = task.robot.act(layout, rules, memory, clamped)
+    return _with(memory, {**moved, "steps": memory["steps"] + 1}), control
+
+
+def observe(
+    task: Task, layout: Layout, rules: Episode, memory: Memory, readings: Mapping[str, Tensor]
+) -> Seen:
+    """Decide the facts from readings, and remember what is to be remembered.
+
+    Args:
+        task: whose facts they are.
+        layout: its sizes.
+        rules: its thresholds.
+        memory: after the action.
+        readings: named sensor readings, current (read after a forward).
+    """
+    facts, welds = task.observe(layout, rules, memory, readings)
+    kept = {fact.name: facts[fact.name] for fact in task.facts if fact.remembered}
+    for fact in task.facts:
+        if fact.once:
+            kept[f"has_{fact.name}"] = memory[f"has_{fact.name}"] | facts[fact.name]
+    memory = _with(memory, kept)
+    fields = {
+        **readings,
+        **task.robot.commands(memory),
+        "elapsed": memory["steps"].double() / rules.max_steps,
+        **facts,
+    }
+    signals = task.signals_class(**fields, batch_size=memory.batch_size)
+    known = {**facts, "success": task.success(rules, signals)}
+    if task.cheat is not None:
+        known["cheat"] = task.cheat(memory, signals)
+    known |= {name: memory[name] for name in kept if name not in known}
+    ordered = {name: known[name] for name in task.all_facts if name in known}
+    return Seen(memory, signals, ordered, welds)
+
+
+def is_terminated(rules: Episode, facts: Mapping[str, Tensor]) -> Tensor:
+    """Success ends an episode, unless the rules let it run on; ``(n,)`` bool."""
+    return facts["success"] & rules.end_on_success
+
+
+def is_truncated(rules: Episode, memory: Memory, facts: Mapping[str, Tensor]) -> Tensor:
+    """The time is up and success did not end it; ``(n,)`` bool."""
+    return (memory["steps"] >= rules.max_steps) & ~is_terminated(rules, facts)
+
+
+def _with(memory: Memory, values: Mapping[str, Tensor]) -> Memory:
+    """A memory with other values; the one that is given stays as it was."""
+    changed = memory.clone(recurse=False)
+    for name, value in values.items():
+        changed[name] = value
+    return changed

@@ -1,0 +1,53 @@
+"""The steps of needle and hoop, as its tests call them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import mujoco
+
+from needlehoop import rewards
+from needlehoop.engines.addresses import Addresses
+from needlehoop.envs.settings import Settings
+from needlehoop.rewards.language import program
+from needlehoop.scene.signals import Readings
+from needlehoop.tasks import stepping
+from needlehoop.tasks.needle_hoop import TASK
+from needlehoop.tasks.needle_hoop.scene import WELD
+from needlehoop.tasks.scene import build_spec
+from needlehoop.tasks.start import draws as draw
+from needlehoop.vlm import moments
+
+begin = partial(stepping.begin, TASK)
+act = partial(stepping.act, TASK)
+draws = partial(draw, count=TASK.draws)
+
+
+def observe(layout, episode, memory, readings):
+    """The memory from now on, the signals, and the grasp's weld (none by friction)."""
+    seen = stepping.observe(TASK, layout, episode, memory, readings)
+    return seen.memory, seen.signals, seen.welds.get(WELD)
+
+
+def spec_of(settings: Settings, psm: str, views=None) -> mujoco.MjSpec:
+    """The scene, with either arm."""
+    return build_spec(TASK, settings.task, settings.episode, psm, views or {})
+
+
+def addresses_of(model: mujoco.MjModel) -> Addresses:
+    return Addresses(model, TASK.robot)
+
+
+def readings_of(model: mujoco.MjModel) -> Readings:
+    return Readings(model, TASK.sensors, TASK.signals)
+
+
+def load_reward(config):
+    return rewards.load(config, TASK)
+
+
+def compile_program(source):
+    return program.compile_program(source, TASK.signals)
+
+
+random_signals = partial(moments.random_signals, TASK)
