@@ -16,10 +16,10 @@ from needlehoop.robot.joints import JOINT_NAMES
 from needlehoop.robot.parallelogram import Posture
 from needlehoop.scene.signals import SensorSpec, Signal
 from needlehoop.scene.spec import Materials, begin_spec
+from needlehoop.tasks.arm_kinematics import pose_joints, tip_joints, tool_quat
 from needlehoop.tasks.contract import Memory, Robot
 from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import ArmLayout
-from needlehoop.tasks.reach import pose_joints, tip_joints, tool_quat
 from needlehoop.tasks.start import Start
 
 _SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
