@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Memory = TensorDict
 """What is remembered between steps, by name, batch size ``(n,)``: the robot's targets, ``steps``
-taken, the facts that are remembered and those that were true once."""
+taken, the facts that are remembered, those that were true once, and since when some are true."""
 
 Controller = Callable[[Any], Tensor]
 """Signals to actions ``(n, action_size)``."""
@@ -62,6 +62,8 @@ class Fact:
     """Whether the next ``observe`` finds its value in the memory."""
     once: bool = False
     """Whether ``has_<name>`` says that it was true at some time of the episode."""
+    timed: bool = False
+    """Whether the memory has ``<name>_since``: the last step after which it was not true."""
     column: str | None = None
     """The fact that a run's tables report under this name, ``has_<name>`` say; ``None``: itself."""
 

@@ -42,8 +42,8 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class ArmEpisode(Episode):
-    """How actions move the PSM, and when its jaws hold something. Lengths in m, angles in rad.
+class ToolEpisode(Episode):
+    """How actions move the PSM. Lengths in m, angles in rad.
 
     ``control=tip``: tip x, y, z, rotation about the instrument, jaw. ``pose``: tip x, y, z,
     rotation vector in the world frame, jaw.
@@ -51,15 +51,21 @@ class ArmEpisode(Episode):
 
     CONTROLS: ClassVar[dict[str, int]] = {"tip": 5, "pose": 7}
 
-    grasp: str
-    """``weld``: jaws that touch the thing and close hold it rigidly. ``friction``: contacts
-    alone hold it, so a grasp needs the thing between the blades as well."""
     translation: Annotated[float, Range(0.0, 1.0, above=True)]
     """Largest move of the tip's target per action and axis."""
     rotation: Annotated[float, Range(0.0, 7.0, above=True)]
     """Largest turn of the target per action."""
     jaw: Annotated[float, Range(0.0, 7.0, above=True)]
     """Largest change of the jaw command per action."""
+
+
+@dataclass(frozen=True)
+class ArmEpisode(ToolEpisode):
+    """How actions move the PSM, and when its jaws hold something."""
+
+    grasp: str
+    """``weld``: jaws that touch the thing and close hold it rigidly. ``friction``: contacts
+    alone hold it, so a grasp needs the thing between the blades as well."""
     close_below: Annotated[float, Range(-7.0, 7.0)]
     """A grasp needs a jaw command below this."""
     release_above: Annotated[float, Range(-7.0, 7.0)]

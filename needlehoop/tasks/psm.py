@@ -18,7 +18,7 @@ from needlehoop.scene.signals import SensorSpec, Signal
 from needlehoop.scene.spec import Materials, begin_spec
 from needlehoop.tasks.arm_kinematics import pose_joints, tip_joints, tool_quat
 from needlehoop.tasks.contract import Memory, Robot
-from needlehoop.tasks.episode import ArmEpisode
+from needlehoop.tasks.episode import ToolEpisode
 from needlehoop.tasks.layout import ArmLayout
 from needlehoop.tasks.start import Start
 
@@ -113,7 +113,7 @@ def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
 
 
 def act(
-    layout: ArmLayout, rules: ArmEpisode, memory: Memory, action: Tensor
+    layout: ArmLayout, rules: ToolEpisode, memory: Memory, action: Tensor
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Move the targets by an action in [-1, 1] and turn them into servo commands.
 
@@ -152,7 +152,7 @@ def act(
     return moved, torch.cat((joints, jaw.unsqueeze(-1)), -1)
 
 
-def _begin(rules: ArmEpisode, start: Start) -> dict[str, Tensor]:
+def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
     """Targets where the tool is."""
     robot = start.robot
     joints = robot["joints"]

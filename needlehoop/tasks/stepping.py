@@ -34,8 +34,9 @@ def begin(task: Task, rules: Episode, start: Start) -> Memory:
     names = [fact.name for fact in task.facts if fact.remembered]
     names += [f"has_{fact.name}" for fact in task.facts if fact.once]
     no = {name: torch.zeros(n, dtype=torch.bool) for name in names}
-    steps = torch.zeros(n, dtype=torch.int64)
-    return Memory({**task.robot.begin(rules, start), **no, "steps": steps}, [n])
+    counted = ["steps", *(f"{fact.name}_since" for fact in task.facts if fact.timed)]
+    zero = {name: torch.zeros(n, dtype=torch.int64) for name in counted}
+    return Memory({**task.robot.begin(rules, start), **no, **zero}, [n])
 
 
 def act(
@@ -89,6 +90,9 @@ def observe(
     for fact in task.facts:
         if fact.once:
             kept[f"has_{fact.name}"] = memory[f"has_{fact.name}"] | facts[fact.name]
+        if fact.timed:
+            since = f"{fact.name}_since"
+            kept[since] = torch.where(facts[fact.name], memory[since], memory["steps"])
     memory = _with(memory, kept)
     fields = {
         **readings,
