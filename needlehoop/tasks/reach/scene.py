@@ -1,0 +1,96 @@
+"""Phantom, marks and target as MuJoCo bodies; the scene's sensors, and its signals in words."""
+
+from __future__ import annotations
+
+import mujoco
+
+from needlehoop.robot.link import collision
+from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
+from needlehoop.scene.spec import Materials
+from needlehoop.tasks.psm import (
+    JAW_COMMAND,
+    JOINT_SENSORS,
+    JOINT_SIGNALS,
+    TOOL_SENSORS,
+    TOOL_SIGNALS,
+)
+from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
+
+MATERIALS: Materials = {
+    "phantom": ((0.80, 0.52, 0.46), 0.2, 0.3),
+    "mark": ((0.25, 0.22, 0.50), 0.1, 0.2),
+    "target": ((1.0, 0.86, 0.10), 0.2, 0.3),
+}
+
+SENSORS: dict[str, SensorSpec] = {
+    **TOOL_SENSORS,
+    "target": SensorSpec(mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_XBODY, "target"),
+    **JOINT_SENSORS,
+}
+"""Every sensor of the scene, in the order of ``sensordata``."""
+
+TABLE: dict[str, Signal] = {
+    **TOOL_SIGNALS,
+    "target": Signal((3,), "m", "world", "sensor", "point just above the middle of the button"),
+    **JOINT_SIGNALS,
+    "jaw_command": JAW_COMMAND,
+    "elapsed": ELAPSED,
+    "near": Signal((), "bool", "-", "verdict", "the point between the jaws is at the target"),
+    "stayed": Signal(
+        (), "bool", "-", "verdict", "it has been there for as many steps as the task asks for"
+    ),
+}
+"""The signals, in words."""
+
+STATE = ("tool_midpoint", "target", "joints", "jaw", "jaw_command")
+"""What ``obs=signals`` reports: enough to do the task without eyes."""
+
+_MARK = (-0.0010, 0.0005)
+"""Lower and upper face of a mark, m above the top of its bump: flat, where the bump is round."""
+
+_BUTTON = 0.0025
+"""Thickness of the target's button, m."""
+
+_STEM = 0.0015
+"""Radius of what it stands on, m."""
+
+
+def build(spec: mujoco.MjSpec, layout: ReachLayout, rules: ReachRules) -> None:
+    """Add bumps, marks and the target: mocap bodies, placed at reset.
+
+    A bump's frame is at its top, a mark's as well, the target's at the target point.
+    """
+    for index, (x, y) in enumerate(layout.bump_positions):
+        top, radius = [x, y, layout.bump_height], layout.bump_radii[index]
+        bump = spec.worldbody.add_body(name=f"bump_{index}", pos=top, mocap=True)
+        # As long as the highest bump is high: the rest is below the table.
+        foot = -radius - layout.bump_height - layout.bump_height_range
+        capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+        _add(bump, f"bump_{index}", capsule, (foot, -radius), radius, "phantom")
+        mark = spec.worldbody.add_body(name=f"mark_{index}", pos=top, mocap=True)
+        _add(mark, f"mark_{index}", _CYLINDER, _MARK, layout.mark_radius, "mark", solid=False)
+    target = spec.worldbody.add_body(name="target", mocap=True)
+    face, foot = -layout.clearance, -layout.target_above_bump
+    size = layout.target_radius
+    _add(target, "button", _CYLINDER, (face - _BUTTON, face), size, "target")
+    _add(target, "stem", _CYLINDER, (foot - 0.001, face - _BUTTON), _STEM, "target")
+
+
+_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
+
+
+def _add(
+    body: mujoco.MjsBody,
+    name: str,
+    kind: mujoco.mjtGeom,
+    heights: tuple[float, float],
+    radius: float,
+    material: str,
+    solid: bool = True,
+) -> None:
+    """An upright shape that is seen; and one that is felt, if it is solid."""
+    low, high = heights
+    shape = {"type": kind, "fromto": [0, 0, low, 0, 0, high], "size": [radius, 0, 0]}
+    body.add_geom(name=name, material=material, **shape, **collision(False))
+    if solid:
+        body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))

@@ -1,0 +1,320 @@
+"""Reach: what counts as done, what pays, who can do it, and that its physics holds."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from needlehoop.config import strict
+from needlehoop.engines.contract import KINDS
+from needlehoop.envs.build import build
+from needlehoop.envs.images import Imager
+from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.simulation import Simulation
+from needlehoop.rewards import potential
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF
+from needlehoop.tasks import stepping
+from needlehoop.tasks.reach import TASK
+from needlehoop.tasks.reach.expert import expert, smooth
+from needlehoop.tasks.reach.layout import BUMPS
+from needlehoop.tasks.reach.reward import Human
+from needlehoop.tasks.reach.start import DRAWS, start
+from needlehoop.tasks.start import draws
+
+VARIANTS = ("near", "standard", "wide")
+TARGET = torch.tensor([[0.004, -0.02, 0.02]], dtype=torch.float64)
+
+
+def settings_of(*words: str) -> Settings:
+    """Of reach; its images painted in its own colours."""
+    settings = compose_settings(["task=reach", "reward=sparse", *words])
+    colours = {name: one.colour for name, one in TASK.classes.items()}
+    painted = {
+        name: replace(one, colours=colours) if one.colours else one
+        for name, one in settings.renderings.items()
+    }
+    return replace(settings, renderings=painted)
+
+
+def human() -> Human:
+    values = read_yaml(CONF / "reward/human/reach.yaml")
+    return strict.structure(
+        {key: values[key] for key in (field.name for field in fields(Human))}, Human
+    )
+
+
+def built(*words: str) -> tuple[Simulation, Imager]:
+    """With the reward that a person wrote."""
+    simulation, imager = build(settings_of(*words))
+    simulation.reward = human()
+    return simulation, imager
+
+
+def simulation_of(*words: str) -> Simulation:
+    return built(*words)[0]
+
+
+def places(*offsets: tuple[float, float, float]) -> list[Tensor]:
+    """Places of the tool, mm from the target."""
+    return [TARGET + torch.tensor([one], dtype=torch.float64) / 1000 for one in offsets]
+
+
+def stayed(path: list[Tensor], looks: int = 1) -> list[bool]:
+    """Whether an episode is successful after each of the tool's places."""
+    settings = settings_of()
+    at = (TASK, settings.task, settings.episode)
+    begun = start(settings.task, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    memory, found = stepping.begin(TASK, settings.episode, begun), []
+    still = {"target": TARGET, "tool_quat": torch.zeros(1, 4), "wrist_quat": torch.zeros(1, 4)}
+    still |= {"wrist_pos": TARGET, "joints": torch.zeros(1, 6), "jaw": torch.zeros(1)}
+    for tool in path:
+        memory, _ = stepping.act(*at, memory, torch.zeros(1, 5))
+        for _ in range(looks):
+            memory, _, facts, _ = stepping.observe(*at, memory, {**still, "tool_midpoint": tool})
+        found.append(bool(facts["success"]))
+    return found
+
+
+IN, OUT = (1.0, 1.0, -1.0), (0.0, 0.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        pytest.param([IN, IN, IN, IN], [0, 0, 1, 1], id="stays"),
+        pytest.param([OUT, IN, IN, IN], [0, 0, 0, 1], id="comes and stays"),
+        pytest.param([OUT, IN, IN, OUT], [0, 0, 0, 0], id="stays for two steps"),
+        pytest.param([IN, IN, OUT, IN, IN, OUT], [0] * 6, id="comes twice for two steps"),
+        pytest.param([OUT, IN, OUT], [0, 0, 0], id="passes through"),
+        pytest.param([IN, IN, IN, OUT], [0, 0, 1, 0], id="stays and leaves"),
+        pytest.param([(0, 0, 3.5)] * 5, [0] * 5, id="hovers above"),
+        pytest.param([(2.2, -2.2, 0)] * 5, [0] * 5, id="beside"),
+        pytest.param([(0, 0, 2.9)] * 3, [0, 0, 1], id="just within"),
+        pytest.param([(2.9, 0, 0), (0, -2.9, 0), (0, 0, -2.9)], [0, 0, 1], id="moves about within"),
+    ],
+)
+def test_success_is_to_be_there_for_three_steps(path, expected):
+    assert stayed(places(*path)) == [bool(one) for one in expected]
+
+
+def test_looking_again_does_not_count_as_a_step():
+    assert stayed(places(IN, IN, OUT, IN, IN, IN), looks=4) == [False] * 5 + [True]
+
+
+def test_the_right_height_over_another_mark_is_not_the_target():
+    simulation = simulation_of("num_envs=32")
+    layout, chosen = simulation.layout, []
+    simulation.begin()
+    above = np.array([0.0, 0.0, layout.target_above_bump])
+    for env in range(32):
+        one = simulation.engine.data(env)
+        points = np.stack([one.body(f"mark_{i}").xpos for i in range(BUMPS)]) + above
+        away = np.linalg.norm(points - one.body("target").xpos, axis=1)
+        chosen.append(int(away.argmin()))
+        assert away.min() < 1e-12
+        # Whoever is at another one is far from being near.
+        assert (np.sort(away)[1:] > 3 * simulation.episode.near_radius).all()
+    assert set(chosen) == set(range(BUMPS))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_no_episode_begins_near_or_in_contact(variant):
+    simulation = simulation_of(f"task=reach/{variant}", "num_envs=200")
+    for _ in range(3):
+        moment = simulation.reset()
+        away = (moment.signals.tool_midpoint - moment.signals.target).norm(dim=-1)
+        assert away.min() > 2 * simulation.episode.near_radius
+        assert not moment.facts["near"].any()
+        assert not any(simulation.engine.data(env).ncon for env in range(0, 200, 10))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
+    layout = settings_of(f"task=reach/{variant}").task
+    ends = torch.tensor([0.0, 1.0 - 1e-9], dtype=torch.float64)
+    corners = ends.unsqueeze(-1).expand(2, DRAWS)
+    drawn = [torch.from_numpy(draws(3, env, 0, DRAWS)) for env in range(200)]
+    begun = start(layout, torch.cat((corners, torch.stack(drawn))))
+    for place in (begun.mocap["target"], begun.robot["tool"]):
+        assert (place >= torch.tensor(layout.workspace_lower)).all()
+        assert (place <= torch.tensor(layout.workspace_upper)).all()
+    tops = torch.stack([begun.mocap[f"bump_{i}"] for i in range(BUMPS)], 1)
+    assert (tops[..., 2] > 0).all()
+    one, other = torch.triu_indices(BUMPS, BUMPS, 1)
+    gaps = (tops[:, one] - tops[:, other])[..., :2].norm(dim=-1)
+    assert gaps.min() > 2 * layout.target_radius
+
+
+# What pays.
+
+
+def test_nothing_short_of_success_pays_as_much_as_success():
+    reward = human()
+    # There at once, but not for long enough; and success at the last step.
+    most = reward.reach + reward.near
+    least = reward.reach + reward.near + reward.stay - reward.time
+    assert least > most
+
+
+@pytest.mark.parametrize("who", [expert, smooth, "random"])
+def test_success_ends_with_the_highest_potential(who):
+    simulation = simulation_of("num_envs=40", "seed=11")
+    own = (simulation.layout, simulation.episode)
+    act = random_controller(5, 0) if who == "random" else who(*own)
+    moment, done = simulation.reset(), torch.zeros(40, dtype=torch.bool)
+    paid = torch.zeros(40, dtype=torch.float64)
+    for _ in range(simulation.episode.max_steps):
+        moment = simulation.step(act(moment.signals))
+        paid += moment.reward
+        torch.testing.assert_close(paid, potential(moment.terms))
+        done |= moment.facts["success"]
+        assert (moment.potential[moment.facts["success"]] > 7.9).all()
+        assert (moment.potential[~moment.facts["success"]] <= 5.0).all()
+    assert bool(done.all()) == (who != "random")
+
+
+def test_waiting_over_the_wrong_mark_pays_little():
+    simulation = simulation_of("num_envs=20")
+    simulation.begin()
+    wrong = torch.empty(20, 3, dtype=torch.float64)
+    for env in range(20):
+        data = simulation.engine.data(env)
+        marks = torch.from_numpy(np.stack([data.body(f"mark_{i}").xpos for i in range(BUMPS)]))
+        far = (marks - torch.from_numpy(data.body("target").xpos.copy())).norm(dim=-1).argmax()
+        wrong[env] = marks[far] + torch.tensor([0, 0, simulation.layout.target_above_bump])
+    act, moment = smooth(simulation.layout, simulation.episode), simulation.look()
+    for _ in range(simulation.episode.max_steps):
+        seen = moment.signals.clone()
+        seen.target = wrong
+        moment = simulation.step(act(seen))
+    assert ((moment.signals.tool_midpoint - wrong).norm(dim=-1) < 0.004).all()
+    assert not moment.facts["has_near"].any()
+    assert moment.potential.max() < 2.0
+
+
+# Who can do it.
+
+
+def success_rate(act, simulation: Simulation) -> float:
+    moment = simulation.reset()
+    done = torch.zeros(simulation.num_envs, dtype=torch.bool)
+    for _ in range(simulation.episode.max_steps):
+        moment = simulation.step(act(moment.signals))
+        done |= moment.facts["success"]
+        if bool(done.all()):
+            break
+    return float(done.double().mean())
+
+
+@pytest.mark.parametrize("script", [expert, smooth])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_experts_reach_the_target(script, variant):
+    simulation = simulation_of(f"task=reach/{variant}", "num_envs=200", "seed=4000")
+    assert success_rate(script(simulation.layout, simulation.episode), simulation) >= 0.99
+
+
+def test_the_smooth_expert_can_do_with_what_images_give():
+    # A learner does what the expert would do on average over what may be there, and is wrong
+    # about it in the same way throughout an episode.
+    simulation = simulation_of("num_envs=40")
+    generator = torch.Generator().manual_seed(0)
+    script = smooth(simulation.layout, simulation.episode)
+    bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
+    bias *= 0.0015 / bias.norm(dim=-1, keepdim=True)
+
+    def learner(signals) -> Tensor:
+        guesses = []
+        for _ in range(8):
+            noise = 0.0025 * torch.randn(40, 3, generator=generator, dtype=torch.float64)
+            seen = signals.clone()
+            seen.target = signals.target + bias + noise
+            guesses.append(script(seen))
+        return torch.stack(guesses).mean(0)
+
+    assert success_rate(learner, simulation) >= 0.95
+
+
+@pytest.mark.parametrize("script", [expert, smooth])
+def test_the_experts_refuse_another_control_mode(script):
+    settings = settings_of("episode.control=pose")
+    with pytest.raises(ValueError, match=r"episode\.control"):
+        script(settings.task, settings.episode)
+
+
+# The scene.
+
+
+def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
+    simulation = simulation_of("num_envs=40", "task=reach/wide")
+    generator = torch.Generator().manual_seed(0)
+    simulation.reset()
+    deepest = 0.0
+    for step in range(100):
+        if step % 5 == 0:
+            action = 2.0 * torch.randint(0, 2, (40, 5), generator=generator).double() - 1.0
+            action[:, 2] = -1.0
+        moment = simulation.step(action)
+        for env in range(40):
+            data = simulation.engine.data(env)
+            assert np.isfinite(data.qvel).all()
+            deepest = max(deepest, -data.contact.dist.min(initial=0.0))
+        over = moment.terminated | moment.truncated
+        if bool(over.any()):
+            simulation.reset(over)
+    assert 1e-5 < deepest < 3e-3
+
+
+def test_both_engines_have_the_same_bits():
+    words = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5"]
+    words += ["engine.threads=1", "episode.max_steps=12"]
+    (one, look_one), (other, look_other) = (built(*words, f"engine={kind}") for kind in KINDS)
+    script = smooth(one.layout, one.episode)
+    moment, _ = one.reset(), other.reset()
+    near = ended = False
+    for _ in range(30):
+        action = script(moment.signals)
+        action[0] = 0.3
+        moment, same = one.step(action), other.step(action)
+        assert torch.equal(moment.reward, same.reward)
+        assert all(torch.equal(moment.facts[name], same.facts[name]) for name in moment.facts)
+        mine, theirs = one.engine.snapshot(), other.engine.snapshot()
+        assert all(torch.equal(mine[name], theirs[name]) for name in mine)
+        near |= bool(moment.facts["near"].any())
+        over = moment.terminated | moment.truncated
+        if bool(over.any()):
+            ended = True
+            moment, _ = one.reset(over), other.reset(over)
+    images, again = look_one(one.engine.render()), look_other(other.engine.render())
+    assert all(torch.equal(images[name], again[name]) for name in images)
+    assert near
+    assert ended
+
+
+@pytest.mark.parametrize("view", ["default", "front", "side"])
+def test_target_and_marks_are_seen(view):
+    simulation, imager = built(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide")
+    simulation.reset()
+    flat = imager(simulation.engine.render())[f"seg_{view}"].permute(0, 2, 3, 1).reshape(40, -1, 3)
+    for name, least in (("target", 5), ("marks", 3), ("phantom", 60)):
+        colour = torch.tensor(TASK.classes[name].colour, dtype=torch.uint8)
+        counts = (flat == colour).all(-1).sum(-1)
+        assert (counts >= least).all(), (name, counts)
+
+
+@pytest.mark.parametrize(
+    ("word", "key"),
+    [
+        ("task.bump_radii=[0.01]", "task.bump_radii: 1 values; there are 5 bumps"),
+        ("task.bump_height_range=0.2", "task.bump_height_range"),
+        ("episode.near_steps=0", "episode.near_steps"),
+    ],
+)
+def test_wrong_values_are_named(word, key):
+    with pytest.raises(ValueError, match=key):
+        settings_of(word)
