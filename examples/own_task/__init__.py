@@ -1,0 +1,172 @@
+"""A task of one's own: a gantry puts a cube on a spot. ``docs/own-task.md`` walks through it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
+
+import mujoco
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from needlehoop.config.strict import Positive
+from needlehoop.robot.geometry import about_z, distance
+from needlehoop.robot.link import collision
+from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
+from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
+from needlehoop.tasks.episode import Episode
+from needlehoop.tasks.layout import Layout, Length, Place, Spread
+from needlehoop.tasks.start import Start, scatter
+
+from .expert import expert
+from .robot import PREFIX, ROBOT, servos
+
+
+@dataclass(frozen=True)
+class CubeLayout(Layout):
+    """Sizes and placement, m; ranges are half-widths about the nominal value."""
+
+    cube: Length
+    """Edge."""
+    spot: Length
+    """Radius that is drawn."""
+    cube_position: tuple[Place, Place]
+    spot_position: tuple[Place, Place]
+    position_range: tuple[Spread, Spread]
+    """Of cube and spot."""
+    tool_position: tuple[Place, Place, Place]
+    tool_position_range: tuple[Spread, Spread, Spread]
+    workspace_lower: tuple[Place, Place, Place]
+    workspace_upper: tuple[Place, Place, Place]
+    open: Length
+    """Most that a finger's joint opens."""
+
+
+@dataclass(frozen=True)
+class CubeRules(Episode):
+    """Scales of actions and thresholds, m."""
+
+    CONTROLS: ClassVar[dict[str, int]] = {"axes": 4}
+
+    translation: Positive
+    grip: Positive
+    spot_radius: Positive
+    """``placed``: the cube's middle is this near the spot's, seen from above."""
+
+
+def build(spec: mujoco.MjSpec, layout: CubeLayout, rules: CubeRules) -> None:
+    """Add the cube and the spot."""
+    cube = spec.worldbody.add_body(name="cube", pos=[0, 0, layout.cube / 2])
+    cube.add_freejoint(name="cube")
+    shape = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [layout.cube / 2] * 3}
+    cube.add_geom(name="cube", material="cube", mass=0.004, solref=[0.004, 1.0], group=1, **shape)
+    spot = spec.worldbody.add_body(name="spot", mocap=True)
+    disc = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [layout.spot, 0.0004, 0]}
+    spot.add_geom(name="spot", material="spot", **disc, **collision(False))
+
+
+def start(layout: CubeLayout, uniform: Tensor) -> Start:
+    """Scatter cube, spot and hand; ``uniform`` ``(n, 7)``."""
+    n, flat = len(uniform), torch.zeros_like(uniform[:, :1])
+    cube = scatter(uniform[:, 0:2], layout.cube_position, layout.position_range)
+    spot = scatter(uniform[:, 2:4], layout.spot_position, layout.position_range)
+    tool = scatter(uniform[:, 4:7], layout.tool_position, layout.tool_position_range)
+    opening = torch.full((n,), layout.open, dtype=torch.float64)
+    pose = torch.cat((cube, flat + layout.cube / 2, about_z(flat[:, 0])), -1)
+    return Start(
+        robot=TensorDict({"tool": tool, "opening": opening}, [n]),
+        free=TensorDict({"cube": pose}, [n]),
+        mocap=TensorDict({"spot": torch.cat((spot, flat), -1)}, [n]),
+        control=servos(tool, opening),
+        batch_size=[n],
+    )
+
+
+def observe(
+    layout: CubeLayout, rules: CubeRules, memory: Memory, readings: Mapping[str, Tensor]
+) -> tuple[dict[str, Tensor], dict[str, Weld]]:
+    """Held: both fingers touch the cube. Placed: it lies on the spot and no finger touches it."""
+    r = readings
+    x, y, _ = (r["cube"] - r["spot"]).unbind(-1)
+    there = x * x + y * y < rules.spot_radius**2
+    lies = r["cube"][:, 2] < layout.cube / 2 + 0.0005
+    one, two = r["finger_1_touch"], r["finger_2_touch"]
+    return {"held": one & two, "placed": there & lies & ~one & ~two}, {}
+
+
+@dataclass(frozen=True)
+class Human:
+    """What a person would pay: come to the cube, bring it to the spot, leave it there."""
+
+    scale: Positive
+    """Distance over which closeness falls to a third, m."""
+
+    def __call__(self, signals: Any) -> dict[str, Tensor]:
+        """Terms ``(n,)`` by name; being done pays more than anything else."""
+        s = signals
+        come = torch.exp(-distance(s.tool, s.cube) / self.scale)
+        return {
+            "come": torch.where(s.held | s.placed, 1.0, come),
+            "bring": 3.0 * torch.exp(-distance(s.cube, s.spot) / self.scale),
+            "place": 4.0 * s.placed.double(),
+            "time": -s.elapsed,
+        }
+
+
+_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
+_point = partial(Signal, (3,), "m", "world", "sensor")
+_bool = partial(Signal, (), "bool", "-")
+
+
+def _touch(finger: int) -> SensorSpec:
+    return SensorSpec(_SENS.mjSENS_CONTACT, _OBJ.mjOBJ_GEOM, f"{PREFIX}pad_{finger}", "cube")
+
+
+TASK = Task(
+    name="cube_on_spot",
+    summary="A gantry picks a cube up and puts it on a spot.",
+    robot=ROBOT,
+    layout=CubeLayout,
+    rules=CubeRules,
+    materials={"cube": ((0.9, 0.3, 0.2), 0.2, 0.3), "spot": ((0.95, 0.9, 0.4), 0.1, 0.2)},
+    build=build,
+    sensors={
+        "tool": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, f"{PREFIX}tool"),
+        "cube": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "cube"),
+        "spot": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "spot"),
+        "grip": SensorSpec(_SENS.mjSENS_JOINTPOS, _OBJ.mjOBJ_JOINT, f"{PREFIX}finger_1"),
+        "finger_1_touch": _touch(1),
+        "finger_2_touch": _touch(2),
+    },
+    signals={
+        "tool": _point("middle between the fingers"),
+        "cube": _point("middle of the cube"),
+        "spot": _point("middle of the spot, on the table"),
+        "grip": Signal((), "m", "joint", "sensor", "opening of a finger, 0 where it is closed"),
+        "finger_1_touch": _bool("sensor", "first finger touches the cube"),
+        "finger_2_touch": _bool("sensor", "second finger touches the cube"),
+        "grip_command": Signal((), "m", "joint", "command", "commanded opening of a finger"),
+        "elapsed": ELAPSED,
+        "held": _bool("fact", "both fingers touch the cube"),
+        "placed": _bool("verdict", "the cube lies on the spot, let go"),
+    },
+    classes={
+        "cube": FlatClass(("cube",), (255, 0, 80)),
+        "spot": FlatClass(("spot",), (255, 230, 0)),
+    },
+    draws=7,
+    start=start,
+    facts=(Fact("held", once=True, column="has_held"), Fact("placed")),
+    observe=observe,
+    goal="placed",
+    success=lambda rules, signals: signals.placed,
+    phases=(Phase("pick", "held", ("tool", "cube")), Phase("put", "placed", ("cube", "spot"))),
+    state=("tool", "cube", "spot", "grip", "grip_command", "held"),
+    controllers={"expert": expert},
+    teacher="expert",
+    human=Human,
+    critic=("held",),
+)
