@@ -14,7 +14,7 @@ from torch import Tensor
 
 from needlehoop.config.strict import Positive
 from needlehoop.robot.geometry import about_z, distance
-from needlehoop.robot.link import collision
+from needlehoop.robot.shapes import collision
 from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode

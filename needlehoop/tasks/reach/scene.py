@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from needlehoop.robot.link import collision
+from needlehoop.robot.shapes import collision
 from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.psm import (

@@ -1,0 +1,54 @@
+"""Peg transfer, the first exercise of the FLS curriculum: a hollow block goes from peg to peg.
+
+``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
+``facts`` what is true, ``rules`` from when on, ``expert`` and ``smooth`` who can do it, ``reward``
+what a person would pay. ``docs/peg_transfer.md`` says where the sizes are from.
+"""
+
+from needlehoop.tasks.contract import FlatClass, Phase, Task
+from needlehoop.tasks.peg_transfer.expert import cheat as cheat_script
+from needlehoop.tasks.peg_transfer.expert import expert
+from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe, success
+from needlehoop.tasks.peg_transfer.layout import PegLayout
+from needlehoop.tasks.peg_transfer.reward import Human
+from needlehoop.tasks.peg_transfer.rules import PegRules
+from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SENSORS, build
+from needlehoop.tasks.peg_transfer.signals import STATE, TABLE
+from needlehoop.tasks.peg_transfer.smooth import smooth
+from needlehoop.tasks.peg_transfer.start import DRAWS, start
+from needlehoop.tasks.psm import ROBOT
+
+TASK = Task(
+    name="peg_transfer",
+    summary="Lift a hollow block off its peg, put it over the marked peg and let go.",
+    robot=ROBOT,
+    layout=PegLayout,
+    rules=PegRules,
+    materials=MATERIALS,
+    build=build,
+    sensors=SENSORS,
+    signals=TABLE,
+    classes={
+        "block": FlatClass(("block",), (255, 60, 0)),
+        "marked": FlatClass(("marked",), (0, 255, 60)),
+        "pegs": FlatClass(OTHER_PEGS, (255, 255, 255)),
+    },
+    draws=DRAWS,
+    start=start,
+    facts=FACTS,
+    observe=observe,
+    goal="placed",
+    success=success,
+    phases=(
+        Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
+        Phase("lift", "lifted", ("block_position", "lift_position")),
+        Phase("carry", "over", ("block_position", "above_goal")),
+        Phase("place", "placed", ("block_position", "goal")),
+    ),
+    state=STATE,
+    controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
+    teacher="smooth",
+    human=Human,
+    cheat=cheat,
+    critic=("grasped", "lifted"),
+)

@@ -1,0 +1,172 @@
+"""What is true of a moment: grasped, lifted, arrived, over, placed. Facts are geometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cache
+
+import torch
+from torch import Tensor
+
+from needlehoop.robot import geometry as geo
+from needlehoop.robot import psm
+from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Fact, Memory, Weld
+from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout
+from needlehoop.tasks.peg_transfer.rules import PegRules
+from needlehoop.tasks.peg_transfer.scene import WELD
+
+FACTS = (
+    Fact("grasped", remembered=True, once=True, column="has_grasped"),
+    Fact("lifted", once=True, column="has_lifted"),
+    Fact("arrived", once=True, column="has_arrived"),
+    Fact("over", once=True, column="has_over"),
+    Fact("placed"),
+)
+
+_STEEP = 0.5
+"""A hole whose axis has less of the vertical than this lets no peg through."""
+
+
+def observe(
+    layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
+) -> tuple[dict[str, Tensor], dict[str, Weld]]:
+    """Decide the facts from the scene's readings.
+
+    Args:
+        layout: sizes of block and pegs.
+        rules: thresholds.
+        memory: after the action.
+        readings: named sensor readings, current (read after a forward).
+
+    Returns:
+        The facts ``(n,)`` by name, and what the grasp's weld has to become.
+    """
+    r = readings
+    grasped = _grasped(layout, rules, memory, r)
+    low = lower_edge(layout, r["block_position"], r["block_quat"])
+    x, y, _ = (r["block_position"] - r["goal"]).unbind(-1)
+    near = torch.sqrt(x * x + y * y) < rules.arrive_radius
+    over = is_over(layout, r["block_position"], r["block_quat"], r["goal"])
+    released = ~grasped & ~r["jaw_1_touch"] & ~r["jaw_2_touch"]
+    facts = {
+        "grasped": grasped,
+        "lifted": low > layout.marked_height,
+        "arrived": near & (low < layout.marked_height),
+        "over": over,
+        "placed": over & released & _stands(rules, r),
+    }
+    weld = Weld(grasped != memory["grasped"], grasped, _relative_pose(r))
+    return facts, {WELD: weld} if rules.grasp == "weld" else {}
+
+
+def success(rules: PegRules, signals: Signals) -> Tensor:
+    """Whether the block stands over the marked peg; ``(n,)`` bool."""
+    return signals.placed
+
+
+def cheat(memory: Memory, signals: Signals) -> Tensor:
+    """The block has been at the marked peg in this episode, and is not placed; ``(n,)``.
+
+    It lies or leans beside the peg, was taken away again, or is held over it and not let go.
+    """
+    return memory["has_arrived"] & ~signals.placed
+
+
+def lower_edge(layout: PegLayout, position: Tensor, quat: Tensor) -> Tensor:
+    """Height of the block's lowest corner ``(n,)``, m."""
+    up_x, up_y, up_z = _vertical(quat)
+    below = [up_x * x + up_y * y for x, y in layout.corners.tolist()]
+    lowest = below[0]
+    for other in below[1:]:
+        lowest = torch.minimum(lowest, other)
+    return position[:, 2] + lowest - up_z.abs() * (layout.block_height / 2)
+
+
+def is_over(layout: PegLayout, position: Tensor, quat: Tensor, goal: Tensor) -> Tensor:
+    """Whether a vertical line through ``goal`` runs through the whole hole; ``(n,)`` bool.
+
+    Args:
+        layout: sizes of the block.
+        position: of the block's middle ``(n, 3)``, m.
+        quat: of the block ``(n, 4)``.
+        goal: a point of the peg's axis ``(n, 3)``, m.
+    """
+    up_x, up_y, up_z = _vertical(quat)
+    x, y, z = geo.rotate(geo.conjugate(quat), goal - position).unbind(-1)
+    through = up_z.abs() > _STEEP
+    slope = torch.where(through, up_z, torch.ones_like(up_z))
+    for end in (-layout.block_height / 2, layout.block_height / 2):
+        along = (end - z) / slope
+        for angle in WALLS:
+            out = math.cos(angle) * (x + along * up_x) + math.sin(angle) * (y + along * up_y)
+            through = through & (out < layout.hole_radius)
+    return through
+
+
+def _stands(rules: PegRules, r: Mapping[str, Tensor]) -> Tensor:
+    """Whether the block stands upright on the board and is at rest; ``(n,)`` bool."""
+    _, _, up_z = _vertical(r["block_quat"])
+    upright = up_z.abs() > math.cos(rules.rest_tilt)
+    low = (r["block_position"][:, 2] - r["goal"][:, 2]).abs() < rules.rest_gap
+    slow = geo.dot(r["block_velocity"], r["block_velocity"]) < rules.rest_speed**2
+    quiet = geo.dot(r["block_spin"], r["block_spin"]) < rules.rest_spin**2
+    return upright & low & slow & quiet
+
+
+def _vertical(quat: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """The world's z in the block's frame, by component ``(n,)``."""
+    w, x, y, z = quat.unbind(-1)
+    return 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+def _grasped(
+    layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
+) -> Tensor:
+    one, two, jaw = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
+    caught = one & two & (jaw < rules.close_below)
+    held = memory["grasped"] & (jaw < rules.release_above)
+    if rules.grasp == "friction":
+        # Where nothing but contacts holds it, jaws closed on top of the block hold nothing.
+        if bool(caught.any()):
+            caught = caught & _between_jaws(layout, readings)
+        held = held & (one | two)
+    return held | caught
+
+
+def _between_jaws(layout: PegLayout, readings: Mapping[str, Tensor]) -> Tensor:
+    """Whether a wall runs through the gap between the blades; ``(n,)`` bool."""
+    quat, position = readings["block_quat"].unsqueeze(1), readings["block_position"].unsqueeze(1)
+    places = position + geo.rotate(quat, _inside_walls(layout))
+    away = places - readings["wrist_pos"].unsqueeze(1)
+    x, y, z = geo.rotate(geo.conjugate(readings["tool_quat"]).unsqueeze(1), away).unbind(-1)
+    half_gap = torch.sin(readings["jaw"] / 2).unsqueeze(-1) * psm.JAW_LENGTH
+    inside = (x.abs() < psm.JAW_WIDTH / 2) & (y.abs() < half_gap) & (z < psm.JAW_LENGTH) & (z > 0)
+    return inside.any(1)
+
+
+@cache
+def _inside_walls(layout: PegLayout) -> Tensor:
+    """Points in the middle of the walls ``(k, 3)``, block frame, 2 to 3 mm apart."""
+    out, half = layout.hole_radius + layout.wall / 2, layout.wall_length / 2
+    return torch.tensor(
+        [
+            (
+                out * math.cos(a) - along * half * math.sin(a),
+                out * math.sin(a) + along * half * math.cos(a),
+                up * layout.block_height / 2,
+            )
+            for a in WALLS
+            for along in torch.linspace(-0.9, 0.9, 9).tolist()
+            for up in torch.linspace(-0.9, 0.9, 7).tolist()
+        ],
+        dtype=torch.float64,
+    )
+
+
+def _relative_pose(readings: Mapping[str, Tensor]) -> Tensor:
+    """The block's pose in the wrist-yaw frame, ``(n, 7)``."""
+    inverse = geo.conjugate(readings["wrist_quat"])
+    position = geo.rotate(inverse, readings["block_position"] - readings["wrist_pos"])
+    return torch.cat((position, geo.multiply(inverse, readings["block_quat"])), -1)

@@ -1,0 +1,58 @@
+"""A hand-written reward of the peg transfer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from needlehoop.config.strict import Positive, Real
+from needlehoop.robot.geometry import distance
+
+if TYPE_CHECKING:
+    from needlehoop.scene.signals import Signals
+
+
+@dataclass(frozen=True)
+class Human:
+    """Grasp, lift, carry, lower, place; values in ``conf/reward/human``.
+
+    An episode's return is its last potential, so each term counts what has been reached and
+    what is still so. A block that is neither held nor about the marked peg pays for nothing but
+    the way to it. Only a placed block has the last term, which is worth more than the time.
+    """
+
+    reach_rate: Positive
+    carry_rate: Positive
+    """How fast closeness falls with distance, 1/m."""
+    grasp: Real
+    lift: Real
+    carry: Real
+    lower: Real
+    place: Real
+    time: Real
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` by name."""
+        s = signals
+        one, none = torch.ones_like(s.elapsed), torch.zeros_like(s.elapsed)
+        about = s.over & s.arrived
+        kept = s.grasped | about
+        off = s.block_position[:, 2] - s.goal[:, 2]
+        rise = (off / (s.above_goal[:, 2] - s.goal[:, 2])).clamp(0.0, 1.0)
+        high = torch.logical_or(s.lifted, s.over)
+        raised = torch.where(high, one, 0.8 * rise)
+        x, y, _ = (s.block_position - s.goal).unbind(-1)
+        close = torch.exp(-self.carry_rate * torch.sqrt(x * x + y * y))
+        carried = torch.where(s.over, one, 0.8 * close)
+        reach = torch.exp(-self.reach_rate * distance(s.tool_midpoint, s.pickup_point))
+        return {
+            "grasp": self.grasp * torch.where(kept, one, 0.8 * reach),
+            "lift": self.lift * torch.where(kept, raised, none),
+            "carry": self.carry * torch.where(kept & high, carried, none),
+            "lower": self.lower * torch.where(kept & s.over, 1.0 - rise, none),
+            "place": self.place * s.placed.double(),
+            "time": -self.time * s.elapsed,
+        }

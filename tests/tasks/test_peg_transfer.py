@@ -1,0 +1,397 @@
+"""The peg transfer: what counts as done, who can do it, and whether the physics holds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from needlehoop import rewards
+from needlehoop.config import strict
+from needlehoop.envs import dm_control_env as dm_env
+from needlehoop.envs.build import build
+from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.robot import geometry as geo
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF
+from needlehoop.tasks.episode import GRASPS
+from needlehoop.tasks.peg_transfer import TASK
+from needlehoop.tasks.peg_transfer.expert import cheat, expert
+from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
+from needlehoop.tasks.peg_transfer.reward import Human
+from needlehoop.tasks.peg_transfer.smooth import smooth
+from needlehoop.tasks.peg_transfer.start import place, start
+from needlehoop.tasks.psm import start_of
+
+LAYOUTS = ("near", "standard", "wide")
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+MARKED = 4
+
+
+def row(*numbers: float) -> Tensor:
+    return torch.tensor([numbers], dtype=torch.float64)
+
+
+@cache
+def human() -> Human:
+    values = read_yaml(CONF / "reward/human/peg_transfer.yaml")
+    return strict.structure({k: v for k, v in values.items() if k not in ("kind", "name")}, Human)
+
+
+def peg_settings(*words: str, layout: str = "standard") -> Settings:
+    found = compose_settings([f"task=peg_transfer/{layout}", "reward=sparse", *words])
+    return replace(found, cams=(), reward=rewards.given(human()))
+
+
+class Stage:
+    """One scene in which the block is put somewhere by hand, the tool out of its way."""
+
+    def __init__(self, *words: str):
+        self.settings = peg_settings("num_envs=1", *words)
+        self.layout = self.settings.task
+        self.simulation, _ = build(self.settings)
+        self.simulation.reset()
+
+    def put(self, x: float, y: float, z: float, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> Moment:
+        """The block's middle relative to the goal, m; the jaws are open."""
+        goal = (*self.layout.pegs[MARKED], self.layout.block_height / 2)
+        block = torch.cat((row(*goal) + row(x, y, z), row(*quat)), -1)
+        robot = start_of(self.layout, row(*tool), torch.zeros(1).double(), row(1.3)[0])
+        begun = place(self.layout, robot, block, row(0.0, 0.0), torch.tensor([MARKED]))
+        self.simulation.engine.reset(torch.tensor([0]), begun)
+        assert self.simulation.state is not None
+        for name in ("target", "joints", "jaw"):
+            source = {"target": robot["tool"], "joints": robot["joints"], "jaw": robot["jaw"]}
+            self.simulation.state[name] = source[name].clone()
+        return self.simulation.look()
+
+    def wait(self, steps: int, action: Tensor | None = None) -> Moment:
+        still = torch.zeros(1, 5, dtype=torch.float64) if action is None else action
+        for _ in range(steps):
+            moment = self.simulation.step(still)
+        return moment
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    return Stage()
+
+
+def tilted(angle: float) -> tuple[float, ...]:
+    return (math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0)
+
+
+# What counts as done, and what does not.
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, math.pi])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.002, 0.0), (0.0, -0.002)])
+def test_a_block_that_stands_over_the_marked_peg_is_placed(stage, yaw, offset):
+    moment = stage.put(*offset, 0.0, (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+    assert moment.facts["success"].all()
+    assert not moment.facts["cheat"].any()
+    assert stage.wait(5).facts["success"].all()
+
+
+def test_a_block_dropped_over_the_marked_peg_is_placed_once_it_is_at_rest(stage):
+    moment = stage.put(0.0, 0.0, 0.004)
+    assert moment.facts["over"].all()
+    assert not moment.facts["success"].any()
+    assert stage.wait(10).facts["success"].all()
+
+
+@pytest.mark.parametrize("direction", np.linspace(0, 2 * math.pi, 6, endpoint=False))
+def test_a_block_dropped_beside_the_marked_peg_is_not_placed(stage, direction):
+    out = 0.0145
+    stage.put(out * math.cos(direction), out * math.sin(direction), 0.006)
+    moment = stage.wait(25)
+    assert not moment.facts["over"].any()
+    assert not moment.facts["success"].any()
+    assert moment.potential < 2.0
+
+
+@pytest.mark.parametrize("peg", [0, 1, 2, 3, 5])
+def test_a_block_on_a_wrong_peg_is_not_placed(stage, peg):
+    here, there = stage.layout.pegs[MARKED], stage.layout.pegs[peg]
+    stage.put(there[0] - here[0], there[1] - here[1], 0.0)
+    moment = stage.wait(5)
+    assert not (moment.facts["success"] | moment.facts["over"] | moment.facts["arrived"]).any()
+
+
+def test_a_block_on_the_pegs_top_is_not_placed(stage):
+    top = stage.layout.marked_height
+    for x, angle in ((0.0074, 0.5), (0.004, 0.9), (-0.006, -0.6)):
+        stage.put(x, 0.0, top + 0.004, tilted(angle))
+        for _ in range(30):
+            moment = stage.wait(1)
+            upright = moment.signals.block_position[0, 2] - moment.signals.goal[0, 2]
+            # It may yet fall over the peg; what tilts or hangs is not placed.
+            assert not (moment.facts["success"].any() and abs(upright) > 0.001)
+
+
+@pytest.mark.parametrize("angle", [0.15, 0.4, 0.8])
+def test_a_block_that_leans_on_the_peg_is_not_placed(stage, angle):
+    assert not stage.put(0.0, 0.0, 0.002, tilted(angle)).facts["success"].any()
+
+
+def test_a_block_that_still_moves_is_not_placed(stage):
+    stage.put(0.0, 0.0, 0.0)
+    engine = stage.simulation.engine
+    for column, speed in ((0, 0.05), (2, -0.05), (5, 2.0)):
+        stage.put(0.0, 0.0, 0.0)
+        state = engine.snapshot()
+        joint = engine.model.joint("block")
+        state["qvel"][0, int(joint.dofadr[0]) + column] = speed
+        engine.restore(state)
+        moment = stage.simulation.look()
+        assert moment.facts["over"].all()
+        assert not moment.facts["success"].any()
+
+
+def test_a_block_thrown_over_the_peg_is_not_placed_in_flight(stage):
+    moment = stage.put(0.0, 0.0, 0.02)
+    assert moment.facts["lifted"].all()
+    assert moment.facts["over"].all()
+    assert not moment.facts["success"].any()
+    assert not moment.facts["arrived"].any()
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_a_block_pushed_along_the_board_does_not_get_over_the_peg(grasp):
+    stage = Stage(f"episode.grasp={grasp}")
+    stage.put(0.0135, 0.0, 0.0, tool=(stage.layout.pegs[MARKED][0] + 0.034, -0.016, 0.006))
+    push = row(-1.0, 0.0, 0.0, 0.0, -1.0)
+    for _ in range(60):
+        moment = stage.wait(1, push)
+        assert not (moment.facts["over"] | moment.facts["success"]).any()
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_a_block_held_in_place_is_a_cheat_and_not_placed(grasp):
+    settings = peg_settings("num_envs=8", f"episode.grasp={grasp}")
+    simulation, _ = build(settings)
+    moment = fly(simulation, cheat(settings.task, settings.episode))
+    assert moment.facts["over"].all()
+    assert moment.facts["cheat"].all()
+    assert not moment.facts["success"].any()
+    assert moment.potential.max() < 7.0
+
+
+# Geometry.
+
+
+def test_the_lower_edge_is_the_lowest_corner():
+    layout = peg_settings().task
+    half = layout.block_height / 2
+    corners = np.concatenate([np.c_[layout.corners, np.full(6, z)] for z in (-half, half)])
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(20):
+        quat = torch.randn(1, 4, generator=generator, dtype=torch.float64)
+        quat /= quat.norm()
+        turned = geo.rotate(quat, torch.from_numpy(corners))
+        low = lower_edge(layout, row(0.0, 0.0, 0.1), quat)
+        assert float(low) == pytest.approx(0.1 + float(turned[:, 2].min()))
+
+
+def test_over_is_the_whole_hole():
+    layout = peg_settings().task
+    upright, goal = row(*UPRIGHT), row(0.0, 0.0, 0.0)
+    edge = layout.hole_radius
+    assert is_over(layout, row(-edge + 1e-4, 0.0, 0.1), upright, goal)
+    assert not is_over(layout, row(-edge - 1e-4, 0.0, 0.1), upright, goal)
+    # Turned by half a turn, the wall is on the other side.
+    assert is_over(layout, row(edge - 1e-4, 0.0, 0.1), row(0.0, 0.0, 0.0, 1.0), goal)
+    assert not is_over(layout, row(0.0, 0.0, 0.1), row(*tilted(1.2)), goal)
+
+
+# Where episodes begin.
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
+    settings = peg_settings("num_envs=200", "seed=3", layout=layout)
+    simulation, _ = build(settings)
+    moment = simulation.reset()
+    facts = moment.facts
+    assert not (facts["success"] | facts["over"] | facts["arrived"] | facts["grasped"]).any()
+    begun = start(settings.task, torch.rand(500, TASK.draws, dtype=torch.float64))
+    pegs = [begun.mocap[f"peg_{i}"] for i in range(5)]
+    places = torch.stack([*pegs, begun.mocap["marked"]], 1)[..., :2]
+    gaps = torch.cdist(places, places) + torch.eye(6)
+    assert gaps.min() > 0.02
+    nearest = torch.linalg.vector_norm(places - begun.free["block"][:, None, :2], dim=-1).argmin(-1)
+    assert (nearest < 5).all()
+    marked = begun.mocap["marked"][:, :2] - begun.mocap["board"][:, :2]
+    found = {tuple(round(v, 4) for v in one) for one in marked.tolist()}
+    assert found == {settings.task.pegs[i] for i in settings.task.goals}
+
+
+def test_a_block_that_nobody_touches_stays_still():
+    simulation, _ = build(peg_settings("num_envs=6", layout="wide"))
+    before = simulation.reset().signals.block_position.clone()
+    for _ in range(500):
+        simulation.engine.step(simulation.act(torch.zeros(6, 5)))
+    moved = (simulation.look().signals.block_position - before).abs()
+    assert moved.max() < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        ("task.starts=[]", "starts"),
+        ("task.starts=[6]", "starts"),
+        ("task.goals=[1,1]", "goals"),
+        ("task.goals=[0]", "goals"),
+        ("task.marked_radius=0.006", "marked_radius"),
+        ("task.pegs=[[0,0]]", "pegs"),
+    ],
+)
+def test_a_layout_that_makes_no_sense_is_refused(word, message):
+    with pytest.raises(ValueError, match=message):
+        peg_settings(word)
+
+
+# Who can do it.
+
+
+def fly(simulation: Simulation, script, steps: int | None = None) -> Moment:
+    """The last moment of an episode of each environment, which stays as it ended."""
+    moment = simulation.reset()
+    open_ = torch.ones(simulation.num_envs, dtype=torch.bool)
+    facts = {name: value.clone() for name, value in moment.facts.items()}
+    total = moment.potential.clone()
+    for _ in range(steps or simulation.episode.max_steps):
+        moment = simulation.step(script(moment.signals))
+        facts = {n: torch.where(open_, v, facts[n]) for n, v in moment.facts.items()}
+        total = torch.where(open_, moment.potential, total)
+        open_ = open_ & ~(moment.terminated | moment.truncated)
+        if not bool(open_.any()):
+            break
+    return replace(moment, facts=facts, potential=total)
+
+
+@pytest.mark.parametrize("script", [expert, smooth])
+@pytest.mark.parametrize(("grasp", "rate"), [("weld", 0.98), ("friction", 0.90)])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_experts_transfer_the_block(layout, grasp, rate, script):
+    settings = peg_settings("num_envs=100", "seed=8", f"episode.grasp={grasp}", layout=layout)
+    simulation, _ = build(settings)
+    moment = fly(simulation, script(settings.task, settings.episode))
+    done = moment.facts["success"]
+    assert done.double().mean() >= rate
+    assert moment.potential[done].min() > 8.0
+
+
+def test_chance_does_not_transfer_the_block():
+    simulation, _ = build(peg_settings("num_envs=40"))
+    moment = fly(simulation, random_controller(5, seed=0))
+    assert not moment.facts["success"].any()
+    assert moment.potential.max() < 7.0
+
+
+@pytest.mark.parametrize("script", [expert, smooth])
+def test_the_experts_refuse_another_control_mode(script):
+    settings = peg_settings("episode.control=pose")
+    with pytest.raises(ValueError, match=r"episode\.control"):
+        script(settings.task, settings.episode)
+
+
+@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.8, 1.0), (expert, 0.0, 0.2)])
+def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
+    settings = peg_settings("num_envs=30")
+    simulation, _ = build(settings)
+    generator = torch.Generator().manual_seed(0)
+    act = script(settings.task, settings.episode)
+    bias = torch.randn(30, 3, generator=generator, dtype=torch.float64)
+    bias *= 0.003 / bias.norm(dim=-1, keepdim=True)
+
+    def blurred(signals):
+        seen = signals.clone()
+        noise = 0.002 * torch.randn(30, 3, generator=generator, dtype=torch.float64)
+        seen.pickup_point = signals.pickup_point + bias + noise
+        seen.block_position = signals.block_position + bias + noise
+        turned = 0.15 * torch.randn(30, generator=generator, dtype=torch.float64)
+        seen.jaw = signals.jaw + turned
+        return seen
+
+    def learner(signals) -> Tensor:
+        return torch.stack([act(blurred(signals)) for _ in range(8)]).mean(0)
+
+    assert least <= fly(simulation, learner).facts["success"].double().mean() <= most
+
+
+# The physics.
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_hostile_actions_leave_the_physics_finite_and_the_block_outside_of_things(grasp):
+    settings = peg_settings("num_envs=20", f"episode.grasp={grasp}", layout="wide")
+    simulation, _ = build(settings)
+    script = expert(settings.task, settings.episode)
+    generator = torch.Generator().manual_seed(1)
+    moment, deepest, ram = simulation.reset(), 0.0, torch.zeros(20, 5, dtype=torch.float64)
+    for step in range(200):
+        if step % 7 == 0:
+            ram = 2.0 * torch.randint(0, 2, (20, 5), generator=generator).double() - 1.0
+            ram[:, 4] = -1.0
+        rams = (moment.signals.grasped & (torch.arange(20) % 3 > 0)).unsqueeze(-1)
+        moment = simulation.step(torch.where(rams, ram, script(moment.signals)))
+        assert torch.isfinite(moment.signals.block_position).all()
+        assert (moment.signals.block_position[:, 2] > 0).all()
+        if step % 10 == 0:
+            for env in range(20):
+                deepest = max(deepest, -simulation.engine.data(env).contact.dist.min(initial=0.0))
+        over = moment.terminated | moment.truncated
+        if bool(over.any()):
+            moment = simulation.reset(over)
+            assert not moment.facts["success"][over].any()
+    assert deepest < 0.0014
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_dm_control_and_the_batch_agree_bit_for_bit(grasp):
+    settings = peg_settings("num_envs=2", "seed=5", f"episode.grasp={grasp}")
+    batch, _ = build(settings)
+    singles = [dm_env.load(settings, env=i) for i in range(2)]
+    script, chance = expert(settings.task, settings.episode), random_controller(5, seed=1)
+    moment = batch.reset()
+    for single in singles:
+        single.reset()
+    seen = {"grasped": False, "placed": False}
+    for _ in range(50):
+        action = script(moment.signals)
+        action[1] = torch.where(moment.signals.grasped[1], chance(moment.signals)[1], action[1])
+        moment = batch.step(action)
+        seen = {name: there | bool(moment.facts[name].any()) for name, there in seen.items()}
+        for env, single in enumerate(singles):
+            single.step(action[env].numpy())
+            same_moment(moment, single.task.moment, env)
+        over = moment.terminated | moment.truncated
+        if bool(over.any()):
+            moment = batch.reset(over)
+            for env, single in enumerate(singles):
+                if over[env]:
+                    single.reset()
+                    same_moment(moment, single.task.moment, env)
+    assert all(seen.values()), seen
+
+
+def same_moment(batch: Moment, single: Moment, env: int) -> None:
+    """Assert that row ``env`` of a batch's moment is the single environment's, bit for bit."""
+    for name in TASK.signals:
+        assert torch.equal(getattr(batch.signals, name)[env], getattr(single.signals, name)[0]), (
+            name
+        )
+    for field in fields(batch):
+        mine, other = getattr(batch, field.name), getattr(single, field.name)
+        if isinstance(mine, dict):
+            assert all(torch.equal(mine[n][env], other[n][0]) for n in mine), field.name
+        elif field.name != "signals":
+            assert torch.equal(mine[env], other[0]), field.name
