@@ -14,7 +14,7 @@ FLOORS = (
     "config",
     "robot",
     "scene",
-    "task",
+    "tasks",
     "rewards",
     "engines",
     "envs",

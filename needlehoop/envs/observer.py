@@ -107,7 +107,7 @@ class Observer:
     def _stack(self, name: str, image: Tensor, ids: Tensor | None) -> Tensor:
         """The last ``frame_stack`` frames, the newest last."""
         assert self._simulation.state is not None
-        begins = self._simulation.state.steps == 0
+        begins = self._simulation.state["steps"] == 0
         begins = begins if ids is None else begins[ids]
         filled = image.repeat(1, self._obs.frame_stack, 1, 1)
         # Staggered episodes begin with steps used up, but without a frame in memory.

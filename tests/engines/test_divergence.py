@@ -44,9 +44,9 @@ def test_an_episode_that_diverges_is_truncated_and_the_others_go_on(kind, value)
         simulation.step(actions[0])
     break_down(broken, 1, value)
     moment, other = broken.step(actions[1]), whole.step(actions[1])
-    assert moment.diverged.tolist() == moment.truncated.tolist() == [False, True, False]
+    assert moment.facts["diverged"].tolist() == moment.truncated.tolist() == [False, True, False]
     assert not moment.terminated.any()
-    assert moment.facts()["diverged"].tolist() == [False, True, False]
+    assert moment.facts["diverged"].tolist() == [False, True, False]
     paid = (*moment.terms.values(), moment.potential, moment.reward)
     for one in (*moment.signals.values(), *paid):
         assert bool(torch.isfinite(one.double()).all())
@@ -55,7 +55,7 @@ def test_an_episode_that_diverges_is_truncated_and_the_others_go_on(kind, value)
     for action in actions[2:]:
         assert torch.equal(moment.potential[others], other.potential[others])
         moment, other = broken.step(action), whole.step(action)
-        assert not moment.diverged.any()
+        assert not moment.facts["diverged"].any()
     for name, one in broken.engine.snapshot().items():
         assert torch.equal(one[others], whole.engine.snapshot()[name][others]), name
 
@@ -84,7 +84,7 @@ def test_an_evaluation_counts_it(kind):
         return torch.zeros(3, 5)
 
     outcome = run_episodes(simulation, act)
-    assert outcome.diverged.tolist() == [True, False, False]
+    assert outcome.facts["diverged"].tolist() == [True, False, False]
     assert outcome.steps.tolist() == [3, 6, 6]
     assert outcome.summary()["diverged"] == pytest.approx(1 / 3)
 

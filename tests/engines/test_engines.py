@@ -26,7 +26,7 @@ def same_moment(batch, single, env):
         if field.name == "signals":
             continue
         row, one = getattr(batch, field.name), getattr(single, field.name)
-        if field.name == "terms":
+        if field.name in ("terms", "facts"):
             assert all(torch.equal(row[name][env], one[name][0]) for name in row)
         else:
             assert torch.equal(row[env], one[0]), field.name

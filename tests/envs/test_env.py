@@ -14,9 +14,9 @@ from torchrl.envs.utils import check_env_specs
 
 import needlehoop
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.observer import STATE_SIGNALS
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.tasks.needle_hoop.signals import STATE
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_signals_are_the_whole_state_by_name():
     env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     vector = env.reset()["signals"]
     signals = env.simulation._moment(pays=False).signals
-    columns = [getattr(signals, name).float().reshape(2, -1) for name in STATE_SIGNALS]
+    columns = [getattr(signals, name).float().reshape(2, -1) for name in STATE]
     assert torch.equal(vector, torch.cat(columns, -1))
 
 

@@ -300,7 +300,7 @@ def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
 
 def test_an_unknown_fact_is_refused_with_those_that_are_known():
     with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from .*lifted"):
-        replace(HEADS, told=("held",))
+        typed_job(composing.compose(["cams=[rgb_front]", "algo.network.told=[held]"], "config"))
     spec = observed(2, {"rgb_a": 3}, {})
     spec["facts"] = Composite({"lifted": Binary(1, shape=(2, 1), dtype=torch.bool)}, shape=(2,))
     with pytest.raises(ValueError, match=r"algo\.network\.told: 'grasped' .*choose from lifted"):

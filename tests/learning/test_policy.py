@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from tensordict import TensorDict
 
@@ -15,7 +16,7 @@ from needlehoop.config import composing
 from needlehoop.envs.torchrl_env import NeedleHoopEnv
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
-from needlehoop.learning.weights import write_weights
+from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.run import Run
 
 WORDS = [
@@ -44,7 +45,7 @@ def trained(folder, *words, weights="float32"):
     ppo = {"agent": agent.state_dict(), "done_updates": 1}
     learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
     run.save({"learner": learner, "update": 1, "wall_time": 1.0})
-    write_weights(folder, agent.actor, values, weights)
+    write_weights(folder, Senses.of(job), agent.actor, values, weights)
     return agent
 
 
@@ -172,9 +173,9 @@ def test_what_is_no_policy_is_told_in_a_line(run, tmp_path):
             bad.write_bytes(content)
         refused(bad, message)
     save_file({"a": torch.zeros(1)}, bad)
-    refused(bad, "no config in it")
-    values = json.dumps(Run.open(folder).config())
-    save_file({"a": torch.zeros(1)}, bad, {"config": values})
+    refused(bad, "it does not say what it sees")
+    with safe_open(folder / "policy.safetensors", framework="pt") as file:
+        save_file({"a": torch.zeros(1)}, bad, file.metadata())
     refused(bad, "does not fit its config")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "is no run")

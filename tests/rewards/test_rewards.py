@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given
-from needle_task import load_reward
-from needlehoop.task.facts import is_terminated
-from needlehoop.task.start import draws, start
+from needle_task import draws, load_reward
 from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.start import start
 
 BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
 
@@ -44,7 +44,7 @@ def signals_of(**given) -> Signals:
         fields[name] = torch.zeros(1, *signal.shape, dtype=kind)
         if name in given:
             fields[name][0] = torch.as_tensor(given[name], dtype=kind)
-    return Signals(**fields, batch_size=[1])
+    return TASK.signals_class(**fields, batch_size=[1])
 
 
 PERFECT = {"grasped": True, "lifted": True, "touched": True, "threaded": True, "elapsed": 0.25}
@@ -76,12 +76,12 @@ def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, 
     worth = [
         total(
             human,
-            tool_midpoint=one.tool,
-            pickup_point=one.needle[:3],
-            lift_position=one.lift,
-            needle_tip=one.needle[:3],
-            goal=one.hoop,
-            jaw_command=one.jaw,
+            tool_midpoint=one.robot["tool"],
+            pickup_point=one.free["needle"][:3],
+            lift_position=one.mocap["lift_position"],
+            needle_tip=one.free["needle"][:3],
+            goal=one.mocap["hoop"],
+            jaw_command=one.robot["jaw"],
         )
         for one in begun
     ]
@@ -178,7 +178,7 @@ def test_a_reward_does_not_decide_success(values, episode, kind):
         before = signals.clone()
         reward(signals)
         assert bool((signals == before).all())
-        assert bool(is_terminated(episode, signals)) == given_.get("threaded", False)
+        assert bool(TASK.success(episode, signals)) == given_.get("threaded", False)
 
 
 # The sparse one.

@@ -186,13 +186,19 @@ def test_a_float32_comes_back_to_the_bit(run):
     assert torch.equal(read, numbers)
 
 
-@pytest.mark.parametrize("row", [{"update": 2}, {"return": 0.2, "update": 2}])
-def test_a_row_with_other_columns_is_refused(run, row):
+def test_a_row_that_lacks_a_column_is_refused(run):
     path = fill(run, 1)
     before = path.read_bytes()
     with pytest.raises(RuntimeError, match=r"columns \['update', 'return'\]"):
-        run.append(METRICS, row)
+        run.append(METRICS, {"update": 2})
     assert path.read_bytes() == before
+
+
+def test_a_table_keeps_the_columns_that_it_began_with(run):
+    path = fill(run, 1)
+    run.append(METRICS, {"newer": 1.0, "return": 0.5, "update": 2})
+    head, *_, last = path.read_text().splitlines()
+    assert (head, last) == ("update,return", "2,0.5")
 
 
 @pytest.mark.parametrize("torn", ["3", "3,", "3,0.", "3,0.3", "3,0.3\n", "3,0.3\n4,0.4\n"])

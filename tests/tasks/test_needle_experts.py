@@ -19,8 +19,8 @@ EPISODES = 200 if ALL else 60
 @pytest.mark.parametrize(("grasp", "rate"), [("weld", 0.98), ("friction", 0.90)])
 def test_the_expert_threads_the_needle(grasp, rate):
     outcome = run_trials(compose_settings([f"episode.grasp={grasp}"]), "expert", EPISODES)
-    assert outcome.threaded.double().mean() >= rate
-    done = outcome.potential[outcome.threaded]
+    assert outcome.facts["threaded"].double().mean() >= rate
+    done = outcome.potential[outcome.facts["threaded"]]
     assert done.min() >= 8.0
     assert done.max() <= 9.2
 
@@ -28,20 +28,20 @@ def test_the_expert_threads_the_needle(grasp, rate):
 @pytest.mark.parametrize("task", ["near", "wide"])
 def test_the_expert_manages_the_other_difficulties(task):
     outcome = run_trials(compose_settings([f"task={task}"]), "expert", 60)
-    assert outcome.threaded.double().mean() >= 0.95
+    assert outcome.facts["threaded"].double().mean() >= 0.95
 
 
 def test_the_cheat_touches_the_goal_and_is_told_apart():
     # The geometry allows it: the tip comes within the goal's radius before the opening.
     outcome = run_trials(compose_settings(), "cheat", 40)
-    assert outcome.touched.double().mean() >= 0.9
-    assert not outcome.threaded.any()
-    assert torch.equal(outcome.cheat, outcome.touched)
+    assert outcome.facts["touched"].double().mean() >= 0.9
+    assert not outcome.facts["threaded"].any()
+    assert torch.equal(outcome.facts["cheat"], outcome.facts["touched"])
 
 
 def test_chance_does_not_thread_the_needle():
     outcome = run_trials(compose_settings(), "random", 40)
-    assert not outcome.threaded.any()
+    assert not outcome.facts["threaded"].any()
     assert outcome.potential.mean() < 2.0
 
 
@@ -55,9 +55,9 @@ def test_trials_do_not_depend_on_how_many_there_are():
 def test_the_smooth_expert_threads_the_needle(task, grasp):
     settings = compose_settings([f"task={task}", f"episode.grasp={grasp}"])
     outcome = run_trials(settings, "smooth", EPISODES)
-    assert outcome.threaded.double().mean() >= 0.98
+    assert outcome.facts["threaded"].double().mean() >= 0.98
     # It is still on its way through when the episode ends.
-    assert outcome.potential[outcome.threaded].min() >= 7.4
+    assert outcome.potential[outcome.facts["threaded"]].min() >= 7.4
 
 
 def _blurred(signals: Signals, bias: Tensor, sigma: float, generator: torch.Generator) -> Signals:
@@ -104,7 +104,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most
         return _guessed(script, signals, bias, 0.0035, generator)
 
     outcome = run_episodes(simulation, learner)
-    assert least <= outcome.threaded.double().mean() <= most
+    assert least <= outcome.facts["threaded"].double().mean() <= most
 
 
 @pytest.mark.parametrize(
