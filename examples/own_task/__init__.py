@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import mujoco
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.config.strict import Positive
@@ -77,11 +76,10 @@ def start(layout: CubeLayout, uniform: Tensor) -> Start:
     opening = torch.full((n,), layout.open, dtype=torch.float64)
     pose = torch.cat((cube, flat + layout.cube / 2, about_z(flat[:, 0])), -1)
     return Start(
-        robot=TensorDict({"tool": tool, "opening": opening}, [n]),
-        free=TensorDict({"cube": pose}, [n]),
-        mocap=TensorDict({"spot": torch.cat((spot, flat), -1)}, [n]),
+        robot={"tool": tool, "opening": opening},
+        free={"cube": pose},
+        mocap={"spot": torch.cat((spot, flat), -1)},
         control=servos(tool, opening),
-        batch_size=[n],
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.engines.contract import Engine
@@ -112,8 +113,9 @@ class Simulation:
                     fresh["steps"] = spread // self.num_envs
                 self.state = fresh
             else:
-                self.state = self.state.clone()
-                self.state[ids] = fresh
+                changed = self.state.clone()
+                changed[ids] = fresh
+                self.state = changed
             self.engine.reset(ids, starts)
             self._potential[ids] = 0.0
             self._episodes[ids.numpy()] += 1
@@ -154,7 +156,7 @@ class Simulation:
         self._episodes = snapshot["episodes"].numpy().copy()
         self._potential = snapshot["potential"].clone()
         values = {name: value.clone() for name, value in snapshot["task"].items()}
-        self.state = Memory(values, [self.num_envs])
+        self.state = TensorDict(values, [self.num_envs])
         self.engine.restore(snapshot["engine"])
 
     def _moment(self, pays: bool) -> Moment:

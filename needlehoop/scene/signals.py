@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import torch
-from tensordict import TensorClass
 from torch import Tensor
 
 Signals = Any
@@ -58,6 +57,9 @@ ELAPSED = Signal((), "1", "-", "command", "fraction of the episode's steps that 
 
 def signals_class(table: Mapping[str, Signal]) -> type:
     """The TensorClass with a field for each signal of a table."""
+    # Imported where signals are made: it takes a second, which bad settings need not wait for.
+    from tensordict import TensorClass
+
     fields = {"__annotations__": dict.fromkeys(table, Tensor), "__module__": __name__}
     return type("Signals", (TensorClass,), fields)
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.scene.signals import SensorSpec, Signal, signals_class
@@ -23,9 +22,9 @@ if TYPE_CHECKING:
     import mujoco
     import numpy as np
 
-Memory = TensorDict
-"""What is remembered between steps, by name, batch size ``(n,)``: the robot's targets, ``steps``
-taken, the facts that are remembered, those that were true once, and since when some are true."""
+Memory = Any
+"""What is remembered between steps, a TensorDict of batch size ``(n,)``: the robot's targets,
+``steps`` taken, facts that are remembered or were true once, and since when some are true."""
 
 Controller = Callable[[Any], Tensor]
 """Signals to actions ``(n, action_size)``."""

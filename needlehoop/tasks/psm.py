@@ -7,7 +7,6 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
@@ -79,7 +78,7 @@ def touch_sensors(body: str) -> dict[str, SensorSpec]:
     }
 
 
-def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> TensorDict:
+def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, Tensor]:
     """The robot of a ``Start``: the tool at a place, the wrist straight.
 
     Args:
@@ -89,10 +88,10 @@ def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> Tens
         jaw: angle ``(n,)``, rad.
     """
     joints = tip_joints(layout, tool, roll)
-    return TensorDict({"tool": tool, "joints": joints, "jaw": jaw}, [len(tool)])
+    return {"tool": tool, "joints": joints, "jaw": jaw}
 
 
-def servos(robot: TensorDict) -> Tensor:
+def servos(robot: dict[str, Tensor]) -> Tensor:
     """Commands ``(n, 7)`` that hold the robot of a ``Start``: six joints (rad, m) and the jaw."""
     return torch.cat((robot["joints"], robot["jaw"].unsqueeze(-1)), -1)
 

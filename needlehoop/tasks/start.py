@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from tensordict import TensorClass, TensorDict
 from torch import Tensor
 
 
-class Start(TensorClass):
-    """Where things are when an episode begins; m, rad, world frame.
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where things are when an episode begins, ``n`` of them; m, rad, world frame.
 
     ``robot``: the robot's own numbers by name. ``free``: poses ``(n, 7)`` (position, quaternion)
     of free joints by name. ``mocap``: positions ``(n, 3)`` of mocap bodies by name; they are
     never turned. ``control`` ``(n, nu)``: servo commands that hold the start.
     """
 
-    robot: TensorDict
-    free: TensorDict
-    mocap: TensorDict
+    robot: Mapping[str, Tensor]
+    free: Mapping[str, Tensor]
+    mocap: Mapping[str, Tensor]
     control: Tensor
+
+    def __len__(self) -> int:
+        return len(self.control)
+
+    def __getitem__(self, rows: int | slice) -> Start:
+        """Some of them."""
+        robot, free, mocap = (
+            {name: value[rows] for name, value in one.items()}
+            for one in (self.robot, self.free, self.mocap)
+        )
+        return Start(robot, free, mocap, self.control[rows])
 
 
 def draws(seed: int, env: int, episode: int, count: int) -> np.ndarray:

@@ -30,13 +30,16 @@ class Seen(NamedTuple):
 
 def begin(task: Task, rules: Episode, start: Start) -> Memory:
     """The memory when an episode begins: targets where the robot is, nothing true yet."""
+    # Imported where an episode begins: it takes a second, which bad settings need not wait for.
+    from tensordict import TensorDict
+
     n = len(start)
     names = [fact.name for fact in task.facts if fact.remembered]
     names += [f"has_{fact.name}" for fact in task.facts if fact.once]
     no = {name: torch.zeros(n, dtype=torch.bool) for name in names}
     counted = ["steps", *(f"{fact.name}_since" for fact in task.facts if fact.timed)]
     zero = {name: torch.zeros(n, dtype=torch.int64) for name in counted}
-    return Memory({**task.robot.begin(rules, start), **no, **zero}, [n])
+    return TensorDict({**task.robot.begin(rules, start), **no, **zero}, [n])
 
 
 def act(

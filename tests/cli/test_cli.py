@@ -180,7 +180,7 @@ def test_bench_train_says_where_the_time_goes():
         (["expert", "episodes=many"], "episodes: 'many'"),
         (["expert", "grasps=[glue]"], "grasps: 'glue' is unknown; choose from weld"),
         (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
-        (["expert", "task=hard"], "near standard wide"),
+        (["expert", "task=hard"], "near peg_transfer reach standard wide"),
         (["snapshot", "size=3"], "size: 3"),
         (["export", "what=hand"], "what: 'hand' is unknown; choose from arm, scene"),
         (["export", "psm=stiff"], "psm: 'stiff' is unknown; choose from serial, parallelogram"),

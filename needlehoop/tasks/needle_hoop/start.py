@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
@@ -36,18 +35,16 @@ def start(layout: NeedleLayout, uniform: Tensor) -> Start:
     return place(start_of(layout, tool, roll, jaw), needle, hoop)
 
 
-def place(robot: TensorDict, needle: Tensor, hoop: Tensor) -> Start:
+def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:
     """A start from the robot's own, the needle's pose ``(n, 7)`` and the hoop's centre ``(n, 3)``.
 
     The lift position is above the needle, at the hoop's height.
     """
-    n = len(needle)
     stand = torch.cat((hoop[:, :2], torch.zeros_like(hoop[:, :1])), -1)
     lift = torch.cat((needle[:, :2], hoop[:, 2:]), -1)
     return Start(
         robot=robot,
-        free=TensorDict({"needle": needle}, [n]),
-        mocap=TensorDict({"stand": stand, "hoop": hoop, "lift_position": lift}, [n]),
+        free={"needle": needle},
+        mocap={"stand": stand, "hoop": hoop, "lift_position": lift},
         control=servos(robot),
-        batch_size=[n],
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
@@ -39,7 +38,7 @@ def start(layout: PegLayout, uniform: Tensor) -> Start:
 
 
 def place(
-    layout: PegLayout, robot: TensorDict, block: Tensor, shift: Tensor, marked: Tensor
+    layout: PegLayout, robot: dict[str, Tensor], block: Tensor, shift: Tensor, marked: Tensor
 ) -> Start:
     """A start from the robot's own, the block's pose, the board's shift and the marked peg.
 
@@ -50,7 +49,7 @@ def place(
         shift: of the board ``(n, 2)``, m.
         marked: index of the marked peg ``(n,)``.
     """
-    n, names = len(block), OTHER_PEGS
+    names = OTHER_PEGS
     flat = torch.zeros_like(shift[:, :1])
     places = torch.tensor(layout.pegs, dtype=torch.float64)
     # The other pegs take the places that are left, in their order.
@@ -65,10 +64,9 @@ def place(
     mocap |= {"board": board, "marked": standing(marked), "lift_position": lift}
     return Start(
         robot=robot,
-        free=TensorDict({"block": block}, [n]),
-        mocap=TensorDict(mocap, [n]),
+        free={"block": block},
+        mocap=mocap,
         control=servos(robot),
-        batch_size=[n],
     )
 
 

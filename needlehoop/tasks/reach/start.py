@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.tasks.psm import servos, start_of
@@ -49,8 +48,7 @@ def place(layout: ReachLayout, tool: Tensor, tops: Tensor, chosen: Tensor) -> St
     robot = start_of(layout, tool, roll, jaw)
     return Start(
         robot=robot,
-        free=TensorDict({}, [n]),
-        mocap=TensorDict(places, [n]),
+        free={},
+        mocap=places,
         control=servos(robot),
-        batch_size=[n],
     )
