@@ -4,7 +4,7 @@ Examples:
     >>> env = needlehoop.make_env(cams=["dep_front", "seg_side"], num_envs=8)
     >>> dm = needlehoop.load(cams=["rgb_default"])
     >>> policy = needlehoop.load_policy()
-    >>> gym = gymnasium.make("needlehoop:needlehoop/NeedleHoop-v0", cams=["dep_front"])
+    >>> gym = gymnasium.make("needlehoop:needlehoop/Reach-v0", cams=["dep_front"])
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from wrapt import register_post_import_hook
 if TYPE_CHECKING:
     import dm_env
 
-    from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.envs.torchrl_env import TorchRLEnv
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
     from needlehoop.learning.policy import Policy
 
@@ -34,7 +34,9 @@ def make_env(
     seed: int = 0,
     overrides: Iterable[str] = (),
     conf_dir: str | Path | None = None,
-) -> NeedleHoopEnv:
+    task: str | None = None,
+    task_dir: str | Path | None = None,
+) -> TorchRLEnv:
     """A batched TorchRL environment.
 
     Args:
@@ -43,17 +45,20 @@ def make_env(
             ``(n,)``, or to one tensor.
         num_envs: environments in lockstep.
         seed: decides every episode.
-        overrides: any other setting, as on the command line: ``["task=wide"]``.
+        overrides: any other setting, as on the command line: ``["image_size=96"]``.
         conf_dir: a folder of YAML of one's own, laid out as ``conf/``: views, tasks, rewards.
+        task: an option of ``conf/task``: ``wide``, ``reach``, ``reach/wide``.
+        task_dir: a folder with a task of one's own, whose Python code is imported.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
     """
     from needlehoop.api.making import settings
-    from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.envs.torchrl_env import TorchRLEnv
 
     more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
-    return NeedleHoopEnv(settings(cams, reward, overrides, **more))
+    more |= {"task": task, "task_dir": task_dir}
+    return TorchRLEnv(settings(cams, reward, overrides, **more))
 
 
 def load(
@@ -62,12 +67,15 @@ def load(
     seed: int = 0,
     overrides: Iterable[str] = (),
     conf_dir: str | Path | None = None,
+    task: str | None = None,
+    task_dir: str | Path | None = None,
 ) -> dm_env.Environment:
     """A dm_control Environment; arguments as in ``make_env``."""
     from needlehoop.api.making import settings
     from needlehoop.envs import dm_control_env as interface
 
-    return interface.load(settings(cams, reward, overrides, seed=seed, conf_dir=conf_dir))
+    more = {"seed": seed, "conf_dir": conf_dir, "task": task, "task_dir": task_dir}
+    return interface.load(settings(cams, reward, overrides, **more))
 
 
 def make_sb3(
@@ -77,12 +85,15 @@ def make_sb3(
     seed: int = 0,
     overrides: Iterable[str] = (),
     conf_dir: str | Path | None = None,
+    task: str | None = None,
+    task_dir: str | Path | None = None,
 ) -> StableBaselinesVecEnv:
     """A VecEnv for Stable-Baselines3 (extra ``sb3``); arguments as in ``make_env``."""
     from needlehoop.api.making import settings
     from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
     more = {"num_envs": num_envs, "seed": seed, "conf_dir": conf_dir}
+    more |= {"task": task, "task_dir": task_dir}
     return StableBaselinesVecEnv(settings(cams, reward, overrides, **more))
 
 
@@ -91,7 +102,7 @@ def make_env_of(
     num_envs: int = 8,
     seed: int | None = None,
     trust: bool = False,
-) -> NeedleHoopEnv:
+) -> TorchRLEnv:
     """The environment that a run was trained on, as ``make_env`` gives it.
 
     Args:
@@ -104,10 +115,10 @@ def make_env_of(
         ValueError: no run there, or code without ``trust``.
     """
     from needlehoop.api.making import settings_of
-    from needlehoop.envs.torchrl_env import NeedleHoopEnv
+    from needlehoop.envs.torchrl_env import TorchRLEnv
     from needlehoop.runs.shipped import AGENT
 
-    return NeedleHoopEnv(settings_of(AGENT if run is None else run, num_envs, seed, trust))
+    return TorchRLEnv(settings_of(AGENT if run is None else run, num_envs, seed, trust))
 
 
 def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
@@ -134,13 +145,17 @@ def __getattr__(name: str) -> ModuleType:
 
 
 def _register(gymnasium: Any) -> None:
-    """Tell Gymnasium of the environment."""
+    """Tell Gymnasium of the tasks: ``needlehoop/PegTransfer-v0`` is ``peg_transfer``."""
+    from needlehoop.tasks import built_in
+
     entries = "needlehoop.api.entries"
-    gymnasium.register(
-        "needlehoop/NeedleHoop-v0",
-        entry_point=f"{entries}:single",
-        vector_entry_point=f"{entries}:batch",
-    )
+    for name in (*built_in(), "own_task"):
+        gymnasium.register(
+            f"needlehoop/{name.title().replace('_', '')}-v0",
+            entry_point=f"{entries}:single",
+            vector_entry_point=f"{entries}:batch",
+            kwargs={"name": name} if name in built_in() else {},
+        )
 
 
 # Gymnasium takes 0.3 s to import, which is left to those who use it.

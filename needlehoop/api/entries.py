@@ -1,4 +1,4 @@
-"""What ``gymnasium.make`` and ``gymnasium.make_vec`` call for ``needlehoop/NeedleHoop-v0``."""
+"""What ``gymnasium.make`` and ``make_vec`` call for ids such as ``needlehoop/Reach-v0``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from needlehoop.api.making import settings, settings_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.env import METADATA, GymnasiumEnv
 from needlehoop.gym.vector import GymnasiumVectorEnv
+from needlehoop.runs.shipped import CONF
 
 PAIR = ("dep_front", "seg_side")
 """Cameras by default: those of the first run in the README."""
 
-_SETTINGS = ("cams", "reward", "task", "obs", "conf_dir")
+_SETTINGS = ("cams", "reward", "task", "obs", "conf_dir", "task_dir")
 
 
 def single(**kwargs: Any) -> GymnasiumEnv:
@@ -22,10 +23,12 @@ def single(**kwargs: Any) -> GymnasiumEnv:
     Args:
         cams: cameras, each ``<rendering>_<view>``; by default ``dep_front`` and ``seg_side``.
         reward: an option of ``conf/reward``, by default ``human``; or a function of ``Signals``.
-        task: an option of ``conf/task``.
+        name: of the task that the id stands for; ``None``: any.
+        task: its variant, as ``wide`` is; or an option of ``conf/task``.
         obs: an option of ``conf/obs``.
         overrides: any other setting, as on the command line: ``["obs.frame_stack=3"]``.
         conf_dir: a folder of YAML of one's own, laid out as ``conf/``.
+        task_dir: a folder with a task of one's own, for ``needlehoop/OwnTask-v0``.
         run: a run's folder: the environment that it was trained on, with no other settings.
         trust: whether Python code that the run's files name as its reward may run.
         kwargs: as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
@@ -50,9 +53,21 @@ def _settings(num_envs: int, kwargs: dict[str, Any]) -> Settings:
     given = {key: kwargs.pop(key, None) for key in _SETTINGS}
     overrides: Iterable[str] = kwargs.pop("overrides", ())
     run, trust = kwargs.pop("run", None), kwargs.pop("trust", False)
+    name = kwargs.pop("name", None)
     if run is not None:
         if overrides or any(value is not None for value in given.values()):
             raise ValueError("run: its environment has settings of its own; give no others with it")
         return settings_of(run, num_envs, None, trust)
     cams, reward = given.pop("cams"), given.pop("reward") or "human"
-    return settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **given)
+    if name is not None:
+        given["task"] = _option(name, given["task"])
+    made = settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **given)
+    if name not in (None, made.task.name):
+        raise ValueError(f"task: {given['task']!r} is of {made.task.name}, and this id is {name}'s")
+    return made
+
+
+def _option(name: str, variant: Any) -> Any:
+    """The option of ``conf/task`` for a task's variant; ``None``: that of ``conf/env.yaml``."""
+    option = name if variant is None else f"{name}/{variant}"
+    return option if (CONF / "task" / f"{option}.yaml").is_file() else variant

@@ -13,7 +13,7 @@ import torch
 
 from needlehoop.bench.timing import Stopwatch, rounds_of
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.runs.machine import machine
 
 DM_CONTROL_STEPS = 40
@@ -44,10 +44,10 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
             raise ValueError(f"{key}: {value} must be at least 1")
     if not settings.cams:
         raise ValueError("cams: the benchmark needs at least one camera")
-    seeing, watch = NeedleHoopEnv(settings), Stopwatch()
+    seeing, watch = TorchRLEnv(settings), Stopwatch()
     jobs = {
         "torchrl_with_images": _random_steps(seeing, steps),
-        "torchrl_without_images": _random_steps(NeedleHoopEnv(replace(settings, cams=())), steps),
+        "torchrl_without_images": _random_steps(TorchRLEnv(replace(settings, cams=())), steps),
     }
     # Its first steps warm up and are not counted.
     jobs["torchrl_with_images"][1]()
@@ -84,7 +84,7 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
     }
 
 
-def _random_steps(env: NeedleHoopEnv, steps: int) -> Job:
+def _random_steps(env: TorchRLEnv, steps: int) -> Job:
     """Steps with random actions; an episode that ends is followed by the next one."""
     settings = env.settings
     generator = torch.Generator().manual_seed(settings.seed)

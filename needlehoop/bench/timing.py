@@ -9,7 +9,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.learner import Learner
 
 
@@ -31,7 +31,7 @@ class Stopwatch:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._part = "acting"
 
-    def watch_env(self, env: NeedleHoopEnv) -> None:
+    def watch_env(self, env: TorchRLEnv) -> None:
         """Time the physics and the images of an environment from now on."""
         engine: Any = env.simulation.engine
         engine.step = self._timed(engine.step, "physics")

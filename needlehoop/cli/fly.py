@@ -45,15 +45,19 @@ def add_commands(commands: Any) -> None:
 def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop import rewards
     from needlehoop.config import composing
+    from needlehoop.envs.settings import recall_task
     from needlehoop.learning.job import checked_job, pick_device
     from needlehoop.runs.files import VIDEO
     from needlehoop.runs.run import Run
 
     run = Run.open(options.run_folder)
-    job = checked_job(run.config())
+    recorded = run.config()
     # Programs are found by the cameras.
-    values = composing.compose([*options.overrides, f"+cams={list(job.env.cams)}"], "evaluate")
+    cams = strict.value(recorded, "cams", tuple[str, ...])
+    values = composing.compose([*options.overrides, f"+cams={list(cams)}"], "evaluate")
     trust, reward = strict.value(values, "trust", bool), values.get("reward")
+    recall_task(recorded, trust)
+    job = checked_job(recorded)
     paid = rewards.recall(job.env.reward, trust) if reward is None else rewards.allow(reward)
     job = replace(job, env=replace(job.env, reward=paid))
     episodes, filmed = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))

@@ -10,24 +10,25 @@ def add_commands(commands: Any) -> None:
     """Add the command to the subparsers of ``needlehoop``."""
     summary = "List the tasks: their facts, phases, controllers and variants."
     listed = commands.add_parser("tasks", help=summary, description=summary)
-    listed.add_argument("overrides", nargs="*", metavar="key=value", help="task_dir=<folder>")
+    listed.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="task_dir=<folder> conf_dir=<folder>"
+    )
     listed.set_defaults(run=_tasks)
 
 
 def _tasks(options: argparse.Namespace) -> None:
-    from pathlib import Path
-
-    from needlehoop.config.own_folder import part
+    from needlehoop.config.own_folder import part, task_folder
     from needlehoop.config.task_options import variants
     from needlehoop.runs.shipped import CONF
     from needlehoop.tasks.registry import add_folder, find, names
 
-    words, folders = part(options.overrides)
-    for word in words:
-        key, _, value = word.partition("=")
-        if key != "task_dir":
+    for word in options.overrides:
+        key = word.partition("=")[0]
+        if key not in ("conf_dir", "task_dir"):
             raise ValueError(f"{key}: unknown key; choose from conf_dir, task_dir")
-        add_folder(Path(value))
+    _, folders = part(options.overrides)
+    if own := task_folder(options.overrides):
+        add_folder(own)
     for name in names():
         task = find(name)
         print(f"{name}: {task.summary}")

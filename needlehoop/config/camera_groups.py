@@ -105,7 +105,7 @@ def check_cameras(cameras: Mapping[str, Any]) -> None:
 
 
 def options(folder: Path, group: str) -> list[str]:
-    """Options of a group that a config folder has: files, and what follows from the task."""
+    """Options of a group in a config folder: files, and the option that follows from the task."""
     files = (file.stem for file in (folder / group).glob("*.yaml"))
     option, place = OPTIONS.get(group, ("", ""))
     made = [option] if option and any((folder / place).glob("*.yaml")) else []

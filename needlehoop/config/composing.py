@@ -90,22 +90,20 @@ def in_brackets(words: Iterable[str]) -> list[str]:
 
 
 def quoted(word: str) -> str:
-    """``resume=`` with its path in quotes for Hydra, which takes ``=`` and ``{}`` for its own."""
+    """``resume=`` with its path in quotes for Hydra."""
     key, _, path = word.partition("=")
     if key != "resume" or path in ("", "null") or path[0] in "'\"":
         return word
-    escaped = re.sub(r"(\\*)'", lambda found: 2 * found[1] + "\\'", path)
-    trailing = len(path) - len(path.rstrip("\\"))
-    return f"resume='{escaped}{trailing * chr(92)}'"
+    return f"resume={own_folder.in_quotes(path)}"
 
 
 def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
-    """A command line as Hydra takes it, and the folders that ``conf_dir=`` named.
+    """A command line as Hydra takes it, and the config folders of one's own that it named.
 
     Also registers the options that are no files.
 
     Raises:
-        ValueError: ``conf_dir`` is no config folder.
+        ValueError: ``conf_dir`` or ``task_dir`` is no such folder.
     """
     rest, folders = own_folder.part(words)
     allow_variables(rest)

@@ -1,11 +1,17 @@
-"""A config folder of one's own: ``conf_dir=<folder>``, views, tasks and all, beside ``conf/``.
+"""Config folders of one's own, beside ``conf/``: ``conf_dir=<folder>``, and ``conf`` of a task.
 
-Others may have written its files. Hydra reads one when it is chosen, and only within limits.
+A task from elsewhere is a folder (``task_dir=<folder>``) or an entry point of an installed package
+(``task=<its name>``). Nothing of it is imported here.
+
+Others may have written the YAML. Hydra reads a file when it is chosen, and only within limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
@@ -16,7 +22,10 @@ from needlehoop.config import camera_groups
 from needlehoop.runs.reading import UnreadableError, read_yaml
 from needlehoop.runs.shipped import CONF
 
-KEY = "conf_dir"
+KEY, TASK_KEY = "conf_dir", "task_dir"
+
+GROUP = "needlehoop.tasks"
+"""Entry points of installed packages: ``mine = "my_package.my_task:TASK"``."""
 
 
 class BoundedSource(FileConfigSource):
@@ -32,9 +41,12 @@ class BoundedSource(FileConfigSource):
         file = Path(self.path) / self._normalize_file_name(config_path)
         if file.exists():
             try:
-                read_yaml(file)
+                values = read_yaml(file)
             except UnreadableError as error:
-                raise ValueError(f"{KEY}: {file} {error}") from error
+                raise ValueError(f"{file} {error}") from error
+            # It is imported, and a file must not decide that.
+            if TASK_KEY in values:
+                raise ValueError(f"{file}: {TASK_KEY} counts only where you type it")
         return super().load_config(config_path)
 
     def is_config(self, config_path: str) -> bool:
@@ -43,17 +55,45 @@ class BoundedSource(FileConfigSource):
 
 
 def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
-    """A command line without ``conf_dir=``, and the folders that it named.
+    """A command line as Hydra takes it, and the config folders that it named.
+
+    ``conf_dir=`` is taken out. ``task_dir=`` becomes a whole path, and chooses its only task if no
+    task is named.
 
     Raises:
-        ValueError: one that is no config folder, or has a name that is taken.
+        ValueError: one that is no config folder, or has a name that is taken; several tasks and
+            none named.
     """
     given = list(words)
     own = [word for word in given if word.startswith(f"{KEY}=")]
     folders = [Path(word.partition("=")[2]).expanduser().resolve() for word in own]
     for folder in folders:
-        _check(folder)
-    return [word for word in given if word not in own], folders
+        _check(folder, KEY)
+    rest = [word for word in given if word not in own]
+    chosen, task = task_folder(rest), task_words(rest)
+    if chosen is not None:
+        _check(chosen / "conf", TASK_KEY)
+        rest = [word for word in rest if not word.startswith(f"{TASK_KEY}=")]
+        rest += [f"{TASK_KEY}={in_quotes(str(chosen))}"]
+        rest += [] if task else [f"task={_only_task(chosen)}"]
+        folders.append(chosen / "conf")
+    elif task:
+        folders += _installed(task[-1], [CONF, *folders])
+    return rest, folders
+
+
+def task_folder(words: Iterable[str]) -> Path | None:
+    """The folder that ``task_dir=`` names, if it does; of several the last."""
+    named = [word.partition("=")[2] for word in words if word.startswith(f"{TASK_KEY}=")]
+    if not named or named[-1] in ("", "null"):
+        return None
+    plain = re.sub(r"^(['\"])(.*)\1$", r"\2", named[-1])
+    return Path(plain).expanduser().resolve()
+
+
+def task_words(words: Iterable[str]) -> list[str]:
+    """What ``task=`` is in a command line."""
+    return [word.partition("=")[2] for word in words if word.lstrip("+").startswith("task=")]
 
 
 def search_path(folders: Iterable[Path]) -> list[str]:
@@ -63,14 +103,46 @@ def search_path(folders: Iterable[Path]) -> list[str]:
     return [f"hydra.searchpath=[{places}]"] if places else []
 
 
-def _check(folder: Path) -> None:
+def in_quotes(path: str) -> str:
+    """A path in quotes for Hydra, which takes ``=`` and ``{}`` for its own."""
+    escaped = re.sub(r"(\\*)'", lambda found: 2 * found[1] + "\\'", path)
+    trailing = len(path) - len(path.rstrip("\\"))
+    return f"'{escaped}{trailing * chr(92)}'"
+
+
+def _only_task(folder: Path) -> str:
+    options = sorted(file.stem for file in (folder / "conf/task").glob("*.yaml"))
+    if len(options) != 1:
+        found = f"choose from {', '.join(options)}" if options else "there is no conf/task/*.yaml"
+        raise ValueError(f"{TASK_KEY}: {str(folder)!r}: which task=? {found}")
+    return options[0]
+
+
+def _installed(option: str, folders: Sequence[Path]) -> list[Path]:
+    """The config folder of an installed package's task; none for an option that is a file."""
+    if any((folder / "task" / f"{option}.yaml").is_file() for folder in folders):
+        return []
+    found = []
+    for entry in entry_points(group=GROUP, name=option.partition("/")[0]):
+        spec = find_spec(entry.module)
+        if spec is not None and spec.origin is not None:
+            found.append(Path(spec.origin).parent / "conf")
+            _check(found[-1], f"the entry point {entry.name}")
+    return found
+
+
+def _check(folder: Path, key: str) -> None:
     """Raises ``ValueError`` for a folder or file that Hydra would silently ignore."""
     if not folder.is_dir():
-        raise ValueError(f"{KEY}: {str(folder)!r} is no folder")
+        raise ValueError(f"{key}: {str(folder)!r} is no folder")
     valid = sorted(one.name for one in CONF.iterdir() if one.is_dir())
     for group in sorted(one.name for one in folder.iterdir() if one.is_dir()):
         if group not in valid:
-            raise ValueError(f"{KEY}: {group!r} is no group; choose from {', '.join(valid)}")
-        own, ours = (camera_groups.options(place, group) for place in (folder, CONF))
-        for name in sorted({*own} & {*ours}):
-            raise ValueError(f"{KEY}: {group}/{name}.yaml: the name is taken; choose another")
+            raise ValueError(f"{key}: {group!r} is no group; choose from {', '.join(valid)}")
+        ours = {*_files(CONF / group), *camera_groups.options(CONF, group)}
+        for name in sorted({*_files(folder / group)} & ours):
+            raise ValueError(f"{key}: {group}/{name}.yaml: the name is taken; choose another")
+
+
+def _files(folder: Path) -> list[str]:
+    return [str(file.relative_to(folder).with_suffix("")) for file in folder.rglob("*.yaml")]

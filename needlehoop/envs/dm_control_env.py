@@ -26,7 +26,7 @@ from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.scene.signals import columns
 
 
-class NeedleHoopTask(control.Task):
+class DmControlTask(control.Task):
     """The dm_control face of a ``Simulation``; its physics is stepped by dm_control.
 
     Args:
@@ -145,5 +145,5 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     simulation, imager = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)
     inner = simulation.engine.environments[0]
-    task: Any = NeedleHoopTask(simulation, inner.task, imager, s)
+    task: Any = DmControlTask(simulation, inner.task, imager, s)
     return build_environment(inner.physics, task, s.episode.substeps)

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.config import composing, strict
-from needlehoop.config.strict import Range, Seed, check_names
+from needlehoop.config.strict import Range, Seed, check_names, shown
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
+from needlehoop.tasks import registry
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Layout
@@ -55,6 +56,8 @@ class Settings:
     renderings: Mapping[str, Rendering]
     picture: View
     """Where pictures for people are taken from; not a camera that agents can choose."""
+    task_dir: str | None = None
+    """Folder of a task from outside the package."""
 
     def __post_init__(self) -> None:
         if self.psm not in VARIANTS:
@@ -101,11 +104,44 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     Raises:
         ValueError: as in ``compose_settings``.
     """
+    import_task(values)
     missing = [name for name in Settings.__dataclass_fields__ if name not in values]
     if missing:
         raise ValueError(f"{missing[0]}: missing; every environment needs it")
     found = strict.as_type(with_task(values), Settings)
     return replace(found, reward=rewards.allow(found.reward))
+
+
+def import_task(values: Mapping[str, Any]) -> None:
+    """Import the task that a config names, if it is from elsewhere: for what somebody typed.
+
+    Raises:
+        ValueError: as in ``registry.add``.
+    """
+    registry.add(*_named(values))
+
+
+def recall_task(values: Mapping[str, Any], trust: bool) -> None:
+    """The same for a config that was read from a run's files, if the person trusts them.
+
+    Raises:
+        ValueError: the task is from elsewhere, and there is no trust.
+    """
+    name, folder = _named(values)
+    if not trust and registry.is_from_elsewhere(name, folder):
+        origin = "an installed package" if folder is None else folder
+        raise ValueError(
+            f"task: the run's files name Python code, {shown(name)} of {shown(origin)}, which would"
+            " be imported and run; add trust=true if you trust them"
+        )
+    import_task(values)
+
+
+def _named(values: Mapping[str, Any]) -> tuple[Any, str | None]:
+    """A task's name and ``task_dir``."""
+    task, folder = values.get("task"), values.get("task_dir")
+    name = task.get("name") if isinstance(task, Mapping) else None
+    return name, strict.structure(folder, str | None, "task_dir")
 
 
 def with_task(values: Mapping[str, Any]) -> dict[str, Any]:

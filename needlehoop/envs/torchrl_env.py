@@ -1,4 +1,4 @@
-"""The task as a batched TorchRL environment."""
+"""A task as a batched TorchRL environment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
 
 
-class NeedleHoopEnv(EnvBase):
+class TorchRLEnv(EnvBase):
     """``num_envs`` environments in lockstep, batch size ``(num_envs,)``.
 
     Keys: ``("pixels", <camera>)`` uint8 ``(n, frame_stack * channels, h, w)``; optionally

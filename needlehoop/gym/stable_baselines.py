@@ -31,7 +31,7 @@ class StableBaselinesVecEnv(VecEnv):
     which SB3 logs as ``rollout/success_rate`` under a ``VecMonitor``, and what
     ``GymnasiumEnv`` tells.
 
-    Episodes are those of ``NeedleHoopEnv`` with the same seed: that of the settings until
+    Episodes are those of ``TorchRLEnv`` with the same seed: that of the settings until
     ``seed`` is called, as SB3 does where ``seed=`` is given to the algorithm.
 
     Args:

@@ -25,7 +25,7 @@ class GymnasiumVectorEnv(VectorEnv):
 
     Observations, actions and ``info`` are those of ``GymnasiumEnv`` with a dimension ``n`` in
     front; ``infos`` has Gymnasium's ``_<name>`` masks. ``reset(seed=s)`` begins the first
-    episodes of the seed's environments 0 to ``n - 1``: those of ``NeedleHoopEnv`` with that
+    episodes of the seed's environments 0 to ``n - 1``: those of ``TorchRLEnv`` with that
     seed, and in environment 0 that of ``GymnasiumEnv``.
 
     What happens to an environment whose episode is over is Gymnasium's ``AutoresetMode``:

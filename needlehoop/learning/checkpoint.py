@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.collectors import LabellingCollector
 from needlehoop.learning.dagger import Dagger
@@ -54,7 +54,7 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
         raise _unfit(path, f"learner.{method}.done_updates", f"is not {update}, as update is")
 
 
-def check_learner(state: Mapping[str, Any], ppo: Ppo, env: NeedleHoopEnv) -> None:
+def check_learner(state: Mapping[str, Any], ppo: Ppo, env: TorchRLEnv) -> None:
     """That a learner's state fits the networks and the environment that were built for a job.
 
     Args:

@@ -10,7 +10,7 @@ from torch import Tensor
 from torchrl.modules import IndependentNormal
 
 from needlehoop.envs.controllers import Perturbation, controller
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.parallel import ParallelAgent
@@ -34,7 +34,7 @@ class _Collector:
         workers: that fold images.
     """
 
-    def __init__(self, env: NeedleHoopEnv, running: ParallelAgent, horizon: int, workers: Workers):
+    def __init__(self, env: TorchRLEnv, running: ParallelAgent, horizon: int, workers: Workers):
         self._env, self._running, self._workers = env, running, workers
         self._agent = agent = running.agent
         self._device = next(agent.parameters()).device
@@ -119,7 +119,7 @@ class LabellingCollector(_Collector):
 
     def __init__(
         self,
-        env: NeedleHoopEnv,
+        env: TorchRLEnv,
         running: ParallelAgent,
         config: DaggerConfig,
         seed: int,

@@ -18,7 +18,7 @@ from needlehoop.envs.observer import Observer
 from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
@@ -139,7 +139,7 @@ def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
         check_state(run.folder / CHECKPOINT, state, job)
     # Networks do not depend on the reward, and a stranger's may be code.
     alone = replace(job.env, num_envs=1, reward=NONE)
-    agent = build_agent(job, NeedleHoopEnv(alone), device)
+    agent = build_agent(job, TorchRLEnv(alone), device)
     if state is None:
         read_weights(weights, agent.actor)
     else:

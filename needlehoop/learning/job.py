@@ -12,7 +12,7 @@ import torch
 from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, Range, Seed, check_names
-from needlehoop.envs.settings import Settings, with_task
+from needlehoop.envs.settings import Settings, import_task, recall_task, with_task
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.networks import HeadConfig
@@ -191,22 +191,27 @@ def typed_job(values: Mapping[str, Any]) -> Job:
     Raises:
         ValueError: a value is wrong; says its key.
     """
+    import_task(values)
     found = checked_job(values)
     return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
 
 
 def recorded_job(values: Mapping[str, Any], trust: bool) -> Job:
-    """The job of a run's own config. Python code that it names runs only with ``trust``.
+    """The job of a run's own config. A task or a reward that is code runs only with ``trust``.
 
     Raises:
         ValueError: there is such code and no trust, or as in ``typed_job``.
     """
+    recall_task(values, trust)
     found = checked_job(values)
     return replace(found, env=replace(found.env, reward=rewards.recall(found.env.reward, trust)))
 
 
 def checked_job(values: Mapping[str, Any]) -> Job:
-    """A training config as a job whose reward can run no code; errors as in ``typed_job``."""
+    """A training config as a job whose reward can run no code; imports no task.
+
+    Errors are as in ``typed_job``.
+    """
     own, environment = (
         {name: values[name] for name in kind.__dataclass_fields__ if name in values}
         for kind in (Job, Settings)

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.checkpoint import check_imitation, check_learner
@@ -42,7 +42,7 @@ class Reinforcement:
     def __init__(
         self,
         job: Job,
-        env: NeedleHoopEnv,
+        env: TorchRLEnv,
         agent: Agent,
         workers: Workers,
         state: dict[str, Any] | None,
@@ -85,7 +85,7 @@ class Imitation:
     def __init__(
         self,
         job: Job,
-        env: NeedleHoopEnv,
+        env: TorchRLEnv,
         agent: Agent,
         workers: Workers,
         state: dict[str, Any] | None,
@@ -146,7 +146,7 @@ class Learner:
         torch.set_num_threads(1)
         torch.manual_seed(job.env.seed)
         # Cut episodes show every stage to PPO's first buffer. Imitation begins with whole ones.
-        self.env = NeedleHoopEnv(job.env, stagger=isinstance(job.algo, PpoConfig))
+        self.env = TorchRLEnv(job.env, stagger=isinstance(job.algo, PpoConfig))
         self.agent = build_agent(job, self.env, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
@@ -205,7 +205,7 @@ class Learner:
         return state
 
 
-def build_agent(job: Job, env: NeedleHoopEnv, device: torch.device) -> Agent:
+def build_agent(job: Job, env: TorchRLEnv, device: torch.device) -> Agent:
     """An untrained agent for an environment of a job."""
     dtype = convolution_dtype(job.precision, device)
     actions = job.env.episode.action_size

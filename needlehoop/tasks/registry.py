@@ -1,7 +1,7 @@
 """Tasks by name: the folders of this package, and those that somebody brought.
 
-Built-in tasks are found by name. A task from elsewhere is code: it is imported by ``add_folder`` or
-``add_installed`` alone, for somebody who named it.
+Built-in tasks are found by name. A task from elsewhere is code: ``add`` alone imports it, for
+somebody who named it.
 """
 
 from __future__ import annotations
@@ -11,23 +11,17 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from pkgutil import iter_modules
+from typing import Any
 
-from needlehoop import tasks
+from needlehoop.config.own_folder import GROUP
 from needlehoop.runs.shipped import CONF
+from needlehoop.tasks import built_in
 from needlehoop.tasks.contract import Task
-
-GROUP = "needlehoop.tasks"
-"""Entry points of installed packages: ``mine = "my_package.my_task:TASK"``."""
 
 _added: dict[str, Task] = {}
 _folders: dict[str, Path] = {}
-"""Of tasks that were added from a folder."""
-
-
-def built_in() -> tuple[str, ...]:
-    """Names of the tasks of this package."""
-    return tuple(sorted(one.name for one in iter_modules(tasks.__path__) if one.ispkg))
+"""Where a task's ``conf`` is, of those that were added."""
+_imported: dict[Path, Task] = {}
 
 
 def names() -> tuple[str, ...]:
@@ -52,8 +46,31 @@ def find(name: object) -> Task:
 
 
 def conf_of(name: str) -> Path:
-    """The config folder with a task's options: ours, or that in the folder it was added from."""
+    """The config folder with a task's options: ours, or the one beside its module."""
     return _folders[name] / "conf" if name in _folders else CONF
+
+
+def is_from_elsewhere(name: object, folder: str | None) -> bool:
+    """Whether ``add`` would import something for a task's name and ``task_dir``."""
+    return folder is not None or (name not in built_in() and _entry(name) is not None)
+
+
+def add(name: object, folder: str | None) -> None:
+    """Import a task from elsewhere, if that is where it is.
+
+    Args:
+        name: of the task; an installed package may have an entry point of that name.
+        folder: ``task_dir``.
+
+    Raises:
+        ValueError: no such task, an error in its code, or a task that leaves something out.
+    """
+    entry = None if folder is not None or name in built_in() else _entry(name)
+    if folder is None and entry is None:
+        return
+    task = add_folder(Path(folder)) if folder is not None else _add_installed(entry)
+    if task.name != name:
+        raise ValueError(f"task: {name!r} was chosen, and {folder or entry} has {task.name!r}")
 
 
 def add_folder(folder: Path) -> Task:
@@ -63,38 +80,49 @@ def add_folder(folder: Path) -> Task:
         ValueError: no such package, an error in it, or a task that leaves something out.
     """
     place = folder.expanduser().resolve()
-    module = f"needlehoop_task_{place.name}"
-    file = place / "__init__.py"
-    known = sys.modules.get(module)
-    if known is not None and getattr(known, "__file__", None) == str(file):
-        return _added[known.TASK.name]
+    origin = f"task_dir: {str(folder)!r}"
+    if place in _imported:
+        return _add(_imported[place], place, origin)
+    module, file = f"needlehoop_task_{place.name}", place / "__init__.py"
     spec = spec_from_file_location(module, file, submodule_search_locations=[str(place)])
     if not file.is_file() or spec is None or spec.loader is None:
-        raise ValueError(f"task_dir: {str(folder)!r} is no folder with an __init__.py")
+        raise ValueError(f"{origin} is no folder with an __init__.py")
+    # Another folder of that name may have been here.
+    _forget(module)
     sys.modules[module] = loaded = module_from_spec(spec)
     try:
         spec.loader.exec_module(loaded)
-        task = _add(getattr(loaded, "TASK", None), f"task_dir: {str(folder)!r}")
     except Exception as error:
-        del sys.modules[module]
-        # Whatever a stranger's module can fail with, told in a line.
-        raise ValueError(f"task_dir: {str(folder)!r}: {error}") from error
-    _folders[task.name] = place
+        _forget(module)
+        # Whatever somebody's module can fail with, told in a line.
+        raise ValueError(f"{origin}: {error}") from error
+    _imported[place] = task = _add(getattr(loaded, "TASK", None), place, origin)
     return task
 
 
-def add_installed(name: str) -> Task | None:
-    """Import the task of an installed package; ``None`` where none has one of that name."""
-    found = tuple(entry_points(group=GROUP, name=name))
-    if not found:
-        return None
-    return _add(found[0].load(), f"the entry point {name} ({found[0].value})")
+def _entry(name: object) -> Any:
+    """The entry point of a task's name, if an installed package has one."""
+    return next(iter(entry_points(group=GROUP, name=str(name))), None)
 
 
-def _add(task: object, origin: str) -> Task:
+def _add_installed(entry: Any) -> Task:
+    origin = f"the entry point {entry.name} ({entry.value})"
+    try:
+        task = entry.load()
+    except Exception as error:
+        raise ValueError(f"{origin}: {error}") from error
+    return _add(task, Path(sys.modules[entry.module].__file__ or "").parent, origin)
+
+
+def _add(task: object, place: Path, origin: str) -> Task:
     if not isinstance(task, Task):
         raise ValueError(f"{origin} has no TASK: give a needlehoop.tasks.contract.Task")
     if task.name in built_in():
         raise ValueError(f"{origin}: the name {task.name!r} is taken; choose another")
-    _added[task.name] = task
+    _added[task.name], _folders[task.name] = task, place
     return task
+
+
+def _forget(module: str) -> None:
+    for name in [one for one in sys.modules if one == module or one.startswith(f"{module}.")]:
+        del sys.modules[name]

@@ -7,7 +7,7 @@ import pytest
 
 from needlehoop.bench.timing import Stopwatch, rounds_of
 from needlehoop.envs.settings import compose_settings
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 
 
 class Terminal(io.StringIO):
@@ -25,7 +25,7 @@ def test_a_bar_counts_rounds_where_somebody_watches(monkeypatch):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_shares_of_a_step_sum_to_one(threads):
     words = ["cams=[dep_front]", "num_envs=3", "image_size=16", f"engine.threads={threads}"]
-    env, watch = NeedleHoopEnv(compose_settings(words)), Stopwatch()
+    env, watch = TorchRLEnv(compose_settings(words)), Stopwatch()
     watch.watch_env(env)
     began = time.perf_counter()
     env.rollout(4)

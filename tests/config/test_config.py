@@ -288,7 +288,7 @@ def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("make", "built"),
     [
-        (needlehoop.make_env, "needlehoop.envs.torchrl_env.NeedleHoopEnv"),
+        (needlehoop.make_env, "needlehoop.envs.torchrl_env.TorchRLEnv"),
         (needlehoop.load, "needlehoop.envs.dm_control_env.load"),
     ],
 )

@@ -15,7 +15,7 @@ from torchrl.envs.utils import check_env_specs
 import needlehoop
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.tasks.needle_hoop.signals import STATE
 
 
@@ -82,7 +82,7 @@ def test_a_time_out_truncates_and_does_not_terminate():
 
 def test_staggered_first_episodes_end_one_after_the_other():
     settings = compose_settings(["episode.max_steps=8"])
-    env = NeedleHoopEnv(replace(settings, num_envs=4), stagger=True)
+    env = TorchRLEnv(replace(settings, num_envs=4), stagger=True)
     rollout = env.rollout(16, break_when_any_done=False)
     ends = [ended.nonzero().flatten().tolist() for ended in rollout["next", "truncated"][..., 0]]
     assert ends == [[7, 15], [5, 13], [3, 11], [1, 9]]
@@ -90,7 +90,7 @@ def test_staggered_first_episodes_end_one_after_the_other():
 
 def test_a_staggered_episode_begins_with_its_own_frames():
     words = ["cams=[seg_side]", "obs.frame_stack=2", "image_size=32"]
-    env = NeedleHoopEnv(replace(compose_settings(words), num_envs=3), stagger=True)
+    env = TorchRLEnv(replace(compose_settings(words), num_envs=3), stagger=True)
     for seed in (0, 1):
         env.set_seed(seed)
         older, newer = env.reset()["pixels", "seg_side"].chunk(2, dim=1)

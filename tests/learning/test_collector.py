@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from needlehoop.config import composing
-from needlehoop.envs.torchrl_env import NeedleHoopEnv
+from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.collectors import Collector
 from needlehoop.learning.job import typed_job
@@ -29,12 +29,12 @@ def collected(request):
     """Two buffers, their cuts, the agent, and an environment that has not begun."""
     job = typed_job(composing.compose([*SMALL, *request.param], "job"))
     torch.manual_seed(0)
-    env = NeedleHoopEnv(job.env, stagger=True)
+    env = TorchRLEnv(job.env, stagger=True)
     agent = build_agent(job, env, torch.device("cpu"))
     workers = Workers(2)
     collector = Collector(env, ParallelAgent(agent, 3, workers), HORIZON, workers)
     pairs = [tuple(part.clone() for part in collector.collect()) for _ in range(2)]
-    return pairs, agent, NeedleHoopEnv(job.env, stagger=True)
+    return pairs, agent, TorchRLEnv(job.env, stagger=True)
 
 
 def test_a_buffer_is_what_torchrls_loop_makes_of_its_actions(collected):
