@@ -1,60 +1,42 @@
-"""The example of a task from outside, with a robot of its own, obeys the contract."""
+"""A task from outside: the example obeys the contract, and what is wrong with one is said."""
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from dataclasses import replace
+import json
+import shutil
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
+from tiny_runs import refusal, run_train
 
-from needlehoop.config import own_folder
+import needlehoop
+from needlehoop.cli.main import main
 from needlehoop.engines.contract import KINDS
-from needlehoop.envs import settings as settings_module
 from needlehoop.envs.build import build
-from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.images import Imager
+from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.tasks import registry
 
 FOLDER = Path(__file__).parents[1] / "examples/own_task"
 
 
-@pytest.fixture
-def task(monkeypatch):
-    """The example, known by its name for as long as a test runs."""
-    place = [str(FOLDER)]
-    spec = importlib.util.spec_from_file_location(
-        "own_task", FOLDER / "__init__.py", submodule_search_locations=place
-    )
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "own_task", module)
-    spec.loader.exec_module(module)
-    known = registry.find
-    found = {module.TASK.name: module.TASK}
-    for room in (registry, settings_module):
-        monkeypatch.setattr(room, "find", lambda name: found.get(name) or known(name))
-    # It takes the options episode=default and reward=human for files that are there twice.
-    monkeypatch.setattr(own_folder, "_check", lambda folder: None)
-    return module.TASK
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch):
+    """What a test imports, the next does not know."""
+    for name in ("_added", "_folders", "_imported"):
+        monkeypatch.setattr(registry, name, {})
 
 
-def built(task, *words: str) -> tuple[Simulation, object]:
-    words = (f"conf_dir={FOLDER / 'conf'}", "task=cube_on_spot", "reward=sparse", *words)
-    settings: Settings = compose_settings(words)
-    colours = {name: one.colour for name, one in task.classes.items()}
-    painted = {
-        name: replace(one, colours=colours) if one.colours else one
-        for name, one in settings.renderings.items()
-    }
-    simulation, imager = build(replace(settings, renderings=painted))
-    simulation.reward = task.human(scale=0.02)
-    return simulation, imager
+def built(*words: str) -> tuple[Simulation, Imager]:
+    return build(compose_settings([f"task_dir={FOLDER}", *words]))
 
 
-def expert_of(task, simulation: Simulation):
+def expert_of(simulation: Simulation):
+    task = registry.find("cube_on_spot")
     return task.controllers["expert"](simulation.layout, simulation.episode)
 
 
@@ -63,9 +45,9 @@ def test_it_is_short():
     assert sum(bool(line.strip()) for line in lines) <= 250
 
 
-def test_the_expert_puts_the_cube_on_the_spot(task):
-    simulation, _ = built(task, "num_envs=200", "seed=4000")
-    act, moment = expert_of(task, simulation), simulation.reset()
+def test_the_expert_puts_the_cube_on_the_spot():
+    simulation, _ = built("num_envs=200", "seed=4000")
+    act, moment = expert_of(simulation), simulation.reset()
     assert not moment.facts["success"].any()
     done = moment.facts["success"].clone()
     for _ in range(simulation.episode.max_steps):
@@ -79,9 +61,9 @@ def test_the_expert_puts_the_cube_on_the_spot(task):
     assert done.double().mean() >= 0.99
 
 
-def test_a_cube_held_over_the_spot_is_not_placed(task):
-    simulation, _ = built(task, "num_envs=20")
-    act, moment = expert_of(task, simulation), simulation.reset()
+def test_a_cube_held_over_the_spot_is_not_placed():
+    simulation, _ = built("num_envs=20")
+    act, moment = expert_of(simulation), simulation.reset()
     for _ in range(simulation.episode.max_steps):
         action = act(moment.signals)
         # It never lets go of what it holds.
@@ -91,8 +73,8 @@ def test_a_cube_held_over_the_spot_is_not_placed(task):
     assert moment.facts["has_held"].all()
 
 
-def test_random_actions_keep_the_physics_finite(task):
-    simulation, _ = built(task, "num_envs=40")
+def test_random_actions_keep_the_physics_finite():
+    simulation, _ = built("num_envs=40")
     generator = torch.Generator().manual_seed(0)
     simulation.reset()
     for step in range(150):
@@ -106,10 +88,10 @@ def test_random_actions_keep_the_physics_finite(task):
             simulation.reset(over)
 
 
-def test_both_engines_have_the_same_bits(task):
+def test_both_engines_have_the_same_bits():
     words = ["num_envs=2", "cams=[dep_front,seg_side]", "image_size=24", "engine.threads=1"]
-    (one, look_one), (other, look_other) = (built(task, *words, f"engine={kind}") for kind in KINDS)
-    act, moment = expert_of(task, one), one.reset()
+    (one, look_one), (other, look_other) = (built(*words, f"engine={kind}") for kind in KINDS)
+    act, moment = expert_of(one), one.reset()
     other.reset()
     for _ in range(30):
         action = act(moment.signals)
@@ -119,3 +101,136 @@ def test_both_engines_have_the_same_bits(task):
     assert moment.facts["has_held"].all()
     images, again = look_one(one.engine.render()), look_other(other.engine.render())
     assert all(torch.equal(images[name], again[name]) for name in images)
+
+
+# Everything takes it.
+
+TINY = ["obs=signals", "steps=960", "algo.minibatches=60", "algo.minibatch=64", "num_envs=8"]
+TINY += ["algo.network.hidden=64", "algo.network.layers=2", "algo.shards=1", "engine.threads=1"]
+TINY += ["evaluation.every=0", "evaluation.final_episodes=20", "evaluation.video_episodes=0"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """The folder of an agent that imitated the expert."""
+    results = tmp_path_factory.mktemp("own")
+    run_train("algo=dagger", f"task_dir={FOLDER}", f"results={results}", *TINY)
+    return results / "main/signals/expert/seed0"
+
+
+def test_an_agent_learns_it_by_imitation(run):
+    found = json.loads((run / "evaluation.json").read_text())
+    assert found["success"] >= 0.8
+    assert found["has_held"] >= found["success"]
+
+
+def test_a_run_s_files_import_it_with_trust_alone(run, capsys):
+    words = ["evaluate", str(run), "episodes=4", "video=false", "--json"]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "'cube_on_spot' of" in said
+    assert "trust=true" in said
+    assert said.count("\n") == 1
+    assert "trust=true" in refusal(f"resume={run}")
+    with pytest.raises(ValueError, match="trust=true"):
+        needlehoop.make_env_of(run)
+    assert registry.names() == registry.built_in()
+    # A policy needs no task.
+    assert needlehoop.load_policy(run)
+    assert registry.names() == registry.built_in()
+    assert main([*words, "trust=true"]) == 0
+    assert json.loads(capsys.readouterr().out)["success"] >= 0.5
+    assert needlehoop.make_env_of(run, num_envs=1, trust=True).reset()
+
+
+def test_a_sweep_s_processes_import_it(tmp_path):
+    words = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=1", "algo=dagger"]
+    tiny = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]
+    run_train(*words, f"task_dir={FOLDER}", f"results={tmp_path}", *TINY, *tiny)
+    assert len(list(tmp_path.glob("main/signals/expert/seed*/evaluation.json"))) == 2
+
+
+def test_environments_take_it():
+    env = needlehoop.make_env(num_envs=2, task_dir=FOLDER, overrides=["obs.signals=true"])
+    assert env.reset()["signals"].shape == (2, 12)
+    made = gymnasium.make("needlehoop/OwnTask-v0", cams=[], obs="signals", task_dir=FOLDER)
+    assert made.reset(seed=3)[1]["facts"] == dict.fromkeys(
+        ("held", "placed", "success", "has_held", "diverged"), False
+    )
+
+
+def test_commands_take_it(capsys, tmp_path):
+    own = f"task_dir={FOLDER}"
+    assert main(["tasks", own]) == 0
+    assert "cube_on_spot: A gantry" in capsys.readouterr().out
+    assert main(["snapshot", own, "size=32", f"out={tmp_path}/a.png"]) == 0
+    assert main(["signals", own]) == 0
+    assert "grip_command" in capsys.readouterr().out
+
+
+# What is wrong is said in a line.
+
+
+@pytest.fixture
+def copied(tmp_path) -> Path:
+    return Path(shutil.copytree(FOLDER, tmp_path / "mine"))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ('    goal="placed",\n', "", "missing 1 required positional argument: 'goal'"),
+        ('goal="placed"', 'goal="palced"', "goal: no 'palced' among held, placed"),
+        ('teacher="expert"', 'teacher="smooth"', "teacher: no 'smooth' among expert"),
+        ('state=("tool"', 'state=("tol"', "state: no 'tol' among tool, cube"),
+        ('name="cube_on_spot"', 'name="reach"', "the name 'reach' is taken"),
+        ('name="cube_on_spot"', 'name="cube"', "'cube_on_spot' was chosen"),
+        ("TASK = Task(", "TSAK = Task(", "has no TASK"),
+        ("from .expert", "from .exprt", "No module named"),
+    ],
+)
+def test_a_task_that_leaves_something_out_is_refused(copied, before, after, message):
+    file = copied / "__init__.py"
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after))
+    with pytest.raises(
+        ValueError, match=f"mine'?: .*{message}|mine' {message}|{message}"
+    ) as caught:
+        compose_settings([f"task_dir={copied}"])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_that_is_none_is_named(copied, tmp_path):
+    with pytest.raises(ValueError, match=r"task_dir: .*nowhere/conf' is no folder"):
+        compose_settings([f"task_dir={tmp_path}/nowhere"])
+    (copied / "conf/task/other.yaml").write_text("name: cube_on_spot\n")
+    with pytest.raises(ValueError, match=r"which task=\? choose from cube_on_spot, other"):
+        compose_settings([f"task_dir={copied}"])
+    assert compose_settings([f"task_dir={copied}", "task=cube_on_spot"]).task.name == "cube_on_spot"
+    with pytest.raises(ValueError, match="task: 'reach' was chosen"):
+        compose_settings([f"task_dir={copied}", "task=reach"])
+    (copied / "conf/reward/human.yaml").write_text("kind: human\n")
+    with pytest.raises(ValueError, match=r"task_dir: reward/human\.yaml: the name is taken"):
+        compose_settings([f"task_dir={copied}"])
+
+
+def test_a_file_cannot_name_a_task_s_folder(tmp_path):
+    (tmp_path / "experiment").mkdir()
+    text = f"# @package _global_\ntask_dir: {FOLDER}\n"
+    (tmp_path / "experiment/odd.yaml").write_text(text)
+    with pytest.raises(ValueError, match="task_dir counts only where you type it"):
+        compose_settings([f"conf_dir={tmp_path}", "+experiment=odd"])
+
+
+def test_an_installed_package_has_a_task(tmp_path, monkeypatch):
+    shutil.copytree(FOLDER, tmp_path / "my_package")
+    info = tmp_path / "my_package-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my_package\nVersion: 1\n")
+    (info / "entry_points.txt").write_text(f"[{registry.GROUP}]\ncube_on_spot = my_package:TASK\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    settings = compose_settings(["task=cube_on_spot", "num_envs=1"])
+    assert settings.definition.name == "cube_on_spot"
+    assert settings.reward["kind"] == "human"
+    assert build(settings)[0].reset()

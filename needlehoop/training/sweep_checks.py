@@ -76,7 +76,9 @@ class Programs(Callback):
         params = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
         try:
             words = [*params, *typed]
-            found = wrong_programs(distinct(words), seeds(words))
+            # Folders of one's own are among Hydra's settings.
+            place = [w for w in config.hydra.overrides.hydra if w.startswith("hydra.searchpath=")]
+            found = wrong_programs([[*place, *run] for run in distinct(words)], seeds(words))
         except ValueError as error:
             sys.exit(f"nothing was started: {error}")
         if found:

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from functools import cache
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from needlehoop import rewards
-from needlehoop.config import strict
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.robot import geometry as geo
-from needlehoop.runs.reading import read_yaml
-from needlehoop.runs.shipped import CONF
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.peg_transfer import TASK
 from needlehoop.tasks.peg_transfer.expert import cheat, expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
-from needlehoop.tasks.peg_transfer.reward import Human
 from needlehoop.tasks.peg_transfer.smooth import smooth
 from needlehoop.tasks.peg_transfer.start import place, start
 from needlehoop.tasks.psm import start_of
@@ -39,15 +33,8 @@ def row(*numbers: float) -> Tensor:
     return torch.tensor([numbers], dtype=torch.float64)
 
 
-@cache
-def human() -> Human:
-    values = read_yaml(CONF / "reward/human/peg_transfer.yaml")
-    return strict.structure({k: v for k, v in values.items() if k not in ("kind", "name")}, Human)
-
-
 def peg_settings(*words: str, layout: str = "standard") -> Settings:
-    found = compose_settings([f"task=peg_transfer/{layout}", "reward=sparse", *words])
-    return replace(found, cams=(), reward=rewards.given(human()))
+    return compose_settings([f"task=peg_transfer/{layout}", *words])
 
 
 class Stage:

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from needlehoop.config import strict
+from needlehoop import rewards
 from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.rollout import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import potential
-from needlehoop.runs.reading import read_yaml
-from needlehoop.runs.shipped import CONF
 from needlehoop.tasks import stepping
 from needlehoop.tasks.reach import TASK
 from needlehoop.tasks.reach.expert import expert, smooth
 from needlehoop.tasks.reach.layout import BUMPS
-from needlehoop.tasks.reach.reward import Human
 from needlehoop.tasks.reach.start import DRAWS, start
 from needlehoop.tasks.start import draws
 
@@ -32,32 +26,12 @@ TARGET = torch.tensor([[0.004, -0.02, 0.02]], dtype=torch.float64)
 
 
 def settings_of(*words: str) -> Settings:
-    """Of reach; its images painted in its own colours."""
-    settings = compose_settings(["task=reach", "reward=sparse", *words])
-    colours = {name: one.colour for name, one in TASK.classes.items()}
-    painted = {
-        name: replace(one, colours=colours) if one.colours else one
-        for name, one in settings.renderings.items()
-    }
-    return replace(settings, renderings=painted)
-
-
-def human() -> Human:
-    values = read_yaml(CONF / "reward/human/reach.yaml")
-    return strict.structure(
-        {key: values[key] for key in (field.name for field in fields(Human))}, Human
-    )
-
-
-def built(*words: str) -> tuple[Simulation, Imager]:
-    """With the reward that a person wrote."""
-    simulation, imager = build(settings_of(*words))
-    simulation.reward = human()
-    return simulation, imager
+    task = [] if any(word.startswith("task=") for word in words) else ["task=reach"]
+    return compose_settings([*task, *words])
 
 
 def simulation_of(*words: str) -> Simulation:
-    return built(*words)[0]
+    return build(settings_of(*words))[0]
 
 
 def places(*offsets: tuple[float, float, float]) -> list[Tensor]:
@@ -155,7 +129,7 @@ def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
 
 
 def test_nothing_short_of_success_pays_as_much_as_success():
-    reward = human()
+    reward = rewards.reference_reward(TASK)
     # There at once, but not for long enough; and success at the last step.
     most = reward.reach + reward.near
     least = reward.reach + reward.near + reward.stay - reward.time
@@ -273,7 +247,9 @@ def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
 def test_both_engines_have_the_same_bits():
     words = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5"]
     words += ["engine.threads=1", "episode.max_steps=12"]
-    (one, look_one), (other, look_other) = (built(*words, f"engine={kind}") for kind in KINDS)
+    (one, look_one), (other, look_other) = (
+        build(settings_of(*words, f"engine={kind}")) for kind in KINDS
+    )
     script = smooth(one.layout, one.episode)
     moment, _ = one.reset(), other.reset()
     near = ended = False
@@ -298,7 +274,7 @@ def test_both_engines_have_the_same_bits():
 
 @pytest.mark.parametrize("view", ["default", "front", "side"])
 def test_target_and_marks_are_seen(view):
-    simulation, imager = built(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide")
+    simulation, imager = build(settings_of(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide"))
     simulation.reset()
     flat = imager(simulation.engine.render())[f"seg_{view}"].permute(0, 2, 3, 1).reshape(40, -1, 3)
     for name, least in (("target", 5), ("marks", 3), ("phantom", 60)):
