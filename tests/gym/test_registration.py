@@ -3,7 +3,11 @@
 import subprocess
 import sys
 
+import gymnasium
 import pytest
+
+import needlehoop
+from needlehoop.tasks import built_in
 
 ID = "needlehoop/NeedleHoop-v0"
 
@@ -26,6 +30,34 @@ def python(code):
 )
 def test_it_is_registered_in_any_order(imports):
     assert python(f"{imports}\nprint(gymnasium.spec('{ID}').id)") == ID
+
+
+def test_every_task_has_its_id():
+    ids = {name.removeprefix("needlehoop/") for name in gymnasium.registry if "needlehoop" in name}
+    assert ids == {"NeedleHoop-v0", "Reach-v0", "PegTransfer-v0", "OwnTask-v0"}
+    assert len(built_in()) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "option"),
+    [
+        ("NeedleHoop", None, "standard"),
+        ("NeedleHoop", "wide", "wide"),
+        ("Reach", None, "reach"),
+        ("Reach", "wide", "reach/wide"),
+        ("PegTransfer", "peg_transfer/near", "peg_transfer/near"),
+    ],
+)
+def test_an_id_is_of_a_task_and_takes_its_variants(name, task, option):
+    made = gymnasium.make(f"needlehoop/{name}-v0", cams=[], obs="signals", task=task)
+    same = needlehoop.make_env(task=option, num_envs=1, overrides=["obs=signals"])
+    assert made.unwrapped.settings.task == same.settings.task
+    assert made.unwrapped.settings.episode == same.settings.episode
+
+
+def test_an_id_is_of_no_other_task():
+    with pytest.raises(ValueError, match="task: 'reach' is of reach, and this id is needle_hoop's"):
+        gymnasium.make(ID, cams=[], obs="signals", task="reach")
 
 
 def test_its_name_is_enough():

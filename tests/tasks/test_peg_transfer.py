@@ -12,7 +12,7 @@ from torch import Tensor
 
 from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.robot import geometry as geo

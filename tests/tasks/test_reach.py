@@ -10,7 +10,7 @@ from torch import Tensor
 from needlehoop import rewards
 from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import random_controller
+from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import potential
@@ -189,7 +189,7 @@ def success_rate(act, simulation: Simulation) -> float:
 @pytest.mark.parametrize("script", [expert, smooth])
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_experts_reach_the_target(script, variant):
-    simulation = simulation_of(f"task=reach/{variant}", "num_envs=200", "seed=4000")
+    simulation = simulation_of(f"task=reach/{variant}", "num_envs=100", "seed=4000")
     assert success_rate(script(simulation.layout, simulation.episode), simulation) >= 0.99
 
 
