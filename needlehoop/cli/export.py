@@ -75,8 +75,11 @@ def _arm(settings: Any) -> Any:
 
     from needlehoop.robot.parallelogram import Posture
     from needlehoop.robot.psm import HOME
+    from needlehoop.tasks.layout import ArmLayout
     from needlehoop.tasks.psm import build_arm
 
+    if not isinstance(settings.task, ArmLayout):
+        raise ValueError(f"what: {settings.task.name} has no PSM; choose scene")
     spec = build_arm(settings.task, settings.psm)
     model = spec.compile()
     qpos = np.tile(model.qpos0, (1, 1))
