@@ -31,7 +31,7 @@ def add_commands(commands: Any) -> None:
         "demonstrations",
         _demonstrations,
         "Write episodes of an expert or a trained run as a dataset: Minari or LeRobot.",
-        "demonstrator=smooth|expert|perturbed|<run folder> episodes=200 out=demos/smooth-v0"
+        "demonstrator=<controller>|perturbed|<run folder> episodes=200 out=demos/smooth-v0"
         " format=minari|lerobot overwrite=false device=auto trust=false",
     )
 
@@ -65,9 +65,14 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
     from needlehoop.learning.job import pick_device, recorded_job
     from needlehoop.runs.run import Run
 
-    who, where = strict.value(values, "demonstrator", str), strict.value(values, "device", str)
-    if not Path(who).is_dir():
-        return who, settings_from(values), scripted(who)
+    who, where = (
+        strict.value(values, "demonstrator", str | None),
+        strict.value(values, "device", str),
+    )
+    if who is None or not Path(who).is_dir():
+        settings = settings_from(values)
+        who = who or settings.definition.teacher
+        return who, settings, scripted(who, settings.definition)
     given = [word.partition("=")[0].lstrip("+~") for word in words]
     foreign = [key for key in given if key.partition(".")[0] not in _OWN]
     if foreign:

@@ -49,7 +49,7 @@ def _probe(options: argparse.Namespace) -> int:
     asked = strict.as_type(values["grid"], Grid, "grid")
     grid = asked if options.grid else None
     plan = _plan(values, standing, grid)
-    place = Path(plan.effort.results) / plan.effort.study
+    asked, place = plan.asked, Path(plan.effort.results) / plan.effort.study
     if grid:
         place /= f"views_{grid.rendering}"
     flags = ["--grid", options.grid] if options.grid else []
@@ -61,7 +61,7 @@ def _probe(options: argparse.Namespace) -> int:
             f" compute=true` makes them, in about {_minutes(plan, lacking)} on two cores"
         )
     command = ["needlehoop", "probe", *flags, *options.overrides]
-    folder = Folder(place, _noted(values, grid), plan.effort.overwrite, command)
+    folder = Folder(place, asked, _noted(values, grid), plan.effort.overwrite, command)
     try:
         probe(plan, folder)
     except KeyboardInterrupt:

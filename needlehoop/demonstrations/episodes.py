@@ -16,15 +16,19 @@ from needlehoop.envs.observer import read
 from needlehoop.envs.rollout import Controller, MakeController, Step, batches
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Task
 
-SCRIPTS = ("smooth", "expert", "perturbed")
-"""``perturbed``: the smooth expert, with noise on its actions that it then corrects."""
+PERTURBED = "perturbed"
+"""The task's teacher, with noise on its actions that it then corrects."""
+
+_CHEAT = "cheat"
+"""A controller that shows what not to do."""
 
 _BATCH = 40
 """Episodes side by side."""
 
 _STRONGEST = 0.8
-"""Strongest noise of a perturbed episode, in units of the action; the expert still threads."""
+"""Strongest noise of a perturbed episode, in units of the action; a teacher copes with it."""
 
 
 @dataclass(frozen=True)
@@ -63,18 +67,20 @@ class Demonstration:
         return len(self.actions)
 
 
-def scripted(name: str) -> MakeController:
-    """A scripted demonstrator.
+def scripted(name: str, task: Task) -> MakeController:
+    """A scripted demonstrator of a task: one of its controllers, or ``PERTURBED``.
 
     Raises:
         ValueError: an unknown name.
     """
-    if name not in SCRIPTS:
+    others = (one for one in task.controllers if one not in (task.teacher, _CHEAT))
+    valid = (task.teacher, *others, PERTURBED)
+    if name not in valid:
         raise ValueError(
-            f"demonstrator: {name!r} is unknown; choose from {', '.join(SCRIPTS)},"
+            f"demonstrator: {name!r} is unknown; choose from {', '.join(valid)},"
             " or give a run's folder"
         )
-    if name == "perturbed":
+    if name == PERTURBED:
         return _perturbed()
     return lambda settings, *_: controller(name, settings)
 

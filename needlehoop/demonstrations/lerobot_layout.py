@@ -19,9 +19,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from needlehoop.demonstrations.episodes import About, Demonstration
-from needlehoop.robot.psm import JOINT_NAMES
-
-TASK = "Pick up the needle and pass it through the hoop."
+from needlehoop.tasks.contract import Task
+from needlehoop.tasks.psm import ROBOT as PSM
 
 _VERSION = "v3.0"
 _FILE = "chunk-000/file-000"
@@ -30,15 +29,16 @@ _FILE = "chunk-000/file-000"
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
 _CODEC, _PIXELS = "h264", "yuv444p"
-"""Colours at full resolution: halved, as is usual, a needle two pixels wide bleeds into black."""
+"""Colours at full resolution: halved, as is usual, a thing two pixels wide bleeds into black."""
 
 _ENCODING = ["-crf", "12", "-g", "2", "-bf", "0"]
 """Near to lossless; every second frame can be jumped to; frames in the order of their times."""
 
-_ACTIONS = {
-    5: ("x", "y", "z", "turn", "jaw"),
-    7: ("x", "y", "z", "turn_x", "turn_y", "turn_z", "jaw"),
+_PSM_ACTIONS = {
+    "tip": ("x", "y", "z", "turn", "jaw"),
+    "pose": ("x", "y", "z", "turn_x", "turn_y", "turn_z", "jaw"),
 }
+"""By control mode."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 """Among the statistics that LeRobot's policies normalise by."""
@@ -55,18 +55,19 @@ def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None
     rate = round(about.rate)
     if rate != about.rate:
         raise ValueError(f"episode.substeps: {about.rate} steps a second; LeRobot wants whole ones")
-    writer = _Writer(folder, rate)
+    writer = _Writer(folder, rate, about)
     with ExitStack() as open_files:
         for episode in episodes:
             writer.add(episode, open_files)
-    writer.close(about)
+    writer.close()
 
 
 class _Writer:
     """A dataset under way; ``add`` episodes, then ``close``."""
 
-    def __init__(self, folder: Path, rate: int):
-        self._folder, self._rate = folder, rate
+    def __init__(self, folder: Path, rate: int, about: About):
+        self._folder, self._rate, self._about = folder, rate, about
+        self._task = about.settings.definition
         self._films: dict[str, Any] = {}
         self._frames: pq.ParquetWriter | None = None
         self._episodes: list[dict[str, Any]] = []
@@ -91,14 +92,14 @@ class _Writer:
         self._frames.write_table(table)
         self._note(episode, rows, streams)
 
-    def close(self, about: About) -> None:
+    def close(self) -> None:
         """Write what is known only now: episodes, task, statistics, and what it all is."""
         columns = {key: [row[key] for row in self._episodes] for key in self._episodes[0]}
         pq.write_table(pa.table(columns), self._path("meta/episodes", "parquet"))
-        pq.write_table(_tasks(), self._folder / "meta/tasks.parquet")
+        pq.write_table(_tasks(self._task.summary), self._folder / "meta/tasks.parquet")
         spread = {key: self._spread(key, np.concatenate(rows)) for key, rows in self._kept.items()}
         self._json("stats", spread)
-        self._json("info", self._info(about))
+        self._json("info", self._info())
 
     def _film(self, key: str) -> Any:
         return imageio.get_writer(
@@ -139,7 +140,7 @@ class _Writer:
         begin, end = self._total, self._total + len(episode)
         row: dict[str, Any] = {
             "episode_index": len(self._episodes),
-            "tasks": [TASK],
+            "tasks": [self._task.summary],
             "length": len(episode),
             "dataset_from_index": begin,
             "dataset_to_index": end,
@@ -160,11 +161,11 @@ class _Writer:
     def _spread(self, key: str, values: np.ndarray) -> dict[str, Any]:
         return of_images(values) if key in self._films else of_rows(values)
 
-    def _info(self, about: About) -> dict[str, Any]:
-        n = len(self._episodes)
+    def _info(self) -> dict[str, Any]:
+        about, n = self._about, len(self._episodes)
         return {
             "codebase_version": _VERSION,
-            "robot_type": "dvrk_psm",
+            "robot_type": "dvrk_psm" if self._task.robot is PSM else self._task.robot.body,
             "total_episodes": n,
             "total_frames": self._total,
             "total_tasks": 1,
@@ -200,11 +201,17 @@ class _Writer:
             names = ["height", "width", "channels"]
             return {"dtype": "video", "shape": list(shape), "names": names, "info": told}
         names = {
-            "action": _ACTIONS.get(shape[0]),
-            "observation.state": (*JOINT_NAMES, "jaw", "jaw_command"),
+            "action": self._actions(),
+            "observation.state": proprio_names(self._task),
         }
         dtype = str(self._kept[key][0].dtype)
         return {"dtype": dtype, "shape": list(shape), "names": names.get(key)}
+
+    def _actions(self) -> tuple[str, ...] | None:
+        """Names of an action's numbers, where they are known."""
+        if self._task.robot is not PSM:
+            return None
+        return _PSM_ACTIONS.get(self._about.settings.episode.control)
 
     def _path(self, place: str, suffix: str) -> Path:
         path = self._folder / place / f"{_FILE}.{suffix}"
@@ -213,6 +220,17 @@ class _Writer:
 
     def _json(self, name: str, content: Any) -> None:
         (self._folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
+
+
+def proprio_names(task: Task) -> list[str]:
+    """Names of the numbers that a robot knows of itself: a sensor's, or its signal's."""
+    names = []
+    for signal in task.robot.proprio:
+        size = task.signals[signal].size
+        own = [name for name, sensor in task.sensors.items() if sensor.signal == signal]
+        numbered = [signal] if size == 1 else [f"{signal}_{i}" for i in range(size)]
+        names += own if len(own) == size else numbered
+    return names
 
 
 def _streams(episode: Demonstration) -> Iterator[tuple[str, np.ndarray]]:
@@ -234,9 +252,9 @@ def _column(values: np.ndarray) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), values.shape[1])
 
 
-def _tasks() -> pa.Table:
+def _tasks(summary: str) -> pa.Table:
     """The one task; its text is the index that pandas reads."""
-    table = pa.table({"task_index": pa.array([0]), "task": [TASK]})
+    table = pa.table({"task_index": pa.array([0]), "task": [summary]})
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": of, "metadata": None}
         for name, kind, of in (("task_index", "int64", "int64"), ("task", "unicode", "object"))

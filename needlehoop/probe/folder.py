@@ -17,9 +17,10 @@ import numpy as np
 import yaml
 
 from needlehoop.learning.metrics import peak_memory
-from needlehoop.probe.frames import KINDS, PHASES
+from needlehoop.probe.frames import KINDS
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.scores import QUANTITIES, Errors, Interval, error, places, score
+from needlehoop.probe.quantities import Quantities
+from needlehoop.probe.scores import Errors, Interval, error, places, score
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.machine import provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
@@ -29,19 +30,13 @@ _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 
 _SEED = re.compile(r"seed\d+")
 
-_COLUMNS = [
-    "episode",
-    "kind",
-    *(f"{phase}_frames" for phase in PHASES),
-    *(f"{phase}_{quantity}" for phase in PHASES for quantity in QUANTITIES),
-]
-
 
 class Folder:
     """A probe's folder. What it already holds is not measured again.
 
     Args:
         path: made where missing.
+        asked: what is measured.
         config: the composed settings, as plain values.
         overwrite: whether errors that are there are set aside, under a number.
         command: the words it was called with, for the manifest.
@@ -51,9 +46,15 @@ class Folder:
     """
 
     def __init__(
-        self, path: Path, config: Mapping[str, Any], overwrite: bool, command: Sequence[str] = ()
+        self,
+        path: Path,
+        asked: Quantities,
+        config: Mapping[str, Any],
+        overwrite: bool,
+        command: Sequence[str] = (),
     ):
-        self.path = path
+        self.path, self.asked = path, asked
+        self._columns = _columns(asked)
         self._began, self._lock = time.perf_counter(), threading.Lock()
         self._origin = {**provenance(), "command": list(command)}
         own, held = dict(config), path / CONFIG
@@ -105,7 +106,7 @@ class Folder:
             rows.append((episode, KINDS[episode % len(KINDS)], *frames, *cells))
         path = errors_of(self.path, seed, name)
         path.parent.mkdir(exist_ok=True)
-        write_whole(path, csv_text(_COLUMNS, rows))
+        write_whole(path, csv_text(self._columns, rows))
         self._note()
 
     def load(self, seed: int, name: str) -> Errors:
@@ -119,14 +120,13 @@ class Folder:
             header, *rows = csv.reader(io.StringIO(read_text(path, TABLE)))
         except (UnreadableError, csv.Error) as error:
             raise ValueError(f"{path} {error}; delete it to have it made again") from error
-        if header != _COLUMNS or any(len(row) != len(header) for row in rows):
+        if header != self._columns or any(len(row) != len(header) for row in rows):
             raise ValueError(f"{path} is not a probe's; delete it to have it made again")
-        first = 2 + len(PHASES)
+        phases, names = len(self.asked.phases), len(self.asked.names)
+        first = 2 + phases
         values = [[float(cell) if cell else np.nan for cell in row[first:]] for row in rows]
         frames = [[int(cell) for cell in row[2:first]] for row in rows]
-        return Errors(
-            np.array(values).reshape(len(rows), len(PHASES), len(QUANTITIES)), np.array(frames)
-        )
+        return Errors(np.array(values).reshape(len(rows), phases, names), np.array(frames))
 
     def _note(self) -> None:
         """Bring the manifest up to date: time and memory of all calls that measured something."""
@@ -141,6 +141,15 @@ class Folder:
 def errors_of(place: Path, seed: int, name: str) -> Path:
     """The file of a camera set's errors in a probe's folder."""
     return place / f"seed{seed}" / f"{name}.csv"
+
+
+def _columns(asked: Quantities) -> list[str]:
+    return [
+        "episode",
+        "kind",
+        *(f"{phase}_frames" for phase in asked.phases),
+        *(f"{phase}_{name}" for phase in asked.phases for name in asked.names),
+    ]
 
 
 def _manifest(path: Path) -> dict[str, Any]:
@@ -161,6 +170,7 @@ def _manifest(path: Path) -> dict[str, Any]:
 class ProbeResults:
     """Scores of camera sets and baselines, by name."""
 
+    asked: Quantities
     errors: dict[str, list[Errors]]
     """By seed."""
     scores: dict[str, Interval]
@@ -179,8 +189,8 @@ class ProbeResults:
         return len(self.errors[CONSTANT])
 
     def error(self, name: str, phase: str, quantity: str) -> Interval:
-        """Mean error in mm (``grasped``: a share) over held-out episodes."""
-        return error(self.errors[name], phase, quantity)
+        """Mean error in mm (of the fact: a share) over held-out episodes."""
+        return error(self.asked, self.errors[name], phase, quantity)
 
 
 def read_results(folder: Folder, seeds: int) -> ProbeResults:
@@ -192,11 +202,11 @@ def read_results(folder: Folder, seeds: int) -> ProbeResults:
     found = {
         name: [folder.load(seed, name) for seed in range(seeds)] for name in folder.names(seeds)
     }
-    blind = found[CONSTANT]
-    scores = {name: score(own, blind) for name, own in found.items()}
+    asked, blind = folder.asked, found[CONSTANT]
+    scores = {name: score(asked, own, blind) for name, own in found.items()}
     by_seed = {
-        name: [score([one], [other]).value for one, other in zip(own, blind, strict=True)]
+        name: [score(asked, [one], [other]).value for one, other in zip(own, blind, strict=True)]
         for name, own in found.items()
     }
     cameras = {name: value for name, value in scores.items() if name not in (TRUTH, CONSTANT)}
-    return ProbeResults(found, scores, by_seed, places(cameras))
+    return ProbeResults(asked, found, scores, by_seed, places(cameras))

@@ -13,16 +13,11 @@ from torch import Tensor
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
 from needlehoop.envs.rollout import Step, batches, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.probe.quantities import Quantities, quantities
 from needlehoop.scene.signals import Signals, columns
-
-PHASES = ("reach", "lift", "insert")
-"""Until the needle is held, until it is lifted, until it is through."""
 
 KINDS = ("expert", "perturbed", "random", "perturbed")
 """Who acts in episode ``i``: entry ``i % 4``."""
-
-POINTS = ("needle_tip", "pickup_point", "tool_midpoint")
-"""Signals whose places relative to the goal the network should read off."""
 
 _NOISE = (0.1, 0.8)
 """Range of a perturbed episode's noise, in units of the action."""
@@ -35,15 +30,15 @@ class Frames:
     """``m`` frames.
 
     ``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
-    baseline that sees the true state; ``points`` ``(m, 3, 3)`` float32, ``POINTS`` less the goal
-    in mm, world axes; ``grasped`` ``(m,)`` bool; ``phase`` ``(m,)`` int64 into ``PHASES``;
-    ``episode`` ``(m,)`` int64.
+    baseline that sees the true state; ``points`` ``(m, k, 3)`` float32, the ``k`` points of
+    ``Quantities`` less its origin in mm, world axes; ``fact`` ``(m,)`` bool; ``phase`` ``(m,)``
+    int64 into its phases; ``episode`` ``(m,)`` int64.
     """
 
     images: dict[str, Tensor]
     state: Tensor
     points: Tensor
-    grasped: Tensor
+    fact: Tensor
     phase: Tensor
     episode: Tensor
 
@@ -64,24 +59,34 @@ def collect(
         episodes: how many.
         per_phase: most frames of one phase of one episode, spread evenly over it.
         tick: called with the number of episodes that were added.
+
+    Raises:
+        ValueError: the task's phases give nothing to read off.
     """
-    parts = []
+    asked, parts = quantities(settings.definition), []
     for batch in batches(settings, episodes, _BATCH):
         phases = [
-            torch.where(step.alive, phase_of(step.signals), -1)
+            torch.where(step.alive, phase_of(asked, step.signals), -1)
             for step in rollout(batch.simulation, _Cast(batch.settings, batch.first))
         ]
-        chosen = _spread(torch.stack(phases).numpy(), per_phase)
+        chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
         batch.simulation.reseed(settings.seed)
         steps = batch.rollout(lambda own, *_, first=batch.first: _Cast(own, first))
-        parts += _look(steps, chosen, batch.first)
+        parts += _look(asked, steps, chosen, batch.first)
         tick(batch.settings.num_envs)
     return _join(parts)
 
 
-def phase_of(signals: Signals) -> Tensor:
-    """Index into ``PHASES`` ``(n,)`` of each environment's moment."""
-    return signals.grasped.long() * (1 + signals.lifted.long())
+def phase_of(asked: Quantities, signals: Signals) -> Tensor:
+    """Index of the phase ``(n,)`` int64 of each environment's moment.
+
+    It is the phase after the last fact that holds; but the first phase until its own fact holds.
+    A fact in between may be over again: what is put down is no longer high up.
+    """
+    index = torch.zeros(signals.batch_size, dtype=torch.int64)
+    for number, phase in enumerate(asked.phases[:-1], 1):
+        index = torch.where(getattr(signals, asked.ends[phase]), number, index)
+    return torch.where(getattr(signals, asked.fact), index, 0)
 
 
 class _Cast:
@@ -114,18 +119,20 @@ class _Cast:
         return torch.rand(shape, generator=self._generator, dtype=torch.float64)
 
 
-def _spread(phases: np.ndarray, most: int) -> np.ndarray:
+def _spread(phases: np.ndarray, number: int, most: int) -> np.ndarray:
     """At most ``most`` moments of each phase of each episode, evenly spread; bool as ``phases``."""
     chosen = np.zeros(phases.shape, dtype=bool)
     for env in range(phases.shape[1]):
-        for phase in range(len(PHASES)):
+        for phase in range(number):
             (at,) = np.nonzero(phases[:, env] == phase)
             picks = np.linspace(0, len(at) - 1, min(most, len(at))).round().astype(int)
             chosen[at[picks], env] = True
     return chosen
 
 
-def _look(steps: Iterator[Step], chosen: np.ndarray, first: int) -> Iterator[Frames]:
+def _look(
+    asked: Quantities, steps: Iterator[Step], chosen: np.ndarray, first: int
+) -> Iterator[Frames]:
     """The chosen frames of a rollout, step by step."""
     for step, wanted in zip(steps, chosen, strict=True):
         ids = torch.from_numpy(np.flatnonzero(wanted))
@@ -134,15 +141,16 @@ def _look(steps: Iterator[Step], chosen: np.ndarray, first: int) -> Iterator[Fra
             yield Frames(
                 step.images(ids),
                 columns(step.task.state, signals),
-                _points(signals),
-                signals.grasped,
-                phase_of(signals),
+                _points(asked, signals),
+                getattr(signals, asked.fact),
+                phase_of(asked, signals),
                 first + ids,
             )
 
 
-def _points(signals: Signals) -> Tensor:
-    places = [getattr(signals, name) - signals.goal for name in POINTS]
+def _points(asked: Quantities, signals: Signals) -> Tensor:
+    origin = getattr(signals, asked.origin)
+    places = [getattr(signals, name) - origin for name in asked.points]
     return 1e3 * torch.stack(places, 1).float()
 
 
@@ -151,6 +159,6 @@ def _join(parts: list[Frames]) -> Frames:
         {name: torch.cat([part.images[name] for part in parts]) for name in parts[0].images},
         *(
             torch.cat([getattr(part, name) for part in parts])
-            for name in ("state", "points", "grasped", "phase", "episode")
+            for name in ("state", "points", "fact", "phase", "episode")
         ),
     )

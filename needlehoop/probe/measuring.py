@@ -55,8 +55,9 @@ def _probe_seed(
     plan: Plan, folder: Folder, seed: int, lacking: Mapping[str, tuple[str, ...]], bar: tqdm
 ) -> None:
     learnt, held_out = _frames(plan, seed, lacking.values(), bar)
-    episodes = plan.episodes.held_out
-    folder.save(seed, CONSTANT, errors(held_out, constant(learnt, held_out), episodes))
+    episodes, asked = plan.episodes.held_out, folder.asked
+    blind = constant(asked, learnt, held_out)
+    folder.save(seed, CONSTANT, errors(asked, held_out, blind, episodes))
     bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
     stop = threading.Event()
 
@@ -67,7 +68,7 @@ def _probe_seed(
 
     def measure(name: str, reader: Reader) -> None:
         reader.learn(learnt, plan.fit, seed, tick)
-        folder.save(seed, name, errors(held_out, reader.read(held_out), episodes))
+        folder.save(seed, name, errors(asked, held_out, reader.read(held_out), episodes))
 
     threads = plan.env.engine.threads or available_cpus()
     with ThreadPoolExecutor(threads) as pool:

@@ -14,6 +14,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
+from needlehoop.probe.quantities import Quantities, quantities
 from needlehoop.probe.reader import Fit
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import View, parse_cameras
@@ -114,6 +115,11 @@ class Plan:
 
     def __post_init__(self) -> None:
         self.encoder.check_fit(self.env.image_size)
+
+    @property
+    def asked(self) -> Quantities:
+        """What the task's frames are asked; errors as in ``quantities``."""
+        return quantities(self.env.definition)
 
     def episode_seeds(self, seed: int) -> tuple[int, int]:
         """Seeds of the training and of the held-out episodes; no two probes share any."""

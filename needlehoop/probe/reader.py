@@ -13,10 +13,9 @@ from torch.nn import functional
 from needlehoop.config.strict import Count, Range
 from needlehoop.learning.encoder import EncoderConfig, Fold
 from needlehoop.learning.networks import HeadConfig, Trunk
-from needlehoop.probe.frames import POINTS, Frames
+from needlehoop.probe.frames import Frames
 
 _STATE = "signals"
-_NUMBERS = 3 * len(POINTS)
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,10 @@ class Fit:
 
 @dataclass(frozen=True)
 class Reading:
-    """The answers for ``m`` frames: ``points`` as in ``Frames``, ``grasped`` ``(m,)`` bool."""
+    """The answers for ``m`` frames: ``points`` and ``fact`` as in ``Frames``."""
 
     points: Tensor
-    grasped: Tensor
+    fact: Tensor
 
 
 class Reader:
@@ -66,9 +65,9 @@ class Reader:
         vectors = {} if cameras else {_STATE: frames.state.shape[-1]}
         trunk = Trunk(images, vectors, encoder, heads, dtype)
         self._trunk = trunk.to(device)
-        self._answers = nn.Linear(heads.hidden, _NUMBERS + 1).to(device)
-        self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._mean = frames.points.mean(0)
+        self._answers = nn.Linear(heads.hidden, self._mean.numel() + 1).to(device)
+        self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._deviation = frames.points.std(0).clamp(min=1e-3)
 
     def learn(self, frames: Frames, fit: Fit, seed: int, tick: Callable[[], object]) -> None:
@@ -85,7 +84,7 @@ class Reader:
             said = self._say(frames, rows)
             loss = functional.mse_loss(said[:, :-1], wanted[rows].to(self._device))
             loss = loss + functional.binary_cross_entropy_with_logits(
-                said[:, -1], frames.grasped[rows].float().to(self._device)
+                said[:, -1], frames.fact[rows].float().to(self._device)
             )
             optimizer.zero_grad()
             loss.backward()
@@ -98,11 +97,11 @@ class Reader:
         """Read frames that were not learnt from."""
         parts = [self._say(frames, rows).cpu() for rows in torch.arange(len(frames)).split(512)]
         said = torch.cat(parts)
-        points = said[:, :-1].view(-1, len(POINTS), 3) * self._deviation + self._mean
+        points = said[:, :-1].view(-1, *self._mean.shape) * self._deviation + self._mean
         return Reading(points, said[:, -1] > 0)
 
     def _say(self, frames: Frames, rows: Tensor) -> Tensor:
-        """Standardised points and the logit of ``grasped``, ``(k, 10)``, of chosen frames."""
+        """Standardised points and, last, the logit of the fact, of chosen frames."""
         values = [frames.images[name] for name in self._cameras] or [frames.state]
         return self._answers(self._trunk(*(value[rows].to(self._device) for value in values)))
 

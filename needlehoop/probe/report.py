@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, cycle
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from needlehoop.config.task_options import STANDARD, task_name
 from needlehoop.probe.folder import ProbeResults
-from needlehoop.probe.frames import PHASES
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.scores import NEEDED, QUANTITIES
 from needlehoop.probe.scores import Interval as Scored
+from needlehoop.runs.shipped import CONF
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, label
@@ -35,7 +35,7 @@ def all_tables(results: ProbeResults) -> list[Table]:
 
 def _ranking(results: ProbeResults) -> Table:
     """Camera sets by score, then the baselines."""
-    rows = []
+    rows, asked = [], results.asked
     for name in (*results.ranked, *_BASELINES):
         score, place = results.scores[name], results.places.get(name)
         rows.append(
@@ -46,7 +46,7 @@ def _ranking(results: ProbeResults) -> Table:
                 _interval(score),
                 *(
                     Estimated(error.value, _interval(error))
-                    for error in (results.error(name, p, NEEDED[p]) for p in PHASES)
+                    for error in (results.error(name, p, asked.needed[p]) for p in asked.phases)
                 ),
                 *results.by_seed[name],
             )
@@ -56,7 +56,7 @@ def _ranking(results: ProbeResults) -> Table:
         Column("cameras"),
         Column("score", form=".3f"),
         Column("95 %", form=".3f"),
-        *(Column(phase, "mm", ".2f") for phase in PHASES),
+        *(Column(phase, "mm", ".2f") for phase in asked.phases),
         *(Column(f"seed {seed}", form=".3f") for seed in range(results.seeds)),
     )
     note = (
@@ -69,6 +69,7 @@ def _ranking(results: ProbeResults) -> Table:
 
 def _phases(results: ProbeResults) -> Table:
     """Every error of every camera set, phase by phase."""
+    asked = results.asked
     rows = [
         (
             _BASELINES.get(name, label(name)),
@@ -76,33 +77,25 @@ def _phases(results: ProbeResults) -> Table:
             quantity,
             found.value,
             _interval(found),
-            True if NEEDED[phase] == quantity else None,
+            True if asked.needed[phase] == quantity else None,
         )
         for name in (*results.ranked, *_BASELINES)
-        for phase in PHASES
-        for quantity in QUANTITIES
+        for phase in asked.phases
+        for quantity in asked.names
         for found in (results.error(name, phase, quantity),)
     ]
     columns = (
         Column("cameras"), Column("phase"), Column("quantity"), Column("error", form=".3f"),
         Column("95 %", form=".3f"), Column("needed"),
     )  # fmt: skip
-    note = "Errors in mm; of grasped, the share of frames in which it is wrong."
+    note = f"Errors in mm; of {asked.fact}, the share of frames in which it is wrong."
     return Table(PHASES_TABLE, "Errors by phase", columns, tuple(rows), note)
 
 
 def _agreements(results: ProbeResults) -> Table:
     """The probe against the paper's measurements and its VLM, and against itself."""
-    measured, published = paper.measured(), paper.lists()
-    rows = [
-        _row(LISTS[name], "the paper's measured", {one: measured[one] for one in members}, results)
-        for name, members in published.items()
-    ]
-    rows.append(_row("all", "the paper's measured", measured, results))
-    said = zip(paper.answers().rankings, published, strict=True)
-    for ranking, name in said:
-        predicted = {cameras: -place for cameras, place in ranking.places.items()}
-        rows.append(_row(LISTS[name], "the paper's VLM", predicted, results))
+    # The paper's task is the one that is chosen where none is named.
+    rows = _published(results) if results.asked.task == task_name(STANDARD, [CONF]) else []
     for one, two in combinations(range(results.seeds), 2):
         sides = [{name: results.by_seed[name][s] for name in results.ranked} for s in (one, two)]
         if len(results.ranked) > 1:
@@ -118,6 +111,20 @@ def _agreements(results: ProbeResults) -> Table:
     )
     kept = tuple(row for row in rows if row)
     return Table("agreement", "Agreement of the probe with other rankings", columns, kept, note)
+
+
+def _published(results: ProbeResults) -> list[tuple[Cell, ...]]:
+    measured, published = paper.measured(), paper.lists()
+    rows = [
+        _row(LISTS[name], "the paper's measured", {one: measured[one] for one in members}, results)
+        for name, members in published.items()
+    ]
+    rows.append(_row("all", "the paper's measured", measured, results))
+    said = zip(paper.answers().rankings, published, strict=True)
+    for ranking, name in said:
+        predicted = {cameras: -place for cameras, place in ranking.places.items()}
+        rows.append(_row(LISTS[name], "the paper's VLM", predicted, results))
+    return rows
 
 
 def _row(
@@ -149,12 +156,12 @@ def _interval(found: Scored) -> Interval:
 _ROW = 4.2
 """Height of a row, mm."""
 
-_MARKS = ("o", "s", "^")
+_MARKS = ("o", "s", "^", "D", "v")
 
 
 def ranking_figure(results: ProbeResults) -> Figure:
     """Scores with intervals, and beside them the errors in each phase."""
-    names = results.ranked
+    names, needed = results.ranked, results.asked.needed
     figure, grid = new_figure(24 + _ROW * len(names), 1, 2, sharey=True)
     left, right = grid[0]
     for y, name in enumerate(names):
@@ -166,10 +173,11 @@ def ranking_figure(results: ProbeResults) -> Figure:
     left.tick_params(axis="y", length=0)
     left.grid(axis="both", linewidth=0.3)
     left.set_xlabel("score (1: no error)")
-    for phase, colour, mark in zip(PHASES, COLOURS[1:], _MARKS, strict=False):
-        values = [results.error(name, phase, NEEDED[phase]).value for name in names]
+    looks = cycle(zip(COLOURS[1:], _MARKS, strict=False))
+    for (phase, quantity), (colour, mark) in zip(needed.items(), looks, strict=False):
+        values = [results.error(name, phase, quantity).value for name in names]
         right.plot(values, range(len(names)), mark, color=colour, markersize=3.2, label=phase)
-        floor = results.error(TRUTH, phase, NEEDED[phase]).value
+        floor = results.error(TRUTH, phase, quantity).value
         right.axvline(floor, color=colour, linewidth=0.6, linestyle=DASHES[3])
     right.tick_params(axis="y", length=0)
     right.grid(axis="both", linewidth=0.3)
@@ -214,7 +222,7 @@ def view_map(
                       fontsize=6.5, color=COLOURS[1], fontweight="bold")  # fmt: skip
     axes.set_xticks(azimuths)
     axes.set_yticks(elevations)
-    axes.set_xlabel("azimuth, degrees (0: in front of the hoop, 90: left)")
+    axes.set_xlabel("azimuth, degrees (0: in front, 90: left)")
     axes.set_ylabel("elevation, degrees")
     bar = figure.colorbar(image, ax=axes, pad=0.02)
     bar.set_label(what)

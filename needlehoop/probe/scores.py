@@ -13,17 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from needlehoop.probe.frames import PHASES, POINTS, Frames
+from needlehoop.probe.frames import Frames
+from needlehoop.probe.quantities import Quantities
 from needlehoop.probe.reader import Reading
-
-GAP = "tool_to_pickup"
-QUANTITIES = (*POINTS, GAP, "grasped")
-"""Errors are in mm (``GAP``: of the way from tool to pickup point), of ``grasped`` the share of
-frames in which it is wrong."""
-
-NEEDED = {"reach": GAP, "lift": "pickup_point", "insert": "needle_tip"}
-"""What each phase needs to know: the way to the needle, then how far the needle, then how far its
-tip is from the goal."""
 
 Columns = Sequence[tuple[np.ndarray, np.ndarray | None]]
 
@@ -53,15 +45,16 @@ class Interval:
     high: float
 
 
-def errors(frames: Frames, reading: Reading, episodes: int) -> Errors:
+def errors(asked: Quantities, frames: Frames, reading: Reading, episodes: int) -> Errors:
     """Errors of a reading of held-out frames, episode by episode."""
     off = (reading.points - frames.points).double()
-    gap = off[:, POINTS.index("pickup_point")] - off[:, POINTS.index("tool_midpoint")]
-    columns = [off[:, i].norm(dim=-1) for i in range(len(POINTS))]
-    columns += [gap.norm(dim=-1), (reading.grasped != frames.grasped).double()]
+    by_name = dict(zip(asked.points, off.unbind(1), strict=True))
+    wrong = [*by_name.values(), *(by_name[to] - by_name[of] for of, to in asked.gaps.values())]
+    columns = [one.norm(dim=-1) for one in wrong]
+    columns.append((reading.fact != frames.fact).double())
     values = np.stack([column.numpy() for column in columns], -1)
-    total = np.zeros((episodes, len(PHASES), len(QUANTITIES)))
-    count = np.zeros((episodes, len(PHASES)), dtype=int)
+    total = np.zeros((episodes, len(asked.phases), len(asked.names)))
+    count = np.zeros((episodes, len(asked.phases)), dtype=int)
     where = (frames.episode.numpy(), frames.phase.numpy())
     np.add.at(total, where, values)
     np.add.at(count, where, 1)
@@ -69,28 +62,29 @@ def errors(frames: Frames, reading: Reading, episodes: int) -> Errors:
         return Errors(total / count[..., None], count)
 
 
-def constant(learnt: Frames, frames: Frames) -> Reading:
+def constant(asked: Quantities, learnt: Frames, frames: Frames) -> Reading:
     """The best constant answer for ``frames``.
 
-    Of places the mean of the phase's training frames; ``grasped`` as most training frames are.
+    Of places the mean of the phase's training frames; the fact as most training frames are.
 
     Raises:
         ValueError: a phase that no training frame shows.
     """
     points = torch.empty_like(frames.points)
-    for phase, name in enumerate(PHASES):
+    for phase, name in enumerate(asked.phases):
         known = learnt.points[learnt.phase == phase]
         if not len(known):
             raise ValueError(f"episodes.train: none comes to the phase {name}; take more")
         points[frames.phase == phase] = known.mean(0)
-    commonest = learnt.grasped.float().mean() > 0.5
+    commonest = learnt.fact.float().mean() > 0.5
     return Reading(points, commonest.expand(len(frames)))
 
 
-def score(found: Sequence[Errors], constants: Sequence[Errors]) -> Interval:
+def score(asked: Quantities, found: Sequence[Errors], constants: Sequence[Errors]) -> Interval:
     """The score of one camera set, as the module says; mean over the probe's seeds.
 
     Args:
+        asked: what each phase needs.
         found: of the camera set, seed by seed.
         constants: of the constant, likewise.
     """
@@ -98,16 +92,18 @@ def score(found: Sequence[Errors], constants: Sequence[Errors]) -> Interval:
         [
             [
                 (own.mean[:, p, q], blind.mean[:, p, q])
-                for p, q in enumerate(QUANTITIES.index(NEEDED[name]) for name in PHASES)
+                for p, q in enumerate(
+                    asked.names.index(asked.needed[name]) for name in asked.phases
+                )
             ]
             for own, blind in zip(found, constants, strict=True)
         ]
     )
 
 
-def error(found: Sequence[Errors], phase: str, quantity: str) -> Interval:
-    """Mean error over episodes, in mm (``grasped``: a share); mean over the probe's seeds."""
-    p, q = PHASES.index(phase), QUANTITIES.index(quantity)
+def error(asked: Quantities, found: Sequence[Errors], phase: str, quantity: str) -> Interval:
+    """Mean error over episodes, in mm (of the fact: a share); mean over the probe's seeds."""
+    p, q = asked.phases.index(phase), asked.names.index(quantity)
     return _interval([[(own.mean[:, p, q], None)] for own in found])
 
 

@@ -12,15 +12,18 @@ import pytest
 from needlehoop.cli.main import main
 from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
 from needlehoop.demonstrations.export import new_folder
-from needlehoop.demonstrations.lerobot_layout import of_images, of_rows
+from needlehoop.demonstrations.lerobot_layout import of_images, of_rows, proprio_names
 from needlehoop.envs.settings import compose_settings
+from needlehoop.tasks.registry import find
+
+TASK = find("needle_hoop")
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=32", "seed=5"]
 
 
 @pytest.fixture(scope="module")
 def shown() -> list[Demonstration]:
-    return list(demonstrate(compose_settings(WORDS), scripted("smooth"), 3))
+    return list(demonstrate(compose_settings(WORDS), scripted("smooth", TASK), 3))
 
 
 def export(out: Path, *words: str) -> int:
@@ -45,10 +48,30 @@ def test_demonstrations_are_whole_episodes(shown):
 @pytest.mark.parametrize("who", ["smooth", "perturbed"])
 def test_a_demonstration_does_not_depend_on_how_many_there_are(who):
     settings = replace(compose_settings(WORDS), cams=("seg_side",), image_size=8)
-    (alone,) = demonstrate(settings, scripted(who), 1)
-    first, _ = demonstrate(settings, scripted(who), 2)
+    (alone,) = demonstrate(settings, scripted(who, TASK), 1)
+    first, _ = demonstrate(settings, scripted(who, TASK), 2)
     assert np.array_equal(alone.actions, first.actions)
     assert np.array_equal(alone.images["seg_side"], first.images["seg_side"])
+
+
+@pytest.mark.parametrize("name", ["reach", "peg_transfer"])
+def test_a_task_is_demonstrated_by_its_teacher_where_nobody_is_named(tmp_path, capsys, name):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    out, task = tmp_path / name, find(name)
+    assert export(out, "format=lerobot", f"task={name}/standard", "image_size=8") == 0
+    assert "3 episodes" in capsys.readouterr().out
+    info = json.loads((out / "meta/info.json").read_text())
+    assert info["needlehoop"]["demonstrator"] == task.teacher
+    assert parquet.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == [task.summary]
+
+
+def test_a_robot_of_ones_own_has_names_of_its_own():
+    robot = replace(TASK.robot, body="gantry", proprio=("tool_midpoint", "jaw"))
+    own = replace(TASK, robot=robot, controllers={"expert": None}, teacher="expert")
+    assert proprio_names(own) == ["tool_midpoint_0", "tool_midpoint_1", "tool_midpoint_2", "jaw"]
+    assert proprio_names(TASK)[-3:] == ["wrist_yaw", "jaw", "jaw_command"]
+    with pytest.raises(ValueError, match=r"'smooth' is unknown; choose from expert, perturbed, or"):
+        scripted("smooth", own)
 
 
 def test_minari_reads_what_was_done(tmp_path, monkeypatch, shown):
@@ -146,6 +169,7 @@ def test_lerobot_films_show_what_was_seen(tmp_path, shown):
     [
         (["format=zarr"], "format: 'zarr' is unknown; choose from minari, lerobot"),
         (["demonstrator=nobody"], "demonstrator: 'nobody' is unknown; choose from smooth"),
+        (["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a run's folder"),
         (["episodes=0"], "episodes: 0 must be at least 1"),
         (["cams=[]"], "cams: demonstrations need at least one camera"),
         (["obs.frame_stack=3"], "obs.frame_stack: 3"),

@@ -8,6 +8,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,13 +21,12 @@ from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
 from needlehoop.probe.folder import Folder, read_results
-from needlehoop.probe.frames import KINDS, PHASES, POINTS, Frames, collect
+from needlehoop.probe.frames import KINDS, Frames, collect, phase_of
 from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Grid, Plan, camera_sets
+from needlehoop.probe.quantities import quantities
 from needlehoop.probe.reader import Fit, Reading
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import (
-    NEEDED,
-    QUANTITIES,
     Errors,
     Interval,
     constant,
@@ -36,6 +36,10 @@ from needlehoop.probe.scores import (
     score,
 )
 from needlehoop.scene.cameras import View
+from needlehoop.tasks.contract import Phase
+from needlehoop.tasks.registry import built_in, find
+
+ASKED = quantities(find("needle_hoop"))
 
 TINY = ["image_size=16", "encoder.channels=[8]", "episodes.train=8", "episodes.held_out=8"]
 TINY += ["episode.max_steps=40", "fit.updates=3", "fit.minibatch=32"]
@@ -60,13 +64,13 @@ def test_frames_show_every_phase_of_every_kind_of_episode(seen):
 
 
 def test_frames_say_where_things_are_relative_to_the_goal(seen):
-    assert seen.points.shape == (len(seen), len(POINTS), 3)
-    tip = seen.points[:, POINTS.index("needle_tip")].norm(dim=-1)
+    assert seen.points.shape == (len(seen), len(ASKED.points), 3)
+    tip = seen.points[:, ASKED.points.index("needle_tip")].norm(dim=-1)
     assert tip.max() < 100, "millimetres on a table of a few centimetres"
-    inserting = seen.phase == PHASES.index("insert")
+    inserting = seen.phase == ASKED.phases.index("insert")
     assert tip[inserting].min() < 12
     assert tip[seen.phase == 0].min() > 15
-    assert torch.equal(seen.grasped, seen.phase > 0)
+    assert torch.equal(seen.fact, seen.phase > 0)
 
 
 def test_frames_are_the_pictures_of_their_moments(settings, seen):
@@ -92,6 +96,71 @@ def test_an_episode_does_not_depend_on_how_many_there_are(settings, monkeypatch)
     assert torch.equal(more.points[same], few.points)
 
 
+def test_what_is_read_off_follows_from_the_tasks_phases():
+    assert ASKED.points == ("needle_tip", "pickup_point", "tool_midpoint")
+    assert (ASKED.origin, ASKED.fact) == ("goal", "grasped")
+    assert ASKED.names == (*ASKED.points, "tool_to_pickup", "grasped")
+    wanted = {"reach": "tool_to_pickup", "lift": "pickup_point", "insert": "needle_tip"}
+    assert ASKED.needed == wanted
+    reach = quantities(find("reach"))
+    assert (reach.points, reach.origin, reach.gaps) == (("tool_midpoint",), "target", {})
+    assert reach.needed == {"approach": "tool_midpoint", "stay": "tool_midpoint"}
+
+
+@pytest.mark.parametrize("name", built_in())
+def test_each_phase_of_each_task_needs_something_that_is_read_off(name):
+    asked = quantities(find(name))
+    assert asked.phases == tuple(phase.name for phase in find(name).phases)
+    assert set(asked.needed.values()) <= {*asked.points, *asked.gaps}
+    assert {point for gap in asked.gaps.values() for point in gap} <= {*asked.points}
+    assert len(set(asked.names)) == len(asked.names)
+
+
+def test_ways_of_one_short_name_get_long_ones():
+    phases = (
+        Phase("one", "grasped", ("tool_midpoint", "pickup_point")),
+        Phase("two", "grasped", ("tool_midpoint", "pickup_point")),
+        Phase("three", "lifted", ("wrist_pos", "needle_tip")),
+        Phase("four", "threaded", ("tool_midpoint", "goal")),
+    )
+    task = replace(find("needle_hoop"), phases=phases)
+    assert [*quantities(task).gaps] == ["tool_to_pickup", "wrist_to_needle"]
+    other = Phase("three", "lifted", ("tool_midpoint", "pickup_other"))
+    table = {**task.signals, "pickup_other": task.signals["goal"]}
+    task = replace(task, signals=table, phases=(*phases[:2], other, phases[3]))
+    assert quantities(task).gaps == {
+        "tool_to_pickup": ("tool_midpoint", "pickup_point"),
+        "tool_midpoint_to_pickup_other": ("tool_midpoint", "pickup_other"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("phases", "match"),
+    [
+        ((), "task reach has no phases"),
+        ((Phase("turn", "near", ("target", "joints")),), "phase turn: no two places: target, jo"),
+        ((Phase("rest", "near", ("target", "target")),), "phase rest: no two places"),
+    ],
+)
+def test_a_task_that_gives_nothing_to_read_off_is_refused(phases, match):
+    with pytest.raises(ValueError, match=match):
+        quantities(replace(find("reach"), phases=phases))
+
+
+def test_a_moment_is_in_the_phase_after_the_last_fact_that_holds():
+    grasped = torch.tensor([False, False, True, True, True])
+    lifted = torch.tensor([False, True, False, True, True])
+    threaded = torch.tensor([False, False, False, False, True])
+    moment = SimpleNamespace(batch_size=[5], grasped=grasped, lifted=lifted, threaded=threaded)
+    assert phase_of(ASKED, moment).tolist() == [0, 0, 1, 2, 2]
+    held = torch.tensor([False, True, True, True, True])
+    high = torch.tensor([False, False, True, True, False])
+    over = torch.tensor([True, False, False, True, True])
+    block = SimpleNamespace(batch_size=[5], grasped=held, lifted=high, over=over)
+    lowered = "the block that is lowered over its peg is being placed"
+    assert phase_of(quantities(find("peg_transfer")), block).tolist() == [0, 1, 2, 3, 3], lowered
+
+
 def _frames(points: torch.Tensor, phase: list[int], episode: list[int]) -> Frames:
     phases = torch.tensor(phase)
     return Frames({}, torch.zeros(len(phase), 1), points, phases > 0, phases, torch.tensor(episode))
@@ -101,11 +170,11 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
     truth = torch.zeros(4, 3, 3)
     shown = _frames(truth, [0, 0, 1, 2], [0, 0, 0, 1])
     said = torch.zeros(4, 3, 3)
-    said[0, POINTS.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
-    said[0, POINTS.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
-    said[1, POINTS.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
-    found = errors(shown, Reading(said, torch.tensor([False, True, True, True])), 3)
-    at = {name: i for i, name in enumerate(QUANTITIES)}
+    said[0, ASKED.points.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
+    said[0, ASKED.points.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
+    said[1, ASKED.points.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
+    found = errors(ASKED, shown, Reading(said, torch.tensor([False, True, True, True])), 3)
+    at = {name: i for i, name in enumerate(ASKED.names)}
     reach = found.mean[0, 0]
     assert reach[at["needle_tip"]] == 2.5
     assert reach[at["tool_midpoint"]] == 1.0
@@ -119,46 +188,49 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
 
 def test_both_points_off_by_the_same_leaves_the_gap_right():
     shown = _frames(torch.zeros(1, 3, 3), [0], [0])
-    found = errors(shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
-    assert found.mean[0, 0, QUANTITIES.index("tool_to_pickup")] == 0
+    found = errors(ASKED, shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
+    assert found.mean[0, 0, ASKED.names.index("tool_to_pickup")] == 0
     assert found.mean[0, 0, 0] > 8
 
 
 def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
     points = torch.arange(4.0).view(4, 1, 1).expand(4, 3, 3)
     learnt = _frames(points, [0, 0, 1, 2], [0, 0, 0, 0])
-    said = constant(learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
+    said = constant(ASKED, learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
     assert said.points[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
     with pytest.raises(ValueError, match=r"episodes\.train: none comes to the phase insert"):
-        constant(_frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
+        constant(ASKED, _frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
 
 
 def _errors(by_phase: list[float], episodes: int, spread: float, seed: int) -> Errors:
     generator = np.random.default_rng(seed)
-    mean = np.full((episodes, 3, len(QUANTITIES)), 99.0)
-    for p, phase in enumerate(PHASES):
+    mean = np.full((episodes, 3, len(ASKED.names)), 99.0)
+    for p, phase in enumerate(ASKED.phases):
         noise = generator.uniform(-spread, spread, episodes)
-        mean[:, p, QUANTITIES.index(NEEDED[phase])] = by_phase[p] + noise
+        mean[:, p, ASKED.names.index(ASKED.needed[phase])] = by_phase[p] + noise
     return Errors(mean, np.ones((episodes, 3), dtype=int))
 
 
 def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     blind = _errors([10.0, 20.0, 40.0], 6, 0.0, 0)
-    found = score([_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
+    found = score(ASKED, [_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
     assert found.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
     assert (found.low, found.high) == pytest.approx((found.value, found.value))
-    assert score([blind], [blind]).value == 0
-    two = score([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
+    assert score(ASKED, [blind], [blind]).value == 0
+    two = score(ASKED, [_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
     assert two.value == pytest.approx(0.5)
 
 
 def test_intervals_narrow_with_episodes_and_hold_the_truth():
-    few, many = (error([_errors([5.0] * 3, n, 2.0, 1)], "reach", NEEDED["reach"]) for n in (8, 800))
+    few, many = (
+        error(ASKED, [_errors([5.0] * 3, n, 2.0, 1)], "reach", ASKED.needed["reach"])
+        for n in (8, 800)
+    )
     assert many.high - many.low < 0.3 < few.high - few.low
     assert many.low < 5 < many.high
     held = 0
     for seed in range(60):
-        found = error([_errors([5.0] * 3, 30, 2.0, seed)], "lift", NEEDED["lift"])
+        found = error(ASKED, [_errors([5.0] * 3, 30, 2.0, seed)], "lift", ASKED.needed["lift"])
         held += found.low < 5 < found.high
     assert 49 <= held <= 60, "95 % intervals, less what a bootstrap of 30 falls short"
 
@@ -168,7 +240,7 @@ def test_an_episode_without_a_phase_counts_in_the_others():
     for one in (found, blind):
         one.mean[0, 2] = np.nan
     found.mean[1:, 2] = 2.0
-    assert score([found], [blind]).value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
+    assert score(ASKED, [found], [blind]).value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
 
 
 def test_what_cannot_be_separated_shares_a_place():
@@ -221,7 +293,7 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     away = replace(settings.views["default"], target=(0.0, -3.0, 0.5))
     scene = replace(settings, views={**settings.views, "away": away}, image_size=32)
     plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
-    folder = Folder(tmp_path / "probe", {"fit": 1}, False)
+    folder = Folder(tmp_path / "probe", ASKED, {"fit": 1}, False)
     measuring.probe(plan, folder)
     found = read_results(folder, 1)
     assert found.ranked == ("seg_default", "seg_away")
@@ -262,6 +334,23 @@ def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
     rows = _rows(folder / "seed0" / "rgb_default.csv")
     assert [row["kind"] for row in rows[:4]] == list(KINDS)
     assert not list(folder.rglob("*.partial"))
+
+
+@pytest.mark.parametrize("task", ["reach", "peg_transfer"])
+def test_the_command_probes_any_task(tmp_path, capsys, task):
+    words = ["cams=rgb_default", "seeds=2", f"task={task}/standard", "episode.max_steps=150"]
+    assert _run(tmp_path, *words) == 0
+    asked, folder = quantities(find(task)), tmp_path / "probe"
+    row = _rows(folder / "seed1" / "rgb_default.csv")[0]
+    assert [name for name in row if name.endswith("_frames")] == [
+        f"{p}_frames" for p in asked.phases
+    ]
+    assert all(row[f"{phase}_{need}"] for phase, need in asked.needed.items())
+    assert f"of {asked.fact}, the share" in (folder / "phases.md").read_text()
+    before = _files(tmp_path)
+    assert _run(tmp_path, "cams=rgb_default", "seeds=2") == 2
+    assert "another episode, task" in capsys.readouterr().err
+    assert _files(tmp_path) == before
 
 
 def test_a_stopped_probe_goes_on_to_the_same_bits(tmp_path, monkeypatch, capsys):
@@ -392,7 +481,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     """A probe that finds the paper's own returns agrees with them wholly."""
     from needlehoop.study.data import paper
 
-    folder = Folder(tmp_path / "probe", {"fit": 1}, False)
+    folder = Folder(tmp_path / "probe", ASKED, {"fit": 1}, False)
     blind = _errors([10.0] * 3, 12, 0.0, 0)
     folder.save(0, CONSTANT, blind)
     folder.save(0, TRUTH, _errors([0.1] * 3, 12, 0.0, 0))
@@ -412,7 +501,9 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     assert tables["ranking"].texts[-1][1] == "constant"
     axes = ranking_figure(found).axes
     assert axes[0].get_yticklabels()[0].get_text() == "DEP (F) + SEG (S)"
-    assert len(tables["phases"].rows) == 16 * len(PHASES) * len(QUANTITIES)
+    elsewhere = replace(found, asked=replace(ASKED, task="reach"))
+    assert "agreement" not in {table.name for table in all_tables(elsewhere)}, "another task's"
+    assert len(tables["phases"].rows) == 16 * len(ASKED.phases) * len(ASKED.names)
 
 
 def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp_path):

@@ -40,7 +40,7 @@ TASK = Task(
     success=success,
     phases=(
         Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
-        Phase("lift", "lifted", ("pickup_point", "lift_position")),
+        Phase("lift", "lifted", ("pickup_point", "goal")),
         Phase("insert", "threaded", ("needle_tip", "goal")),
     ),
     state=STATE,
