@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,8 +47,8 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.probe.plan import Grid
     from needlehoop.probe.report import PHASES_TABLE, all_tables
 
-    asked = strict.as_type(values["grid"], Grid, "grid")
-    grid = asked if options.grid else None
+    views = strict.as_type(values["grid"], Grid, "grid")
+    grid = views if options.grid else None
     plan = _plan(values, standing, grid)
     asked, place = plan.asked, Path(plan.effort.results) / plan.effort.study
     if grid:
@@ -61,7 +62,7 @@ def _probe(options: argparse.Namespace) -> int:
             f" compute=true` makes them, in about {_minutes(plan, lacking)} on two cores"
         )
     command = ["needlehoop", "probe", *flags, *options.overrides]
-    folder = Folder(place, asked, _noted(values, grid), plan.effort.overwrite, command)
+    folder = Folder(place, asked, _noted(values, standing, grid), plan.effort.overwrite, command)
     try:
         probe(plan, folder)
     except KeyboardInterrupt:
@@ -119,13 +120,18 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
     )
 
 
-def _noted(values: dict[str, Any], grid: Grid | None) -> dict[str, Any]:
-    """Settings that the probe may depend on."""
+def _noted(values: dict[str, Any], standing: Settings, grid: Grid | None) -> dict[str, Any]:
+    """Settings that the probe may depend on; what the task decides is written out."""
     without = {"algo", "compute", "num_envs", "obs", "overwrite", "picture", "reward", "seed"}
     own = {key: value for key, value in values.items() if key not in without}
     if not grid:
         del own["grid"]
-    return {**own, "network": values["algo"]["network"]}
+    network = dict(values["algo"]["network"])
+    if network["told"] is None:
+        network["told"] = standing.definition.critic
+    renderings = {name: asdict(one) for name, one in standing.renderings.items()}
+    # Lists, as YAML has them.
+    return json.loads(json.dumps({**own, "renderings": renderings, "network": network}))
 
 
 def _draw(
