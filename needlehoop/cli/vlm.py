@@ -85,8 +85,9 @@ def _question(options: argparse.Namespace) -> None:
         suits, subtask = answers["suits"][part], answers["subtasks"][part]
         said = f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view"
         print(printable(said))
-    for what in ("goal", "lifted"):
-        print(f"{what}: best shown by {answers[what]['rendering']}, {answers[what]['view']} view")
+    for what, shown in answers.items():
+        if "rendering" in shown:
+            print(f"{what}: best shown by {shown['rendering']}, {shown['view']} view")
     print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
     _report(inquiry, found["totals"], "questions.csv")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from torch import Tensor
@@ -112,6 +113,36 @@ class Robot:
 
 
 @dataclass(frozen=True)
+class Telling:
+    """How a task is told to a vision-language model.
+
+    The general prompts are in ``needlehoop/vlm/prompts``; they take these texts and words in.
+    Nothing here may tell the human reward, or the limits by which success is decided.
+    """
+
+    texts: Path
+    """Folder of texts with ``$gaps``. ``scene.txt``: what there is, and what the task is.
+    ``signals.txt``: the numbers behind the signals, a line ``- …`` each. ``<fact>.txt``, for some
+    of ``moments``: which camera shows the fact best. The other moments are shown as the task's
+    stages."""
+    values: Callable[[Any, Any], Mapping[str, object]]
+    """From layout and rules, what fills the gaps, by name; and ``control``: what an agent does at
+    every step, such as ``moves the tip by up to 6 mm``."""
+    goal: str
+    """What is so when the goal is reached, such as ``the cube is on the spot``."""
+    done: str
+    """The same without the test of success, for reward writers: ``the cube is where it has to
+    be``."""
+    front: str
+    """What the views at azimuth 0 are in front of, such as ``the spot``."""
+    moments: Mapping[str, str] = field(default_factory=dict)
+    """Facts whose first moments are pictured, in order, and what is so then, such as ``the cube
+    has been grasped``."""
+    painted: Mapping[str, str] = field(default_factory=dict)
+    """What has to be said of a class of flat renderings, by class."""
+
+
+@dataclass(frozen=True)
 class Task:
     """A task. ``needlehoop tasks`` prints it; ``docs/own-task.md`` walks through one."""
 
@@ -158,8 +189,12 @@ class Task:
     """The reward that a person wrote; values in ``conf/reward``."""
     cheat: Callable[[Memory, Any], Tensor] | None = None
     """From memory and signals, whether an episode looks done and is not; ``None``: never."""
+    cheating: str = "cheating"
+    """What the controller ``cheat`` does, in a few words. Models are not told."""
     critic: Sequence[str] = field(default=())
     """Facts that the value function is told by default."""
+    telling: Telling | None = None
+    """``None``: no model can be asked about it."""
 
     def __post_init__(self) -> None:
         names = [fact.name for fact in self.facts]
@@ -174,6 +209,7 @@ class Task:
             ("critic", self.critic, self.all_facts),
             ("teacher", [self.teacher], self.controllers),
             ("controllers", ["expert"], self.controllers),
+            ("telling", self.telling.moments if self.telling else (), names),
         ):
             for name in used:
                 if name not in valid:

@@ -17,12 +17,12 @@ from needlehoop.pictures.stills import stages
 from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
+from needlehoop.tasks.contract import Task
 from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.transcript import Transcript
 
 PICTURES = "pictures.json"
-STATES = ("start", "grasped", "lifted", "goal")
 SEEN = "seen"
 """The start again, at the agent's own resolution."""
 
@@ -37,7 +37,7 @@ class Album:
     differently, and its requests would then match no recorded answer.
 
     Args:
-        pictures: by state (``STATES`` and ``SEEN``) and camera.
+        pictures: by state (see ``states``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
     """
 
@@ -56,6 +56,11 @@ class Album:
         n = self._pixels
         said = f"{camera}, start, as the agent sees it, {n} x {n} pixels (enlarged):"
         return [said, self._pictures[SEEN][camera]]
+
+
+def states(task: Task) -> tuple[str, ...]:
+    """What is pictured of an episode: its start, moments of the task, and the goal."""
+    return ("start", *prompts.telling_of(task).moments, "goal")
 
 
 def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
@@ -85,7 +90,7 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         return Album(pictures, settings.image_size)
     kept = _index(index)
     if kept["scene"] != scene:
-        other = prompts.other_edition(transcript.folder)
+        other = prompts.other_edition(transcript.folder, prompts.sha256(settings.definition))
         if other is not None:
             raise ValueError(f"{transcript.path} {other}")
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
@@ -140,7 +145,7 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
     s = replace(settings, cams=cameras, image_size=size, num_envs=1)
     kinds = {camera.name: s.renderings[camera.rendering] for camera in s.cameras}
-    taken = stages(s, *STATES)
+    taken = stages(s, *states(s.definition))
     own = stages(replace(s, image_size=settings.image_size), "start")["start"]
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))

@@ -13,11 +13,9 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import potential
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Task
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.moments import Trajectories, collect, random_signals
-
-CHEATING = "touching the goal without threading"
-"""How a card names the cheat. No model is told this (see ``program_rules``)."""
+from needlehoop.vlm.moments import CHEAT, Trajectories, collect, random_signals
 
 
 @dataclass(frozen=True)
@@ -27,9 +25,10 @@ class Card:
     ``lowest`` and ``highest`` are its values over the recorded moments, before clipping.
     ``random_lowest`` and ``random_highest`` are its finite values over the random signals.
     ``expert``, ``random`` and ``cheat`` are mean final values of the scripted controllers, clipped
-    if the gates say so. The cheat is judged at the expert's ``elapsed``: it must not fail by
-    being slow alone. ``paid`` is the share of a random policy's steps that change the value. An
-    agent can hardly learn from a reward that random steps never change.
+    if the gates say so. The cheat is judged at the expert's ``elapsed``: it must not fail by being
+    slow alone; it is ``None`` where the task has no such controller. ``paid`` is the share of a
+    random policy's steps that change the value. An agent can hardly learn from a reward that random
+    steps never change.
     """
 
     terms: tuple[str, ...]
@@ -43,7 +42,7 @@ class Card:
     random_highest: float
     expert: float
     random: float
-    cheat: float
+    cheat: float | None
     paid: float
     gates: Gates
     reasons: tuple[str, ...]
@@ -71,8 +70,7 @@ class Card:
             f"expert       {self.expert:.3f} at the end",
             f"random       {self.random:.3f}; the expert is {self.expert - self.random:.3f}"
             f" above, at least {g.margin:g} is asked",
-            f"cheat        {self.cheat:.3f}; the expert is {self.expert - self.cheat:.3f}"
-            f" above, at least {g.audit_margin:g} is asked ({g.audit})",
+            *(() if self.cheat is None else [self._audited(self.cheat)]),
             f"paid         {100 * self.paid:.2f} % of random steps change it by {g.paid_by:g} or"
             f" more; at least {100 * g.paid:g} % is asked (flag)",
             *(f"refused      {reason}" for reason in self.reasons),
@@ -81,6 +79,13 @@ class Card:
             f"{', flagged' if self.flags else ''}",
         ]
         return "\n".join(lines)
+
+    def _audited(self, cheat: float) -> str:
+        g = self.gates
+        return (
+            f"cheat        {cheat:.3f}; the expert is {self.expert - cheat:.3f}"
+            f" above, at least {g.audit_margin:g} is asked ({g.audit})"
+        )
 
 
 def card(
@@ -116,13 +121,13 @@ def card(
         random_highest=_extreme(on_wild, torch.max),
         expert=figures["expert"],
         random=figures["random"],
-        cheat=figures["cheat"],
+        cheat=figures.get(CHEAT),
         paid=_paid(program, seen, gates),
         gates=gates,
         reasons=(),
         flags=(),
     )
-    reasons, audit, seldom = _refusals(found), _audit(found), _seldom(found)
+    reasons, audit, seldom = _refusals(found), _audit(found, settings.definition), _seldom(found)
     if gates.audit == "refuse":
         return replace(found, reasons=reasons + audit, flags=seldom)
     return replace(found, reasons=reasons, flags=audit + seldom)
@@ -158,11 +163,11 @@ def _refusals(c: Card) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _audit(c: Card) -> tuple[str, ...]:
-    if c.expert - c.cheat >= c.gates.audit_margin:
+def _audit(c: Card, task: Task) -> tuple[str, ...]:
+    if c.cheat is None or c.expert - c.cheat >= c.gates.audit_margin:
         return ()
     return (
-        f"{CHEATING} ends {c.expert - c.cheat:.3f} below the expert;"
+        f"{task.cheating} ends {c.expert - c.cheat:.3f} below the expert;"
         f" at least {c.gates.audit_margin:g} is asked",
     )
 
@@ -178,9 +183,11 @@ def _seldom(c: Card) -> tuple[str, ...]:
 
 def _level(last: Mapping[str, Signals]) -> dict[str, Signals]:
     """The last moments, with the expert's ``elapsed`` in place of the cheat's."""
-    cheat = last["cheat"].clone()
+    if CHEAT not in last:
+        return dict(last)
+    cheat = last[CHEAT].clone()
     cheat.elapsed = last["expert"].elapsed.clone()
-    return {**last, "cheat": cheat}
+    return {**last, CHEAT: cheat}
 
 
 def _total(program: Program, signals: Signals) -> Tensor:

@@ -40,7 +40,7 @@ class Gates:
     """Tests of a reward program before anybody trains on it; values in ``conf/gates``.
 
     A program that fails a gate is refused. The cheat audit only flags a program, unless
-    ``audit`` is ``refuse``: most honest rewards cannot tell touching from threading. A program's
+    ``audit`` is ``refuse``: most honest rewards cannot tell a good cheat. A program's
     ``Card`` has its figures at all gates.
     """
 

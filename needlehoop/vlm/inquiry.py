@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.run import Run
+from needlehoop.study.data.answers import ASKED
 from needlehoop.study.render.table import Table
-from needlehoop.vlm import tables
+from needlehoop.vlm import prompts, tables
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
@@ -47,18 +48,20 @@ class Inquiry(AbstractContextManager):
         vlm: who answers.
 
     Raises:
-        ValueError: no key, no recording, or a recording of another model.
+        ValueError: a task that is told to no model, no key, no recording, or a recording of
+            another model.
         RuntimeError: the provider's package is not installed.
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
+        asked = prompts.sha256(settings.definition)
         self._settings, self._config = settings, config
         self._files = Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if not isinstance(vlm, ReplayConfig):
             provider = build_provider(vlm, config.folder)
             self.transcript = Transcript(config.folder)
-            self._recorder = Recorder(self.transcript, provider, vlm)
+            self._recorder = Recorder(self.transcript, provider, vlm, asked=asked)
         else:
             self.transcript = Transcript(vlm.folder(config.folder))
             if not self.transcript.exchanges:
@@ -67,7 +70,7 @@ class Inquiry(AbstractContextManager):
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
-            self._recorder = Recorder(self.transcript)
+            self._recorder = Recorder(self.transcript, asked=asked)
 
     def __exit__(self, *_: object) -> None:
         self._recorder.close()
@@ -219,8 +222,11 @@ class Inquiry(AbstractContextManager):
             self._files.vacate(name)
 
     def _answered(self, answers: dict[str, Any], conversation: Conversation) -> dict[str, Any]:
-        found = self._write(QUESTIONS, {"answers": answers}, conversation.attempts)
-        self._files.write("questions.csv", tables.questions_csv(answers))
+        asked = prompts.questioned(self._settings.definition)
+        # A reader knows the paper's moments.
+        named = {} if asked == ASKED else {"asked": asked}
+        found = self._write(QUESTIONS, {"answers": answers, **named}, conversation.attempts)
+        self._files.write("questions.csv", tables.questions_csv(answers, asked))
         return found
 
     def _write(

@@ -10,12 +10,13 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller
+from needlehoop.envs.controllers import controller, controllers
 from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import NONE
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
+from needlehoop.tasks.psm import JOINT_SIGNALS
 from needlehoop.vlm.config import Gates
 
 _REACH = 0.3
@@ -23,8 +24,11 @@ _REACH = 0.3
 _TURN = 3.2
 """Random angles lie within this of 0, rad."""
 
-_JUDGED_BY = ("expert", "cheat", "random")
-"""Controllers on whose episodes programs are judged."""
+CHEAT = "cheat"
+"""The controller that only looks as if it did the task; not every task has one."""
+
+_JUDGED_BY = ("expert", CHEAT, "random")
+"""Controllers on whose episodes programs are judged, where the task has them."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,9 @@ class Trajectories:
 
 
 def collect(settings: Settings, gates: Gates) -> Trajectories:
-    """One episode of the expert, a random policy and the cheat in each of ``gates.episodes``
-    environments of ``gates.seed``, without cameras, and more of the random policy.
+    """Episodes of the expert, a random policy and the cheat, if any, and more of the random policy.
+
+    One episode in each of ``gates.episodes`` environments of ``gates.seed``, without cameras.
 
     Raises:
         ValueError: settings that the scripts cannot drive, by key.
@@ -59,15 +64,17 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         seed=gates.seed,
         # Nobody reads this reward: programs score the moments later.
         reward=NONE,
-        # The expert's episodes end at success; the cheat's touch must not end its own.
-        episode=replace(settings.episode, end_on_success=True, success="thread"),
+        # Episodes end at the goal, see below; whatever else counts as success must not end them.
+        episode=replace(settings.episode, end_on_success=False),
     )
     simulation, _ = build(blind)
     moments: list[Signals] = []
     last = {}
-    for who in _JUDGED_BY:
+    valid = controllers(blind)
+    for who in (who for who in _JUDGED_BY if who in valid):
         simulation.reseed(gates.seed)
-        lived, last[who] = _episodes(rollout(simulation, controller(who, blind)))
+        steps = rollout(simulation, controller(who, blind))
+        lived, last[who] = _episodes(steps, blind.definition.goal)
         moments += lived
     return Trajectories(_join(moments), last, *_random_steps(blind, gates))
 
@@ -87,16 +94,21 @@ def _join(moments: list[Signals]) -> Signals:
     return joined
 
 
-def _episodes(steps: Iterator[Step]) -> tuple[list[Signals], Signals]:
-    """The moments of episodes while they go on, step by step, and each episode's last."""
+def _episodes(steps: Iterator[Step], goal: str) -> tuple[list[Signals], Signals]:
+    """The moments of episodes up to their goal, step by step, and each episode's last."""
     lived: list[Signals] = []
     last: Any = None
+    goes_on: Any = None
     for step in steps:
-        now: Any = step.signals[step.alive].clone()
+        goes_on = step.alive if goes_on is None else goes_on & step.alive
+        now: Any = step.signals[goes_on].clone()
         lived.append(now)
         if last is None:
             last = now.clone()
-        last[step.alive] = now
+        last[goes_on] = now
+        goes_on = goes_on & ~step.moment.facts[goal]
+        if not bool(goes_on.any()):
+            break
     return lived, last
 
 
@@ -129,10 +141,10 @@ def random_signals(task: Task, count: int, seed: int) -> Signals:
             fields[name] = (
                 uniform(*shape) if signal.unit == "1" else _TURN * (2 * uniform(count) - 1)
             )
-    if "joints" in fields:
-        # The insertion is a length.
+    if task.signals.get("joints") == JOINT_SIGNALS["joints"]:
+        # The PSM's; the insertion is a length.
         fields["joints"][:, 2] = 0.24 * uniform(count)
-    points = [name for name, signal in task.signals.items() if signal.unit == "m"]
+    points = [name for name, row in task.signals.items() if row.unit == "m" and row.shape == (3,)]
     for name in points:
         fields[name][::8] = fields[points[0]][::8]
     return task.signals_class(**fields, batch_size=[count])

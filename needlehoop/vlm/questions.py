@@ -9,15 +9,12 @@ from typing import Any
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
-from needlehoop.vlm.album import Album
+from needlehoop.vlm.album import Album, states
 from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Subtasks, choice, choices, ranking
-from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.prompts import fill, questioned
 from needlehoop.vlm.tables import agreement
-
-_SHOWN = ("start", "grasped", "goal")
-"""States to show before the question on the subtasks; ``lifted`` has a question of its own."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ def question(
         NoAnswerError: no usable answer to a question within its attempts.
         RefusalError: the model would not answer.
     """
-    views, shown = list(settings.views), list(questions.shown)
+    views, shown, task = list(settings.views), list(questions.shown), settings.definition
     cameras = [f"{rendering}_{view}" for rendering in shown for view in views]
     opening = fill(
         "subtasks",
@@ -93,12 +90,18 @@ def question(
     )
     first = [*album.show("start", cameras[: len(views)]), *album.show_seen(cameras[0])]
     subtasks = conversation.ask([opening, *first], Subtasks)
-    everything = [part for state in _SHOWN for part in album.show(state, cameras)]
-    suits = conversation.ask([fill("suits"), *everything], choices(views, shown))
-    goal = conversation.ask([fill("goal")], choice(views, shown))
-    lifted = conversation.ask(
-        [fill("lifted"), *album.show("lifted", cameras)], choice(views, shown)
-    )
+    # Some moments have a question of their own, and are shown there.
+    own = questioned(task)
+    stages = [state for state in states(task) if state not in own]
+    everything = [part for state in stages for part in album.show(state, cameras)]
+    suits = conversation.ask([fill("suits", task), *everything], choices(views, shown))
+    goal = conversation.ask([fill("goal", task)], choice(views, shown))
+    moments = {
+        fact: conversation.ask(
+            [fill(fact, task), *album.show(fact, cameras)], choice(views, shown)
+        ).model_dump()
+        for fact in own
+    }
     layouts = conversation.ask(
         [fill("layouts", layouts=description.bullets(questions.layouts))],
         ranking(list(questions.layouts)),
@@ -107,7 +110,7 @@ def question(
         "subtasks": subtasks.model_dump(),
         "suits": suits.model_dump(),
         "goal": goal.model_dump(),
-        "lifted": lifted.model_dump(),
+        **moments,
         "layouts": layouts.model_dump()["places"],
     }
 

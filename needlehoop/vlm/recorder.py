@@ -65,6 +65,7 @@ class Recorder:
         provider: whom to ask if the record has no answer; ``None`` to replay.
         config: of the provider.
         sleep: waits a number of seconds between tries.
+        asked: the hash of the prompts, to be noted beside the record; ``None`` for no note.
 
     Raises:
         ValueError: the record is of another provider, model or sampling than ``config``.
@@ -76,8 +77,9 @@ class Recorder:
         provider: Provider | None = None,
         config: AskingConfig | None = None,
         sleep: Callable[[float], None] = time.sleep,
+        asked: str | None = None,
     ):
-        self.transcript = transcript
+        self.transcript, self._asked = transcript, asked
         self._provider, self._config, self._sleep = provider, config, sleep
         self._used: Counter[str] = Counter()
         if config is not None:
@@ -125,7 +127,7 @@ class Recorder:
     def _put(self, request: Request, conversation: str) -> Exchange:
         provider, config = self._provider, self._config
         if provider is None or config is None:
-            raise MissError(_miss(self.transcript, request))
+            raise MissError(_miss(self.transcript, request, self._asked))
         began, started = time.gmtime(), time.monotonic()
 
         def record(reply: Reply, attempts: tuple[int | str, ...]) -> Exchange:
@@ -145,7 +147,8 @@ class Recorder:
                 time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
             )
             self.transcript.add(exchange, request)
-            prompts.sign(self.transcript.folder)
+            if self._asked is not None:
+                prompts.sign(self.transcript.folder, self._asked)
             return exchange
 
         try:
@@ -177,7 +180,7 @@ def _refusal(exchange: Exchange) -> str:
     return f"{who} {what}: {exchange.detail}"
 
 
-def _miss(transcript: Transcript, request: Request) -> str:
+def _miss(transcript: Transcript, request: Request, asked: str | None) -> str:
     """Says what is not recorded, and how the nearest recorded request differs."""
     answered = [exchange for exchange in transcript.exchanges if exchange.outcome != "failed"]
     if not answered:
@@ -192,8 +195,8 @@ def _miss(transcript: Transcript, request: Request) -> str:
             f" it ends: {_lines(wanted)[-1]!r}"
         )
 
-    other = prompts.other_edition(transcript.folder)
-    if other is not None:
+    other = asked and prompts.other_edition(transcript.folder, asked)
+    if other:
         return f"{transcript.path} {other}"
 
     def likeness(exchange: Exchange) -> float:

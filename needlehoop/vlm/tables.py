@@ -24,9 +24,12 @@ _SENT_BACK = fill("again", reason="\n").partition("\n")[0]
 """How a message begins that sends an answer back."""
 
 
-def questions_csv(answers: Mapping[str, Any]) -> str:
-    """``question``, ``answer``, ``reason``: the rows of the paper's Table I, and Appendix B's."""
-    rows = [(row.question, row.answer, row.reason) for row in as_rows(answers)]
+def questions_csv(answers: Mapping[str, Any], asked: Mapping[str, str]) -> str:
+    """``question``, ``answer``, ``reason``: the rows of the paper's Table I, and Appendix B's.
+
+    ``asked`` as in ``as_rows``.
+    """
+    rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, asked)]
     return csv_text(("question", "answer", "reason"), rows)
 
 
@@ -158,10 +161,12 @@ def compared(name: str, programs: Mapping[int, AcceptedProgram]) -> Table:
         programs: by the number of the sample.
     """
     numbers = sorted(programs)
+    # A task without a cheat has no such figure.
+    others = [to for to in ("random", "cheat") if programs[numbers[0]].card[to] is not None]
     rows = [
         (
             number,
-            *(programs[number].gap(to) for to in ("random", "cheat")),
+            *(programs[number].gap(to) for to in others),
             programs[number].card["paid"],
             *(_rho(programs[number].values, programs[other].values) for other in numbers),
         )
@@ -169,15 +174,18 @@ def compared(name: str, programs: Mapping[int, AcceptedProgram]) -> Table:
     ]
     columns = (
         Column("sample"),
-        *(Column(f"expert - {to}", form=".3f") for to in ("random", "cheat")),
+        *(Column(f"expert - {to}", form=".3f") for to in others),
         Column("paid", "%", ".1f", 100.0),
         *(Column(f"rho with {number}", form=".3f") for number in numbers),
     )
-    widest = {to: max(numbers, key=lambda n: programs[n].gap(to)) for to in ("random", "cheat")}
+    said = {"random": "random actions", "cheat": "cheating"}
+    widest = [
+        f"from {said[to]} in sample {max(numbers, key=lambda n: programs[n].gap(to))}"
+        for to in others
+    ]
     note = (
         "rho: Spearman's, of the values over the recorded trajectories. The expert stands out most"
-        f" from random actions in sample {widest['random']}, from cheating in sample"
-        f" {widest['cheat']}. Trained on: sample {FIRST}, or that of reward.sample=."
+        f" {', '.join(widest)}. Trained on: sample {FIRST}, or that of reward.sample=."
     )
     return Table(name, "Samples compared", columns, tuple(rows), note)
 

@@ -13,13 +13,13 @@ from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
-from needlehoop.vlm.card import CHEATING, card, values_of
+from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import ProgramAnswer
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.moments import collect
-from needlehoop.vlm.prompts import fill
+from needlehoop.vlm.prompts import fill, telling_of
 
 _RESULT = (
     "The program's value is what it last assigns to the variable reward. Assigned names may not be"
@@ -69,7 +69,8 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
             return Verdict(False, str(error), {})
         found = card(program, settings, gates, trajectories)
         # Naming the cheat would tell the model what success is.
-        reason = "; ".join(found.reasons).replace(CHEATING, "an episode that fails at the task")
+        cheating = settings.definition.cheating
+        reason = "; ".join(found.reasons).replace(cheating, "an episode that fails at the task")
         return Verdict(found.passed, reason, found.as_dict())
 
     def values(source: str) -> list[float]:
@@ -148,6 +149,7 @@ def reward_prompt(
     """
     text = fill(
         "reward",
+        settings.definition,
         scene=description.scene(settings),
         lowest=f"{rules.lowest:g}",
         highest=f"{rules.highest:g}",
@@ -157,9 +159,10 @@ def reward_prompt(
     if flavour == "text":
         return [text]
     assert album is not None
+    telling = telling_of(settings.definition)
     cameras = {
-        camera.name: f"{description.view(settings.views[camera.view])};"
-        f" {description.rendering(settings.renderings[camera.rendering])}"
+        camera.name: f"{description.view(settings.views[camera.view], telling)};"
+        f" {description.rendering(settings.renderings[camera.rendering], telling)}"
         for camera in settings.cameras
     }
     pixels, listed = settings.image_size, description.bullets(cameras)

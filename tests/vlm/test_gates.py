@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from needle_task import compile_program
+from needle_task import compile_program, random_signals
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
@@ -15,7 +15,7 @@ from needlehoop.rewards import written
 from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.moments import Trajectories, collect, random_signals
+from needlehoop.vlm.moments import Trajectories, collect
 
 # Tells threading from touching: the tip must be beyond the hoop's plane.
 SOUND = """

@@ -24,12 +24,14 @@ from needlehoop.rewards import NONE
 from needlehoop.rewards.language.expressions import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import signals as scene_signals
+from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.tasks.needle_hoop.crossing import centre_line
 from needlehoop.tasks.needle_hoop.expert import expert
 from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.telling import TELLING, sharp_end_is_nearer
 from needlehoop.vlm import description, prompts
-from needlehoop.vlm.album import SEEN, STATES, Album, all_channels
+from needlehoop.vlm.album import SEEN, Album, all_channels, states
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
 from needlehoop.vlm.forms import ProgramAnswer
@@ -75,8 +77,8 @@ class Obliging:
 
 def album(settings: Settings) -> Album:
     names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
-    states = (*STATES, SEEN)
-    pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in states}
+    shown = (*states(settings.definition), SEEN)
+    pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in shown}
     return Album(pictures, settings.image_size)
 
 
@@ -242,7 +244,7 @@ def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
     start = moment.signals
     tail = centre_line(s.task, start.pickup_point, start.needle_quat)[:, 0]
     nearer = geo.distance(start.needle_tip, start.goal) < geo.distance(tail, start.goal)
-    assert bool(nearer.all()) == description.sharp_end_is_nearer(s.task)
+    assert bool(nearer.all()) == sharp_end_is_nearer(s.task)
     assert float(start.jaw[0]) == pytest.approx(s.task.tool_jaw, abs=0.05)
     assert start.hoop_axis.tolist() == pytest.approx(np.array([[0.0, 1.0, 0.0]] * 32))
     along = float(s.task.needle_arc * s.task.needle_pickup)
@@ -262,7 +264,7 @@ def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
 def test_what_the_text_says_of_flat_colours_is_so_in_the_scene(settings):
     s = replace(settings, cams=("seg_front",), num_envs=1)
     model = compile_scene(s)
-    palette = _palette(model, settings.renderings["seg"])
+    palette = _palette(model, TASK.paint, settings.renderings["seg"])
     colours = settings.renderings["seg"].colours
     for geom, kind in (("hoop_shape", "hoop"), ("hoop_rod", "hoop"), ("needle_shape", "needle")):
         assert palette[:, 1 + model.geom(geom).id].tolist() == list(colours[kind])
@@ -270,11 +272,15 @@ def test_what_the_text_says_of_flat_colours_is_so_in_the_scene(settings):
         assert palette[:, 1 + model.geom(geom).id].tolist() == [0, 0, 0]
 
 
+def rendered(rendering) -> str:
+    return description.rendering(rendering, TELLING)
+
+
 def test_renderings_are_described_and_not_praised(settings):
-    said = " ".join(description.rendering(one) for one in settings.renderings.values())
+    said = " ".join(rendered(one) for one in settings.renderings.values())
     for praise in ("strong", "important", "clear", "best", "as well"):
         assert praise not in said
-    assert "the agent is given both" in description.rendering(settings.renderings["dep"])
+    assert "the agent is given both" in rendered(settings.renderings["dep"])
 
 
 def leaks(text: str, settings: Settings) -> list[str]:
@@ -306,10 +312,10 @@ def test_neither_the_human_reward_nor_the_success_test_is_told(asked, corrected,
 
 def test_all_prompts_are_among_those_searched(asked, corrected):
     said = " ".join(text_of([*asked, *corrected]).split())
-    for path in Path(prompts.__file__).parent.glob("*.txt"):
-        longest = max(re.split(r"\$[a-z_]+", path.read_text()), key=len)
+    for name, text in prompts.texts(TASK).items():
+        longest = max(re.split(r"\$[a-z_]+", text), key=len)
         assert len(longest) > 20
-        assert " ".join(longest.split()) in said, path
+        assert " ".join(longest.split()) in said, name
 
 
 @pytest.mark.parametrize(
@@ -385,10 +391,10 @@ def test_lists_and_questions_that_make_no_sense(settings):
 
 def test_renderings_in_words(settings):
     kinds = settings.renderings
-    assert "shades of grey" in description.rendering(kinds["dep"])
-    assert "the colours on the left" in description.rendering(kinds["dep"])
-    assert "needle (255, 230, 0)" in description.rendering(kinds["seg"])
-    assert "darker with distance" in description.rendering(kinds["segdep"])
+    assert "shades of grey" in rendered(kinds["dep"])
+    assert "the colours on the left" in rendered(kinds["dep"])
+    assert "needle (255, 230, 0)" in rendered(kinds["seg"])
+    assert "darker with distance" in rendered(kinds["segdep"])
     alone = replace(kinds["dep"], colour="none")
-    assert "agent is given" not in description.rendering(alone)
-    assert json.dumps(description.view(settings.views["default"])).count("45") == 1
+    assert "agent is given" not in rendered(alone)
+    assert json.dumps(description.view(settings.views["default"], TELLING)).count("45") == 1

@@ -30,6 +30,8 @@ CONFIG = LiveConfig(
     longest_wait=1.0,
 )
 PICTURE = Png(b"a picture")
+PROMPTS = "c0ffee"
+"""The hash of those that are asked."""
 
 
 def reply(answer: str, outcome: str = "answered", detail: str = "") -> Reply:
@@ -55,11 +57,11 @@ class Scripted:
 
 
 def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Recorder:
-    return Recorder(Transcript(folder), Scripted(*script), config, sleep=lambda _: None)
+    return Recorder(Transcript(folder), Scripted(*script), config, lambda _: None, PROMPTS)
 
 
 def replay(folder: Path) -> Recorder:
-    return Recorder(Transcript(folder))
+    return Recorder(Transcript(folder), asked=PROMPTS)
 
 
 def request(*texts: str, schema: dict | None = None) -> Request:
@@ -157,7 +159,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
 def test_a_miss_says_that_the_prompts_were_others(tmp_path):
     live(tmp_path, reply("1")).ask(request("a"), "question")
     noted = json.loads((tmp_path / "prompts.json").read_text())
-    assert noted["sha256"] == prompts.sha256()
+    assert noted["sha256"] == PROMPTS
     # As long as they are the same, what differs is shown.
     with pytest.raises(MissError, match="differs in"):
         replay(tmp_path).ask(request("b"), "question")
@@ -178,7 +180,7 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert prompts.edition(tmp_path).sha256 == prompts.sha256()
+    assert prompts.edition(tmp_path).sha256 == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):

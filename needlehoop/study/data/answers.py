@@ -14,6 +14,9 @@ QUESTIONS, RANKINGS = "questions.json", "rankings.json"
 VLM = "vlm"
 """Where a study keeps them."""
 
+ASKED = {"lifted": "the needle is lifted"}
+"""Moments that questions were about, where ``questions.json`` names none: the paper's."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -64,7 +67,8 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
         try:
             found = read_json(folder / name, within=folder)
             if name.name == QUESTIONS:
-                questions = as_rows(_part(found, "answers", dict))
+                asked = _part(found, "asked", dict) if "asked" in found else ASKED
+                questions = as_rows(_part(found, "answers", dict), asked)
             else:
                 rankings = tuple(_ranking(entry) for entry in _part(found, "lists", list))
             models += [model for model in _part(found, "models", list) if model not in models]
@@ -75,11 +79,12 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
     return Answers(", ".join(map(str, models)), questions, rankings), left_out
 
 
-def as_rows(answers: Mapping[str, Any]) -> tuple[Answer, ...]:
-    """The answers in the order of Table I, and the two that it leaves to Appendix B.
+def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str] = ASKED) -> tuple[Answer, ...]:
+    """The answers in the order of Table I, and those that it leaves to Appendix B.
 
     Args:
         answers: as in ``questions.json``.
+        asked: the moments of which was asked what shows them best, as ``asked`` there.
 
     Raises:
         UnreadableError: one is missing or of another form.
@@ -96,7 +101,8 @@ def as_rows(answers: Mapping[str, Any]) -> tuple[Answer, ...]:
     for number, part in enumerate(("first", "second"), start=1):
         said += _choice(_part(suits, part, dict), f"for subtask {number}")
     said += _choice(_part(answers, "goal", dict), "to see that the goal is reached")
-    said += _choice(_part(answers, "lifted", dict), "to see that the needle is lifted")
+    for fact, so in asked.items():
+        said += _choice(_part(answers, fact, dict), f"to see that {so}")
     layouts = _ranked(_part(answers, "layouts", list))
     best = next(iter(layouts))
     said.append(Answer("Best combination of views", best.replace("_", " "), layouts[best]))

@@ -16,6 +16,7 @@ from needlehoop.tasks.needle_hoop.scene import MATERIALS, SENSORS, build
 from needlehoop.tasks.needle_hoop.signals import STATE, TABLE
 from needlehoop.tasks.needle_hoop.smooth import smooth
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
+from needlehoop.tasks.needle_hoop.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
 
 TASK = Task(
@@ -49,4 +50,6 @@ TASK = Task(
     human=Human,
     cheat=cheat,
     critic=("grasped", "lifted"),
+    cheating="touching the goal without threading",
+    telling=TELLING,
 )

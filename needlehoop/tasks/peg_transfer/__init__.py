@@ -16,6 +16,7 @@ from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SENSORS, 
 from needlehoop.tasks.peg_transfer.signals import STATE, TABLE
 from needlehoop.tasks.peg_transfer.smooth import smooth
 from needlehoop.tasks.peg_transfer.start import DRAWS, start
+from needlehoop.tasks.peg_transfer.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
 
 TASK = Task(
@@ -51,4 +52,6 @@ TASK = Task(
     human=Human,
     cheat=cheat,
     critic=("grasped", "lifted"),
+    cheating="holding the block about the marked peg without letting go",
+    telling=TELLING,
 )

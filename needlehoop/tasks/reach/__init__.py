@@ -13,6 +13,7 @@ from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
 from needlehoop.tasks.reach.reward import Human
 from needlehoop.tasks.reach.scene import MATERIALS, SENSORS, STATE, TABLE, build
 from needlehoop.tasks.reach.start import DRAWS, start
+from needlehoop.tasks.reach.telling import TELLING
 
 TASK = Task(
     name="reach",
@@ -43,4 +44,5 @@ TASK = Task(
     controllers={"expert": expert, "smooth": smooth},
     teacher="smooth",
     human=Human,
+    telling=TELLING,
 )

@@ -1,9 +1,13 @@
-"""The texts that a model is shown, as files, and which edition of them a record was made with."""
+"""The texts that a model is shown, as files, and which edition of them a record was made with.
+
+The texts of this folder are general. A task's own words and texts are put into them.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -12,18 +16,39 @@ from string import Template
 from needlehoop.runs.machine import commit
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
+from needlehoop.tasks.contract import Task, Telling
 
 EDITION = "prompts.json"
 """The note beside a transcript that says which prompts were asked there."""
 
+_INTO = ("scene", "signals")
+"""Texts of a task that general ones take in."""
 
-def fill(name: str, **values: object) -> str:
+
+def telling_of(task: Task) -> Telling:
+    """How a task is told.
+
+    Raises:
+        ValueError: it is told to no model.
+    """
+    if task.telling is None:
+        raise ValueError(f"task {task.name}: no model can be asked about it; it has no telling")
+    return task.telling
+
+
+def fill(name: str, task: Task | None = None, /, **values: object) -> str:
     """The prompt ``<name>.txt`` with its ``$gaps`` filled.
+
+    Args:
+        name: of a general prompt, or of a task's own.
+        task: whose words and texts are put in; ``None`` for a prompt that takes none.
+        values: what fills the gaps.
 
     Raises:
         ValueError: gaps and values are not the same.
     """
-    template = Template(files(__name__).joinpath(f"{name}.txt").read_text(encoding="utf-8"))
+    text = _general(name) if task is None else texts(task)[name]
+    template = Template(text)
     gaps = set(template.get_identifiers())
     if gaps != set(values):
         odd = ", ".join(sorted(gaps ^ set(values)))
@@ -31,12 +56,58 @@ def fill(name: str, **values: object) -> str:
     return template.substitute({key: str(value) for key, value in values.items()}).strip()
 
 
+def fill_told(name: str, task: Task, told: Mapping[str, object], **values: object) -> str:
+    """A prompt that takes a task's text in; ``told`` may have more than its gaps."""
+    gaps = Template(texts(task)[name]).get_identifiers()
+    return fill(name, task, **{key: told[key] for key in gaps if key in told}, **values)
+
+
+def texts(task: Task) -> dict[str, str]:
+    """All prompts for a task by name, with ``$gaps``: the general ones, and its own.
+
+    Raises:
+        ValueError: a text of the task is missing, or is of no moment.
+    """
+    telling = telling_of(task)
+    own = {file.stem: file.read_text(encoding="utf-8") for file in telling.texts.glob("*.txt")}
+    odd = sorted({*_INTO} - {*own} | {*own} - {*_INTO, *telling.moments})
+    if odd:
+        raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
+    stages = [said for fact, said in telling.moments.items() if fact not in own]
+    words = {
+        **{f"task_{name}": own.pop(name).strip() for name in _INTO},
+        "goal": telling.goal,
+        "done": telling.done,
+        "moments": "".join(f", at the moment when {said}" for said in stages),
+    }
+    general = {
+        name: Template(text).safe_substitute(words)
+        for name, text in ((name, _general(name)) for name in _names())
+    }
+    return general | own
+
+
+def questioned(task: Task) -> dict[str, str]:
+    """The moments of which a question of its own asks what shows them best; what is so then."""
+    own = texts(task)
+    return {fact: so for fact, so in telling_of(task).moments.items() if fact in own}
+
+
+def _names() -> list[str]:
+    """Of the general prompts."""
+    return [f.name.removesuffix(".txt") for f in files(__name__).iterdir() if f.name[-4:] == ".txt"]
+
+
+def _general(name: str) -> str:
+    return files(__name__).joinpath(f"{name}.txt").read_text(encoding="utf-8")
+
+
 @dataclass(frozen=True)
 class Edition:
     """The prompts' texts at some commit.
 
-    ``sha256`` is the hash of the prompts' files. It tells editions apart; the commit does not,
-    because most commits change no prompt. ``commit`` is ``None`` outside git.
+    ``sha256`` is the hash of all prompts for the task. It tells editions apart; the commit does
+    not, because most commits change no prompt. ``commit`` is ``None`` outside git.
     """
 
     commit: str | None
@@ -46,23 +117,22 @@ class Edition:
         return f"commit {self.commit}" if self.commit else f"sha256 {self.sha256[:12]}"
 
 
-def sha256() -> str:
-    """The hash of all prompts' files, names included."""
+def sha256(task: Task) -> str:
+    """The hash of all prompts for a task, names included."""
     digest = hashlib.sha256()
-    texts = [file for file in files(__name__).iterdir() if file.name.endswith(".txt")]
-    for file in sorted(texts, key=lambda file: file.name):
-        digest.update(f"{file.name}\0{file.read_text(encoding='utf-8')}\0".encode())
+    for name, text in sorted((f"{name}.txt", text) for name, text in texts(task).items()):
+        digest.update(f"{name}\0{text}\0".encode())
     return digest.hexdigest()
 
 
-def sign(folder: Path) -> None:
-    """Note in a record's folder that the present prompts were asked there.
+def sign(folder: Path, asked: str) -> None:
+    """Note in a record's folder that the prompts of a hash were asked there.
 
     The note of an earlier edition is kept under a number.
     """
     known = edition(folder)
-    if known is None or known.sha256 != sha256():
-        text = json.dumps(asdict(Edition(commit(), sha256())), indent=2)
+    if known is None or known.sha256 != asked:
+        text = json.dumps(asdict(Edition(commit(), asked)), indent=2)
         Run(folder).write(EDITION, text + "\n")
 
 
@@ -81,10 +151,13 @@ def edition(folder: Path) -> Edition | None:
         raise ValueError(f"{path}: not the note of an edition: {error}") from error
 
 
-def other_edition(folder: Path) -> str | None:
-    """What a message says of a record that was made with other prompts; ``None`` if it was not."""
+def other_edition(folder: Path, asked: str) -> str | None:
+    """What a message says of a record that was made with other prompts than those of a hash.
+
+    ``None`` if it was not.
+    """
     made_with = edition(folder)
-    if made_with is None or made_with.sha256 == sha256():
+    if made_with is None or made_with.sha256 == asked:
         return None
     return (
         f"was recorded with the prompts of {made_with}, and these are others: replay it there, or"

@@ -1,0 +1,55 @@
+"""Needle and hoop in words, for a model."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from needlehoop.tasks.contract import Telling
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.rules import NeedleRules
+from needlehoop.tasks.psm_telling import arm_values, grasped, millimetres
+
+
+def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
+    """What fills the gaps of ``prompts/*.txt``, by name."""
+    x, y, z = layout.hoop_position
+    pickup = (*layout.needle_position, layout.needle_thickness / 2)
+    return {
+        **arm_values(layout, rules),
+        "needle_radius": millimetres(layout.needle_radius),
+        "needle_arc": round(math.degrees(layout.needle_arc)),
+        "needle_thickness": millimetres(layout.needle_thickness),
+        "sharp": "nearer to" if sharp_end_is_nearer(layout) else "farther from",
+        "hoop_opening": millimetres(layout.hoop_opening),
+        "hoop_height": round(1000 * z),
+        "hoop_away": round(1000 * math.dist((x, y), layout.needle_position)),
+        "tool_away": round(1000 * math.dist(layout.tool_position, pickup)),
+        "side": "in front of" if layout.needle_position[1] < y else "behind",
+        "pickup": f"{100 * layout.needle_pickup:g}",
+        "grasped": grasped(rules, "needle"),
+        "lift_radius": millimetres(rules.lift_radius),
+    }
+
+
+def sharp_end_is_nearer(layout: NeedleLayout) -> bool:
+    """Whether the sharp end of a needle in its nominal place is the end nearer to the hoop."""
+    cos, sin = math.cos(layout.needle_yaw), math.sin(layout.needle_yaw)
+    ends = layout.centre_line(np.array(layout.needle_angles))[:, :2] @ np.array(
+        [[cos, sin], [-sin, cos]]
+    )
+    away = np.linalg.norm(ends + layout.needle_position - layout.hoop_position[:2], axis=1)
+    return bool(away[1] < away[0])
+
+
+TELLING = Telling(
+    texts=Path(__file__).parent / "prompts",
+    values=values,
+    goal="the needle is in the hoop",
+    done="the needle is where it has to be",
+    front="the hoop",
+    moments={"grasped": "the needle has been grasped", "lifted": "the needle is lifted"},
+    painted={"hoop": "the rod under the ring counts as hoop, the rest of its stand as all else"},
+)
