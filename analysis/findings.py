@@ -28,7 +28,7 @@ from needlehoop.study.stats.run import (
     HUMAN_POINTS,
     RETURN,
     SUCCESS,
-    THREADING,
+    SUCCESS_OVER_TRAINING,
     TRAINING,
     Measure,
 )
@@ -54,7 +54,7 @@ _REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 """Camera sets that were trained with every reward."""
 
 _BY_SET = (
-    "success, %", "success at best, %", "human's points", "cheat, %", "threaded over training, %",
+    "success, %", "success at best, %", "human's points", "cheat, %", "success over training, %",
     "M steps to 90 %",
 )  # fmt: skip
 """What the page says of each of them, one after the other."""
@@ -257,7 +257,7 @@ def _rewards() -> Table:
 
 
 def _writers() -> Table:
-    measures = (HUMAN_POINTS, SUCCESS, THREADING, CHEAT)
+    measures = (HUMAN_POINTS, SUCCESS, SUCCESS_OVER_TRAINING, CHEAT)
     rows = tuple(
         (name, *(difference(pairs, measure) for measure in measures), len(pairs))
         for name, pairs in writers(study("rewards")).items()

@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -26,6 +27,16 @@ REWARDED = tuple(
     for reward in ("vlm_text", "vlm_img")
 )
 """The six runs of the paper's second comparison."""
+
+
+TASK: dict[str, Any] = {
+    "name": "needle_hoop",
+    "goal": "threaded",
+    "columns": ["success", "cheat", "grasped", "lifted", "threaded", "diverged"],
+    "phases": [["reach", "grasped"], ["lift", "lifted"], ["insert", "threaded"]],
+    "cheat": True,
+}
+"""As a run's manifest tells of it."""
 
 
 def write_study(
@@ -72,6 +83,7 @@ def write_run(
     }
     (folder / files.CONFIG).write_text(yaml.safe_dump(config))
     manifest = {
+        "task": TASK,
         "command": ["train.py", f"cams=[{cameras.replace('+', ',')}]", f"seed={seed}"],
         "commit": "0123456789ab",
         "versions": {"needlehoop": "0.1.0"},
@@ -84,10 +96,7 @@ def write_run(
     (folder / files.REWARD).write_text(f"{reward} & its <source>\n")
     if finished:
         last = {"steps_trained": updates * BUFFER, "seed": 1_000_001, "episodes": 100}
-        last |= {
-            name: rows[-1][name]
-            for name in ("success", "cheat", "touched", "grasped", "lifted", "return")
-        }
+        last |= {name: rows[-1][name] for name in (*TASK["columns"], "return")}
         (folder / files.EVALUATION).write_text(json.dumps(last))
     return folder
 
@@ -105,7 +114,7 @@ def _learning(
         good = float(np.clip((value - 5.5) / 3.0, 0, 1))
         cheat, success = (0.6 * risen, 0.2) if cheats else (0.02 * risen, good)
         at = {"update": update, "step": update * BUFFER, "wall_time": 16.0 * update}
-        facts = {"success": success, "cheat": cheat, "touched": min(cheat + success, 1.0)}
+        facts = {"success": success, "cheat": cheat, "threaded": success, "diverged": 0.0}
         # No episode ends in the first buffer.
         ended = update > 1
         seen = {"return": value, **facts, "grasped": risen, "lifted": good, "length": 150.0}

@@ -19,6 +19,7 @@ from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
 from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
+from needlehoop.tasks.contract import Task
 from needlehoop.training.missing_reward import ask_where_missing, objections
 from needlehoop.training.options import check_options
 
@@ -113,7 +114,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         reward = rewards.text(rewards.load(job.env.reward, job.env.definition))
         run = Run.create(folder, _plain(values), reward, asked.overwrite)
         # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
-        run.note(command=[*command.removeprefix("python ").split(), *overrides], gates=against)
+        words = [*command.removeprefix("python ").split(), *overrides]
+        run.note(task=task_note(job.env.definition), command=words, gates=against)
     except BaseException:
         lock.release()
         raise
@@ -154,6 +156,17 @@ def _continue(run: Run, trust: bool, again: bool = False) -> Session:
     except BaseException:
         lock.release()
         raise
+
+
+def task_note(task: Task) -> dict[str, Any]:
+    """What studies need of a task, as plain values: they read files and import no task."""
+    return {
+        "name": task.name,
+        "goal": task.goal,
+        "columns": [*task.columns],
+        "phases": [[phase.name, phase.ends] for phase in task.phases],
+        "cheat": task.cheat is not None,
+    }
 
 
 def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any]) -> None:

@@ -12,7 +12,14 @@ from analysis.comparisons import CLAIMS, claims, difference, effects, writers
 from needlehoop.study.data import paper
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.findings import paper_findings, study_findings
-from needlehoop.study.stats.run import CHEAT, HUMAN_POINTS, RETURN, SUCCESS, THREADING, TRAINING
+from needlehoop.study.stats.run import (
+    CHEAT,
+    HUMAN_POINTS,
+    RETURN,
+    SUCCESS,
+    SUCCESS_OVER_TRAINING,
+    TRAINING,
+)
 
 SETS = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
@@ -129,7 +136,7 @@ def test_differences_are_paired_by_cameras(tmp_path):
     for measure, values in (
         (HUMAN_POINTS, points),
         (SUCCESS, {reward: np.array(own) / 10 for reward, own in points.items()}),
-        (THREADING, soon),
+        (SUCCESS_OVER_TRAINING, soon),
     ):
         test = ttest_rel(values["vlm_text"], values["human"]).confidence_interval(0.95)
         assert ends_of(difference(pairs, measure)) == pytest.approx((test.low, test.high))

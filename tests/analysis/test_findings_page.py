@@ -170,7 +170,7 @@ def test_sentences_on_rewards_have_the_runs_numbers():
         for reward in ("claude, text + image", "claude, text", "human")
     ]
     (more,) = (
-        row["threaded over training, % (95 %)"]
+        row["success over training, % (95 %)"]
         for row in rows_of("writers")
         if row["reward"] == "claude, text + image, against text alone"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from study_files import BUFFER, UPDATES, write_answers, write_run
+from study_files import BUFFER, TASK, UPDATES, write_answers, write_run
 
 import needlehoop
 from needlehoop.envs.rollout import Outcome
@@ -20,6 +20,8 @@ from needlehoop.study.data.answers import read_answers
 from needlehoop.study.data.records import Place, Study, read_study
 from needlehoop.study.stats.findings import study_findings
 from needlehoop.study.stats.run import final
+from needlehoop.tasks.registry import find
+from needlehoop.training.which_run import task_note
 
 
 @pytest.fixture
@@ -77,7 +79,10 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     run = Run.create(folder, values, "sparse", overwrite=False)
     true = torch.ones(4, dtype=torch.bool)
     points = torch.full((4,), 8.5)
-    outcome = Outcome(true, true, ~true, true, true, true, ~true, points, points, torch.full((4,), 50))
+    task = find("needle_hoop")
+    run.note(task=task_note(task))
+    facts = dict.fromkeys(reversed(task.columns), true) | {"cheat": ~true}
+    outcome = Outcome(facts, points, points, torch.full((4,), 50))
     at = {"update": 1, "step": 10_240, "wall_time": 12.5}
     run.append(METRICS, {**at, "return": 1.25, "success": float("nan")})
     run.append(EVALUATIONS, {**at, **outcome.summary()})
@@ -86,7 +91,7 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     assert half is not None
     assert (half.value, half.success, half.cheat, half.episodes) == (8.5, 1.0, 0.0, 4)
     assert (half.steps, half.finished) == (10_240, False)
-    run.write(EVALUATION, json.dumps({"steps_trained": 20_480, **with_intervals(outcome)}))
+    run.write(EVALUATION, json.dumps({"steps_trained": 20_480, **with_intervals(task, outcome)}))
     run.note(finished=True)
     (record,) = (found := read_study(tmp_path / "main")).runs
     whole = final(record)
@@ -122,10 +127,20 @@ BAD_FILES = (
     ("evaluation.json", b'{"return": 8.1}', "has no usable episodes, success"),
     ("config.yaml", HTML, "is no camera's name"),
     ("manifest.json", b"", "is empty"),
+    ("manifest.json", b"{}", "says nothing of the task: its phases and cheats are not known"),
+    *(
+        ("manifest.json", json.dumps({"task": task}).encode(), "has no usable task")
+        for task in (
+            *("needle_hoop", {}, TASK | {"name": "../secret"}, TASK | {"goal": "unknown"}),
+            *(TASK | {"columns": 3}, TASK | {"columns": ["threaded"]}, TASK | {"cheat": False}),
+            *(TASK | {"phases": [["lift"]]}, TASK | {"phases": [["lift", "raised"]]}),
+            *(TASK | {"phases": ["go"]}, TASK | {"columns": [*TASK["columns"], "<b>"]}),
+        )
+    ),
     (
         "evaluations.csv",
-        b"update,step,wall_time,episodes,success,cheat,touched,grasped,lifted,return\n"
-        b"1,9,3,0,0,0,0,0,0,0\n",
+        b"update,step,wall_time,episodes,threaded,grasped,lifted,diverged,success,cheat,return\n"
+        b"1,9,3,0,0,0,0,0,0,0,0\n",
         "has episodes that are not between 1 and",
     ),
     ("metrics.csv", HEAD + b"1,2,3,1e308,1\n", "has return that is too large for a run's"),
@@ -230,8 +245,8 @@ def test_an_unfinished_runs_value_is_the_mean_of_its_last_evaluations(study):
     assert found.value == pytest.approx((1 * 10 + 2 * 10 + 4 * 30) / 50)
     assert (found.episodes, found.steps, found.finished) == (50, 40 * BUFFER, False)
     # An evaluation from earlier on does not stand for the run; a later one does.
-    early = {"episodes": 100, "return": 5.0, "success": 0.5, "cheat": 0.0, "touched": 0.5}
-    early |= {"grasped": 1.0, "lifted": 0.5}
+    early = {"episodes": 100, "return": 5.0, "success": 0.5, "cheat": 0.0, "diverged": 0.0}
+    early |= {"grasped": 1.0, "lifted": 0.5, "threaded": 0.5}
     for steps, value in ((10 * BUFFER, found.value), (40 * BUFFER, 5.0)):
         text = json.dumps({**early, "steps_trained": steps})
         (record.folder / EVALUATION).write_text(text)

@@ -32,6 +32,7 @@ from needlehoop.study.report.tables import (
 )
 from needlehoop.study.stats.findings import StudyFindings, paper_findings, study_findings
 from needlehoop.study.stats.statistics import OVER_EPISODES, Interval
+from needlehoop.tasks.registry import find
 
 NOWHERE = Path("nowhere")
 """A folder of studies without a probe."""
@@ -207,7 +208,7 @@ def test_rewards_stand_together_with_the_papers(findings):
     for column, values, error in (
         ("return", [final.value for final in images], 0.006),
         ("success at best, %", [100 * (final.best or 0) for final in images], 0.6),
-        ("threaded over training, %", [100 * (final.threading or 0) for final in images], 0.6),
+        ("success over training, %", [100 * (final.success_area or 0) for final in images], 0.6),
     ):
         assert float(rows[11][column]) == pytest.approx(trim_mean(values, 0.25), abs=error)
         assert float(rows[11][column]) > float(rows[10][column])
@@ -253,12 +254,16 @@ def test_rewards_say_how_soon_each_seed_threads(findings):
     assert len(told) > 2
 
 
+def unit_of(task: str) -> float:
+    return getattr(reference_reward(find(task)), "unit")  # noqa: B009 (not every reward has one)
+
+
 def test_points_of_another_scene_unit_say_so(tmp_path):
     pairs = [("rgb_default", "human"), ("rgb_default", "vlm_text"), ("rgb_default", "vlm_img")]
     study = write_study(tmp_path / "main", pairs, seeds=2)
     said = {
-        "human": {},
-        "vlm_text": {"human_unit": reference_reward().unit},
+        "human": {"human_unit": None},
+        "vlm_text": {"human_unit": unit_of("needle_hoop")},
         "vlm_img": {"human_unit": 1},
     }
     for reward, unit in said.items():
@@ -399,29 +404,68 @@ def rewrite(run, **numbers):
 
 def test_the_phase_that_loses_most_episodes_is_named(tmp_path):
     run = write_run(tmp_path / "main", "rgb_default")
-    for grasped, lifted, success, said in (
+    for grasped, lifted, threaded, said in (
         (1.0, 1.0, 0.97, ""),
-        (0.2, 0.2, 0.1, "grasp"),
+        (0.2, 0.2, 0.1, "reach"),
         (0.9, 0.1, 0.1, "lift"),
         (0.9, 0.8, 0.0, "insert"),
     ):
-        rewrite(run, grasped=grasped, lifted=lifted, success=success)
+        rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
         (row,) = phases(study_findings(tmp_path / "main")).records()
-        assert (row["fails in"], row["threaded, %"]) == (said, success)
+        assert (row["fails in"], row["threaded, %"]) == (said, threaded)
     rewrite(run, grasped=2.0)
     left_out = study_findings(tmp_path / "main").left_out
     assert any("no usable grasped" in one.reason for one in left_out)
 
 
-def test_a_needle_that_goes_past_the_lift_position_has_not_failed_there(tmp_path):
+def test_an_episode_that_goes_past_a_fact_has_not_failed_there(tmp_path):
     study = tmp_path / "main"
-    for cameras, reward, grasped, lifted, success in (
+    for cameras, reward, grasped, lifted, threaded in (
         ("dep_default", "vlm_text", 1.0, 0.5, 1.0),
         ("rgb_default", "vlm_text", 0.9, 0.1, 0.05),
         ("rgb_default", "human", 0.9, 0.1, 0.05),
     ):
         run = write_run(study, cameras, reward)
-        rewrite(run, grasped=grasped, lifted=lifted, success=success)
+        rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
     found = reached(study_findings(study))
-    assert found["rgb_default", "vlm_text"].fails_in == "carry and insert"
+    assert found["rgb_default", "vlm_text"].fails_in == "lift and insert"
     assert found["rgb_default", "human"].fails_in == "lift"
+
+
+CUBE = {"name": "cube", "goal": "on spot", "columns": ["success", "held", "on spot"]}
+CUBE |= {"phases": [["pick up", "held"], ["put down", "on spot"]], "cheat": False}
+
+
+def tell(run: Path, task: object) -> None:
+    path = run / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"task": task}))
+
+
+def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
+    study = tmp_path / "main"
+    run = write_run(study, "dep_default")
+    tell(run, CUBE)
+    last = {"episodes": 10, "return": 1.0, "success": 0.4, "held": 0.9, "on spot": 0.4}
+    (run / "evaluation.json").write_text(json.dumps({**last, "human_unit": None}))
+    (run / "evaluations.csv").unlink()
+    found = study_findings(study)
+    assert found.left_out == ()
+    assert found.goal == "on spot"
+    assert dicts(results(found))[0]["cheat, %"] == ""
+    (row,) = dicts(phases(found))
+    assert row == {
+        "cameras": "DEP (D)",
+        "held, %": "90",
+        "on spot, %": "40",
+        "fails in": "put down",
+        "reward": "human",
+        "seeds": "1",
+    }
+    # Beside another task each has its own columns; seeds of two tasks have no mean.
+    write_run(study, "rgb_default")
+    rows = {row["cameras"]: row for row in dicts(phases(study_findings(study)))}
+    assert (rows["RGB (D)"]["held, %"], rows["DEP (D)"]["threaded, %"]) == ("", "")
+    assert rows["RGB (D)"]["threaded, %"] != ""
+    assert study_findings(study).goal == "success"
+    write_run(study, "dep_default", seed=1)
+    assert [row["cameras"] for row in dicts(phases(study_findings(study)))] == ["RGB (D)"]

@@ -22,6 +22,7 @@ from needlehoop.runs.reading import (
     read_yaml,
 )
 from needlehoop.study.data.contents import Rows, check_film, read_rows
+from needlehoop.study.data.task import UNKNOWN, TaskNote, task_of
 
 _KEYED = ("update", "step", "wall_time")
 _LARGEST = float(2**53)
@@ -32,19 +33,8 @@ _RETURN = (-1e9, 1e9)
 HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
 """What an evaluation says of the human reward: its points, and its scene unit in m."""
 
-_OUTCOME = {
-    "episodes": (1.0, _LARGEST),
-    "success": (0.0, 1.0),
-    "cheat": (0.0, 1.0),
-    "touched": (0.0, 1.0),
-    "grasped": (0.0, 1.0),
-    "lifted": (0.0, 1.0),
-    "return": _RETURN,
-}
-"""What an evaluation says, and the range of each number."""
-
 _MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0.0, 1e9)}
-"""What ``evaluation.json`` may say besides."""
+"""What ``evaluation.json`` may say besides, and the range of each number."""
 
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
@@ -94,6 +84,7 @@ class Record:
     config: Mapping[str, Any]
     manifest: Mapping[str, Any]
     """Empty where it can't be read."""
+    task: TaskNote
     metrics: Rows | None
     """A row per buffer; columns as in docs/first-run.md."""
     evaluations: Rows | None
@@ -239,15 +230,21 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     root = reading.root
     if not os.path.lexists(folder / files.MANIFEST):
         reading.leave(folder / files.MANIFEST, "is missing")
+    manifest = reading.read(folder / files.MANIFEST, lambda path: read_json(path, within=root))
+    task = UNKNOWN
+    if manifest is not None:
+        task = reading.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
+    outcome = _outcome(task)
     reading.read(folder / files.REWARD, lambda path: read_text(path, within=root))
     reading.runs[place] = Record(
         place,
         folder,
         config,
-        reading.read(folder / files.MANIFEST, lambda path: read_json(path, within=root)) or {},
+        manifest or {},
+        task,
         reading.read(folder / files.METRICS, lambda path: _rows(path, {}, reading)),
-        reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, _OUTCOME, reading)),
-        reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, root)),
+        reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, outcome, reading)),
+        reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
         reading.read(folder / files.VIDEO, lambda path: _film(path, root)),
     )
 
@@ -276,10 +273,19 @@ def _config(path: Path, root: Path) -> dict[str, Any]:
     return config
 
 
-def _evaluation(path: Path, root: Path) -> dict[str, Any]:
+def _outcome(task: TaskNote) -> dict[str, tuple[float, float]]:
+    """What an evaluation says, and the range of each number."""
+    shares = dict.fromkeys(task.columns, (0.0, 1.0))
+    return {"episodes": (1.0, _LARGEST), **shares, "return": _RETURN}
+
+
+def _evaluation(
+    path: Path, outcome: Mapping[str, tuple[float, float]], root: Path
+) -> dict[str, Any]:
     """The long evaluation at the end of a run."""
     found = read_json(path, within=root)
-    limits = _OUTCOME | {key: _MORE[key] for key in _MORE if key in found}
+    # Not every task's human reward has a unit.
+    limits = {**outcome, **{key: _MORE[key] for key in _MORE if found.get(key) is not None}}
     odd = [key for key, ends in limits.items() if not _between(found.get(key), *ends)]
     if odd:
         raise UnreadableError(f"has no usable {', '.join(odd)}")

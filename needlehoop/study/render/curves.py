@@ -90,8 +90,8 @@ def _colours(panels: Sequence[Sequence[str]]) -> dict[str, int]:
 def reward_comparison(findings: StudyFindings) -> Figure:
     """What training brings by reward, for each camera set that was trained with several.
 
-    Beside the returns stands how often training's sampled actions thread, and how often the mean
-    action does in evaluations: it can stop short where noise still carries the needle through.
+    Beside the returns stands how often training's sampled actions succeed, and how often the mean
+    action does in evaluations: it can stop short where noise still gets there.
 
     Raises:
         MissingDataError: no camera set was trained with two rewards.
@@ -113,7 +113,7 @@ def reward_comparison(findings: StudyFindings) -> Figure:
     ]
     untitled = [("", own) for _, own in shown]
     _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in its own points")
-    _panels(grid[:, 1], untitled, partial(_smoothed, column="success"), "threaded")
+    _panels(grid[:, 1], untitled, partial(_smoothed, column="success"), findings.goal)
     _panels(grid[:, 2], untitled, _evaluated, "")
     for axes in grid[:, 1:].flat:
         axes.set_ylim(-0.05, 1.05)

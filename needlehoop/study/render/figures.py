@@ -115,7 +115,7 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
     axes.set_xlabel("share of episodes")
     axes.set_title("◂ cheated", color=CHEAT, loc="left")
-    axes.set_title("threaded ▸", color=SUCCESS, loc="right", fontweight="bold")
+    axes.set_title(f"{findings.goal} ▸", color=SUCCESS, loc="right", fontweight="bold")
     return figure
 
 
@@ -213,9 +213,9 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "rewards": (
         reward_comparison,
         "Rewards compared, as the paper's Figure 7. Left: each curve is in its own reward's points."
-        " Right, what compares across rewards: the share of training episodes that thread, of"
+        " Right, what compares across rewards: the share of training episodes that succeed, of"
         " sampled actions, and of evaluations, of the mean action, which may stop short where"
-        " noise still carries the needle through.",
+        " noise still gets there.",
     ),
     "final_values": (
         final_values,
@@ -229,7 +229,7 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     ),
     "success_and_cheats": (
         success_and_cheats,
-        "Success against cheating: needle threaded, or goal touched without threading.",
+        "Success against cheating: the task done, or what looks like it and is not.",
     ),
 }
 

@@ -22,16 +22,12 @@ from needlehoop.study.stats.run import (
     steps_to_share,
 )
 
-_MILESTONES = {
-    "half grasped": ("grasped", 0.5),
-    "half lifted": ("lifted", 0.5),
-    "a tenth threaded": ("threaded", 0.1),
-    "half threaded": ("threaded", 0.5),
-    "95 % threaded": ("threaded", 0.95),
-}
-"""Shares of training episodes."""
+_HALF = {"half": 0.5}
+_MILESTONES = {"a tenth": 0.1, **_HALF, "95 %": 0.95}
+"""Shares of training episodes in which the task is done."""
 
-_SHARES = ("grasped", "lifted", "threaded")
+_PANELS = 2
+"""Facts in a chart: those that end the last phases."""
 
 _WHICH = ("study", "seed", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, not what was trained."""
@@ -80,6 +76,13 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
 
 def progress(found: Sequence[Comparison]) -> Table:
     """How soon each run got how far, and where all were after the same steps."""
+    every = [run for one in found for runs in one.runs.values() for run in runs]
+    goals, facts = {run.task.goal for run in every}, _facts(every)
+    milestones = {
+        f"{said} {fact}": (fact, share)
+        for fact in facts
+        for said, share in (_MILESTONES if fact in goals else _HALF).items()
+    }
     rows = []
     for one in found:
         for study, runs in one.runs.items():
@@ -90,16 +93,16 @@ def progress(found: Sequence[Comparison]) -> Table:
                         reward_label(one.reward),
                         study,
                         run.place.seed,
-                        *(_steps_to(run, *stone) for stone in _MILESTONES.values()),
+                        *(_steps_to(run, *stone) for stone in milestones.values()),
                         one.steps,
-                        *(_at(run, column, one.steps) for column in (*_SHARES, "return")),
+                        *(_at(run, column, one.steps) for column in (*facts, "return")),
                     )
                 )
     millions = {"unit": "M steps", "form": ".2f", "scale": 1e-6}
     columns = (
         *map(Column, ("cameras", "reward", "study", "seed")),
-        *(Column(name, **millions) for name in (*_MILESTONES, "compared after")),
-        *map(Column.share, _SHARES),
+        *(Column(name, **millions) for name in (*milestones, "compared after")),
+        *map(Column.share, facts),
         Column("return", form=".2f"),
     )
     note = (
@@ -125,11 +128,11 @@ def differences(found: Sequence[Comparison]) -> Table:
 
 
 def comparison_chart(one: Comparison) -> Figure:
-    """Shares lifted and threaded, and the return, over training; a line for each study."""
+    """How far episodes come, and the return, over training; a line for each study."""
     runs = [run for own in one.runs.values() for run in own]
     steps = grid_of(runs)
     longest = steps[-1]
-    shown = {"lifted": "share lifted", "threaded": "share threaded", "return": "return"}
+    shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
     drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
     if not drawn:
         raise MissingDataError("no learning curves")
@@ -152,6 +155,12 @@ def comparison_chart(one: Comparison) -> Figure:
 
 def _name(study: Study) -> str:
     return study.folder.resolve().name
+
+
+def _facts(runs: Sequence[Record]) -> list[str]:
+    """Those that end the runs' phases, and the tasks' goals."""
+    ends = [fact for run in runs for _, fact in run.task.phases]
+    return [*dict.fromkeys([*ends, *(run.task.goal for run in runs)])]
 
 
 def _has(run: Record, column: str) -> bool:

@@ -100,6 +100,7 @@ def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
         # Names of a page's parts are unique in it.
         "mark": "" if alone else f"{findings.title}-",
         "is_study": study is not None,
+        "goal": findings.goal,
         "lead": _lead(findings),
         "problems": tiles.problems,
         "first": [figure for figure in figures if figure["name"] in ahead],
@@ -247,7 +248,8 @@ def _facts(run: Record) -> list[tuple[str, str]]:
     facts.append(("trained", f"{run.steps} of {run.planned_steps} steps"))
     if found is not None:
         facts.append(("final return", f"{found.value:.3f} over {found.episodes} episodes"))
-        facts.append(("final success", f"{found.success:.3f}, cheat {found.cheat:.3f}"))
+        cheat = "" if found.cheat is None else f", cheat {found.cheat:.3f}"
+        facts.append(("final success", f"{found.success:.3f}{cheat}"))
     facts.append(("reward", reward_label(run.place.reward)))
     for key in ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu"):
         if manifest.get(key) is not None:

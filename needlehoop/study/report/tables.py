@@ -22,10 +22,12 @@ from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_an
 from needlehoop.study.stats.run import (
     BEST,
     BUFFERS,
+    CHEAT,
     HUMAN_POINTS,
-    THREADING,
+    RETURN,
+    SUCCESS,
+    SUCCESS_OVER_TRAINING,
     TRAINING,
-    Final,
     Measure,
     steps_to_share,
 )
@@ -38,7 +40,7 @@ _FINE = 0.95
 """Success from which on a camera set does not fail."""
 
 _PAST = 0.05
-"""Share of episodes in which the needle may be threaded without having been lifted first."""
+"""Share of episodes that may come to a later phase's end and not to an earlier one's."""
 
 _PERCENT: dict[str, Any] = {"form": ".0f", "scale": 100.0}
 _POINTS: dict[str, Any] = {"form": ".2f"}
@@ -111,53 +113,65 @@ def results(findings: StudyFindings) -> Table:
 class Reached:
     """Shares of a result's episodes, means over its seeds."""
 
-    grasped: float
-    lifted: float | None
-    """``None`` where a run under the same reward goes to the hoop past the lift position."""
-    threaded: float
+    phases: tuple[tuple[str, str], ...]
+    """Of its task: name, and the fact that ends it."""
+    shares: Mapping[str, float | None]
+    """By fact; ``None`` where runs under the same reward go past it."""
 
     @property
     def fails_in(self) -> str:
         """The phase in which most episodes end; empty where next to none fail."""
-        if self.threaded >= _FINE:
-            return ""
-        stages = {"grasp": (1.0, self.grasped)}
-        if self.lifted is None:
-            stages["carry and insert"] = (self.grasped, self.threaded)
-        else:
-            stages |= {"lift": (self.grasped, self.lifted), "insert": (self.lifted, self.threaded)}
-        return max(stages, key=lambda name: stages[name][0] - stages[name][1])
+        lost: dict[str, float] = {}
+        names: list[str] = []
+        before = 1.0
+        for name, fact in self.phases:
+            names.append(name)
+            share = self.shares[fact]
+            if share is not None:
+                lost[" and ".join(names)] = before - share
+                names, before = [], share
+        return "" if before >= _FINE else max(lost, key=lambda phase: lost[phase])
 
 
 def reached(findings: StudyFindings) -> dict[tuple[str, str], Reached]:
-    """How far each camera set came with each reward."""
+    """How far each camera set came with each reward, if its task has phases."""
     shares = {
-        (one.cameras, one.reward): [
-            float(np.mean([getattr(found, name) for found in one.finals]))
-            for name in ("grasped", "lifted", "success")
-        ]
+        (one.cameras, one.reward, phases): {
+            fact: float(np.mean([found.shares[fact] for found in one.finals])) for _, fact in phases
+        }
         for one in findings.results
-        if one.finals
+        if (phases := _phases(one))
     }
     past = {
-        reward for (_, reward), (_, lifted, threaded) in shares.items() if threaded > lifted + _PAST
+        (reward, phases, fact)
+        for (_, reward, phases), own in shares.items()
+        for number, fact in enumerate(own)
+        if max([*own.values()][number:]) > own[fact] + _PAST
     }
     return {
-        place: Reached(grasped, None if place[1] in past else lifted, threaded)
-        for place, (grasped, lifted, threaded) in shares.items()
+        (cameras, reward): Reached(
+            phases,
+            {fact: None if (reward, phases, fact) in past else own[fact] for fact in own},
+        )
+        for (cameras, reward, phases), own in shares.items()
     }
+
+
+def _phases(result: Result) -> tuple[tuple[str, str], ...]:
+    """Of the task; none where seeds differ in it, because there is no mean over them."""
+    found = {run.task.phases for run in result.runs}
+    return found.pop() if len(found) == 1 else ()
 
 
 def phases(findings: StudyFindings) -> Table:
     """How far each camera set came with each reward, in the order of results."""
     known = reached(findings)
     seeds = {(one.cameras, one.reward): one.value.seeds for one in findings.results}
+    facts = dict.fromkeys(fact for one in known.values() for fact in one.shares)
     rows = [
         (
             label(cameras),
-            one.grasped,
-            one.lifted,
-            one.threaded,
+            *map(one.shares.get, facts),
             one.fails_in,
             reward_label(reward),
             seeds[cameras, reward],
@@ -165,17 +179,17 @@ def phases(findings: StudyFindings) -> Table:
         for (cameras, reward), one in known.items()
     ]
     columns = (
-        Column("cameras"), Column.share("grasped"), Column.share("lifted"),
-        Column.share("threaded"), Column("fails in"), Column("reward"), Column("seeds"),
+        Column("cameras"), *map(Column.share, facts), Column("fails in"), Column("reward"),
+        Column("seeds"),
     )  # fmt: skip
     note = (
         "Shares of final episodes, means over seeds. Fails in: the phase in which most episodes"
-        f" end, where less than {100 * _FINE:.0f} % are threaded."
+        f" end, where less than {100 * _FINE:.0f} % come to the end of the last."
     )
-    if any(found.lifted is None for found in known.values()):
+    if any(share is None for one in known.values() for share in one.shares.values()):
         note += (
-            " Lifted is left empty under a reward that lets the needle go to the hoop past the"
-            " lift position; there, carrying and inserting are one phase."
+            " A share is left empty under a reward that lets episodes go past it; there, the phase"
+            " that it ends and the next are one."
         )
     return Table("phases", "Where they fail", columns, tuple(rows), note)
 
@@ -207,14 +221,15 @@ def rewards(findings: StudyFindings) -> Table:
         Column("cameras"), Column("reward"), Column("return", **_POINTS),
         Column("return, 95 %", **_POINTS), Column.of(HUMAN_POINTS), Column.share("success"),
         Column("success, 95 %", **_PERCENT), Column.of(BEST), Column.share("cheat"),
-        Column.of(THREADING), Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6),
+        Column.of(SUCCESS_OVER_TRAINING),
+        Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6),
         Column("the paper's return", **_POINTS), Column("remark on the paper's"),
     )  # fmt: skip
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
         " of fewer episodes each; what the last has less was learnt and lost again."
-        f" {THREADING.name.capitalize()}: of all training episodes."
+        f" {SUCCESS_OVER_TRAINING.name.capitalize()}: of all training episodes."
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
@@ -227,21 +242,21 @@ def _rewarded(name: str, found: Sequence[Result]) -> tuple[Cell, ...]:
     if len(found) == 1:
         value, success, cheat = one.value, one.success, one.cheat
     else:
-        value, success, cheat = (
-            estimate([[getattr(final, key) for final in r.finals] for r in found])
-            for key in ("value", "success", "cheat")
-        )
+        value = estimate([r.values(RETURN) for r in found])
+        success = estimate([r.values(SUCCESS) for r in found])
+        cheats = [r.values(CHEAT) for r in found]
+        cheat = estimate(cheats) if all(cheats) else None
     return (
         name,
         reward_label(one.reward),
         value.value,
         value.interval_or_why,
-        _human([final for r in found for final in r.finals]),
+        _human(found),
         success and success.value,
         success and (success.interval or no_interval(success.seeds)),
         _over(found, BEST),
         cheat and cheat.value,
-        _over(found, THREADING),
+        _over(found, SUCCESS_OVER_TRAINING),
     )
 
 
@@ -252,24 +267,31 @@ def _over(found: Sequence[Result], measure: Measure) -> float | None:
 
 
 def _times(result: Result) -> Cell:
-    """Steps until each run, by its seed, threads in ``_SOON`` of its episodes."""
+    """Steps until each run, by its seed, succeeds in ``_SOON`` of its episodes."""
     steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
     return ["not reached" if one is None else one for one in steps]
 
 
-def _human(finals: Sequence[Final]) -> Cell:
+def _human(found: Sequence[Result]) -> Cell:
     """The mean of the runs' points under the human reward; ``None`` where one has none.
 
     Points of another scene unit than today's default come with a remark.
     """
+    finals = [final for result in found for final in result.finals]
     points = [final.human for final in finals if final.human is not None]
     if not points or len(points) < len(finals):
         return None
     mean = sum(points) / len(points)
-    now = read_yaml(CONF / "reward/human.yaml")["unit"]
-    others = {final.human_unit for final in finals if final.human_unit} - {now}
+    now = {_unit(run.task.name) for result in found for run in result.runs}
+    others = {final.human_unit for final in finals if final.human_unit} - now
     said = " and ".join(f"{unit:g}" for unit in sorted(others))
     return f"{mean:.2f} (unit {said} m)" if others else mean
+
+
+def _unit(task: str) -> float | None:
+    """The scene unit of a shipped task's human reward, m; ``None`` where there is none."""
+    path = CONF / f"reward/human/{task}.yaml"
+    return read_yaml(path).get("unit") if path.is_file() else None
 
 
 def table_1(findings: StudyFindings) -> Table:

@@ -42,6 +42,7 @@ class Result:
     success: SeedEstimate | None
     """``None`` where only returns were published."""
     cheat: SeedEstimate | None
+    """``None`` as well where the task knows no cheats."""
 
     @property
     def unfinished(self) -> int:
@@ -79,6 +80,12 @@ class StudyFindings:
         """The reward under which cameras are compared: the human one, or the commonest."""
         counts = Counter(result.reward for result in self.results)
         return HUMAN if HUMAN in counts or not counts else counts.most_common(1)[0][0]
+
+    @property
+    def goal(self) -> str:
+        """The fact that says that the task is done; ``success`` where runs differ in it."""
+        goals = {run.task.goal for result in self.results for run in result.runs}
+        return goals.pop() if len(goals) == 1 else "success"
 
     @property
     def ranked(self) -> tuple[Result, ...]:
@@ -221,6 +228,7 @@ def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
 def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
     finals = tuple(found for _, found in pairs)
     episodes = [found.episodes for found in finals]
+    cheats = [found.cheat for found in finals if found.cheat is not None]
     return Result(
         cameras,
         reward,
@@ -228,5 +236,5 @@ def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) ->
         finals,
         value=estimate([[found.value for found in finals]]),
         success=rate([found.success for found in finals], episodes),
-        cheat=rate([found.cheat for found in finals], episodes),
+        cheat=rate(cheats, episodes) if len(cheats) == len(finals) else None,
     )

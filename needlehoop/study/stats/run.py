@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,18 +31,12 @@ class Final:
     """What the human reward says of the same episodes; ``None`` where it was not written down."""
     human_unit: float | None
     """Its scene unit, m; ``None`` where it was not written down."""
-    success: float
-    """Share of episodes that end with the task done."""
-    cheat: float
-    """Share of episodes that touched the goal without threading."""
-    grasped: float
-    """Share of episodes that held the needle at some time."""
-    lifted: float
-    """Share of episodes that brought it to the lift position."""
+    shares: Mapping[str, float]
+    """Shares of episodes, by the task's columns: success, cheat, and each fact."""
     area: float | None
     """Mean return over all of training: the area under its curve, by steps. ``None`` where
     training is not over, or has left no curve."""
-    threading: float | None
+    success_area: float | None
     """The same of success, which compares across rewards, unlike their points."""
     best: float | None
     """The highest success of all evaluations; more than ``success`` is what training took away
@@ -51,6 +46,16 @@ class Final:
     """Steps of training when it was measured."""
     finished: bool
     """Whether the run's training was over."""
+
+    @property
+    def success(self) -> float:
+        """Share of episodes that end with the task done."""
+        return self.shares["success"]
+
+    @property
+    def cheat(self) -> float | None:
+        """Share of episodes that look done and are not; ``None`` where a task has no such thing."""
+        return self.shares.get("cheat")
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ SUCCESS = Measure("success", lambda found: found.success, "%", 0)
 HUMAN_POINTS = Measure("human's points", lambda found: found.human)
 """What the human reward says of episodes, whichever reward they were learnt from."""
 
-THREADING = Measure("threaded over training", lambda found: found.threading, "%", 0)
+SUCCESS_OVER_TRAINING = Measure("success over training", lambda found: found.success_area, "%", 0)
 """How soon the task was learnt, whatever a reward's points."""
 
 BEST = Measure("success at best", lambda found: found.best, "%", 0)
@@ -102,11 +107,11 @@ def final(run: Record) -> Final | None:
     if last is not None and (run.finished or _trained(run) >= newest):
         return Final(
             value=float(last["return"]),
-            human=float(last[HUMAN_RETURN]) if HUMAN_RETURN in last else None,
-            human_unit=float(last[HUMAN_UNIT]) if HUMAN_UNIT in last else None,
-            **{name: float(last[name]) for name in ("success", "cheat", "grasped", "lifted")},
+            human=_number(last, HUMAN_RETURN),
+            human_unit=_number(last, HUMAN_UNIT),
+            shares={name: float(last[name]) for name in run.task.columns},
             area=_over_training(run, "return"),
-            threading=_over_training(run, "success"),
+            success_area=_over_training(run, "success"),
             best=_best(run),
             episodes=int(last["episodes"]),
             steps=_trained(run),
@@ -124,9 +129,9 @@ def final(run: Record) -> Final | None:
         value=mean("return"),
         human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
         human_unit=None,
-        **{name: mean(name) for name in ("success", "cheat", "grasped", "lifted")},
+        shares={name: mean(name) for name in run.task.columns},
         area=None,
-        threading=None,
+        success_area=None,
         best=None,
         episodes=int(episodes.sum()),
         steps=newest,
@@ -213,6 +218,10 @@ def _best(run: Record) -> float | None:
     if not run.finished or run.evaluations is None or run.evaluation is None:
         return None
     return max(success for _, success in evaluations(run))
+
+
+def _number(evaluation: Mapping[str, Any], key: str) -> float | None:
+    return None if evaluation.get(key) is None else float(evaluation[key])
 
 
 def _trained(run: Record) -> int:
