@@ -155,9 +155,10 @@ def write_answers(folder: Path) -> None:
         }
         for order in orders
     ]
+    asked = {"answers": answers, "asked": {"lifted": "the needle is lifted"}}
     totals = {"prompts": 8, "tokens_in": 900, "tokens_out": 100, "invalid_answers": 0}
     (folder / "vlm").mkdir(parents=True, exist_ok=True)
-    for name, found in (("questions", {"answers": answers}), ("rankings", {"lists": lists})):
+    for name, found in (("questions", asked), ("rankings", {"lists": lists})):
         whole = {**found, "models": ["test-model"], "totals": totals}
         (folder / "vlm" / f"{name}.json").write_text(json.dumps(whole))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import needlehoop
@@ -34,6 +35,17 @@ FLOORS = (
 
 FILES_ONLY = {"study": {"runs"}, "runs": set()}
 """They read files: no simulator, no torch, nothing that needs them."""
+
+TASK_WORDS = re.compile(
+    # Not the package's own name, nor the name of a real instrument.
+    r"(?<!large_)needle(?!hoop)|(?<!needle)hoop"
+    # Not Python's threads and its module of that name.
+    r"|threaded|(?<!import )\bthreading\b(?!\.\w)|\bthread_depth|[\"'`]thread[\"'`]"
+    r"|\b(?:to|must|can|still|expert|agent|episodes?) threads?\b"
+    r"|(?<![a-z])lift(?:s|ed|ing)?(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words of the first task, in which everything else was written once."""
 
 MODULES = sorted(path for path in HOME.rglob("*.py") if path != HOME / "__init__.py")
 
@@ -110,3 +122,50 @@ def test_no_file_imports_itself_in_a_circle():
     while free := [path for path, rest in below.items() if not rest]:
         below = {path: rest - {*free} for path, rest in below.items() if path not in free}
     assert not below, "\n".join(str(path.relative_to(HOME)) for path in below)
+
+
+def words_of_the_first_task(path: Path) -> set[str]:
+    """Those that a file has. A task of its own may lift something."""
+    found = {one.lower() for one in TASK_WORDS.findall(path.read_text())}
+    is_task = room(path) == "tasks" and path.parent != HOME / "tasks"
+    return {one for one in found if not (is_task and one.startswith("lift"))}
+
+
+STILL = {
+    *("cli/vlm.py", "demonstrations/episodes.py", "demonstrations/lerobot_layout.py"),
+    *("probe/frames.py", "probe/report.py", "probe/scores.py"),
+    *("vlm/album.py", "vlm/card.py", "vlm/config.py", "vlm/description.py", "vlm/moments.py"),
+    "vlm/questions.py",
+}
+"""Files that still speak of the first task: the VLM, the probe and the demonstrations are being
+moved to the contract. A file that no longer does leaves this list."""
+
+
+def test_only_the_first_task_speaks_of_itself():
+    elsewhere = [
+        path for path in HOME.rglob("*.py") if HOME / "tasks/needle_hoop" not in path.parents
+    ]
+    found = {str(path.relative_to(HOME)): words_of_the_first_task(path) for path in elsewhere}
+    assert {path for path, words in found.items() if words} == STILL, found
+
+
+def test_words_of_the_first_task_are_told_from_pythons():
+    for said in (
+        *("needle", "add_needle", "NeedleLayout", "needle_hoop", "the hoop's axis", "HoopLayout"),
+        *(
+            "threaded",
+            "is_threaded",
+            "without threading",
+            "from threading. A",
+            'success="thread"',
+            "thread_depth",
+        ),
+        *("the expert still threads.", "to thread it", "lift", "lifted", "lift_position", "lifts"),
+    ):
+        assert TASK_WORDS.search(said), said
+    for said in (
+        *("import needlehoop", "NeedleHoopEnv", "NEEDLEHOOP_TEST", "LARGE_NEEDLE_DRIVER_400006"),
+        *("import threading", "threading.Lock()", "threads=1", "a thread", "torch_threads(1)"),
+        *("ThreadPoolExecutor", "work that threads share", "num_threads", "shoplifter"),
+    ):
+        assert not TASK_WORDS.search(said), said

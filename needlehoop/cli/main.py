@@ -81,7 +81,8 @@ def _is_read_no_more() -> bool:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="needlehoop", description="Needle through a hoop: simulate it, look at it, measure it."
+        prog="needlehoop",
+        description="Tasks of a robot: simulate them, look at them, measure them.",
     )
     parser.add_argument(_VERSION, action="store_true", help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True)

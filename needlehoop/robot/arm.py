@@ -36,7 +36,7 @@ _SHAFT_RADIUS = 0.0042
 _SHAFT_TOP = 0.43
 
 
-def add_arm(spec: mujoco.MjSpec, rcm: np.ndarray, variant: str, needle_grip: float) -> None:
+def add_arm(spec: mujoco.MjSpec, rcm: np.ndarray, variant: str, grip: float) -> None:
     """Add the arm to a scene.
 
     Bodies: ``yaw`` … ``wrist_yaw``, ``jaw_1``, ``jaw_2``. Joints carry the names of
@@ -47,7 +47,7 @@ def add_arm(spec: mujoco.MjSpec, rcm: np.ndarray, variant: str, needle_grip: flo
         spec: the scene; materials must exist already.
         rcm: position of the RCM in the world frame, m. Its axes are the world's.
         variant: one of ``joints.VARIANTS``.
-        needle_grip: ``tool_midpoint``'s distance from the wrist-yaw axis, m.
+        grip: ``tool_midpoint``'s distance from the wrist-yaw axis, m.
     """
     base = Link(spec.worldbody.add_body(name="psm_base", pos=rcm), np.eye(4))
     _draw_base(base)
@@ -65,7 +65,7 @@ def add_arm(spec: mujoco.MjSpec, rcm: np.ndarray, variant: str, needle_grip: flo
     wrist_pitch = _add_link(roll, "wrist_pitch")
     _draw_clevis(wrist_pitch)
     wrist_yaw = _add_link(wrist_pitch, "wrist_yaw")
-    wrist_yaw.body.add_site(name="tool_midpoint", pos=[0, needle_grip, 0], size=[0.001] * 3)
+    wrist_yaw.body.add_site(name="tool_midpoint", pos=[0, grip, 0], size=[0.001] * 3)
     wrist_yaw.body.add_site(name="tool", quat=psm.quaternion(psm.TOOL_OFFSET), size=[0.001] * 3)
     _add_jaws(spec, wrist_yaw)
     _add_servos(spec, closed)

@@ -20,7 +20,7 @@ Shade = Annotated[int, Range(0, 255)]
 class View:
     """Where a camera stands; values in ``conf/view``.
 
-    ``azimuth`` is measured about the world's z: 0 is in front of the hoop (at -y), 90 is
+    ``azimuth`` is measured about the world's z: 0 is the front (at -y), 90 is
     the left (at -x). Angles in degrees, lengths in m, ``target`` in the world frame.
     """
 

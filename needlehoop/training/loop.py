@@ -1,4 +1,4 @@
-"""Train an agent to thread the needle: collect a buffer, learn from it, write the results down.
+"""Train an agent: collect a buffer, learn from it, write the results down.
 
 ``train`` is the method. ``python train.py`` and ``needlehoop train`` come here with a composed
 config, once for each run (``cli/train.py``).

@@ -284,8 +284,23 @@ def test_answers_are_read(tmp_path):
     assert found is not None
     assert found.source == "test-model"
     assert [a.answer for a in found.questions][1:5] == ["front", "dep", "side", "seg"]
+    assert found.questions[-2].question == "Best rendering to see that the needle is lifted"
     assert found.rankings[0].reasons["rgb_default"] == "Because of rgb_default."
     assert list(found.rankings[2].places.values()) == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_fact_without_words_goes_by_its_name(tmp_path):
+    write_answers(tmp_path)
+    path = tmp_path / "vlm" / "questions.json"
+    told = json.loads(path.read_text())
+    for asked, said in (({}, "it is lifted"), ({"asked": {"lifted": "it is up"}}, "it is up")):
+        path.write_text(json.dumps({"answers": told["answers"], "models": []} | asked))
+        found, _ = read_answers(tmp_path)
+        assert found is not None
+        assert found.questions[-2].question == f"Best rendering to see that {said}"
+    path.write_text(json.dumps(told | {"asked": {"lifted": 3}}))
+    _, problems = read_answers(tmp_path)
+    assert [problem.reason for problem in problems] == ["has no usable lifted"]
 
 
 def test_repeated_rankings_give_mean_places(tmp_path):

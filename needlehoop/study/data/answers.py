@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from needlehoop.runs.reading import UnreadableError, read_json
@@ -67,7 +68,7 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
         try:
             found = read_json(folder / name, within=folder)
             if name.name == QUESTIONS:
-                asked = _part(found, "asked", dict) if "asked" in found else ASKED
+                asked = _part(found, "asked", dict) if "asked" in found else {}
                 questions = as_rows(_part(found, "answers", dict), asked)
             else:
                 rankings = tuple(_ranking(entry) for entry in _part(found, "lists", list))
@@ -79,12 +80,14 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
     return Answers(", ".join(map(str, models)), questions, rankings), left_out
 
 
-def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str] = ASKED) -> tuple[Answer, ...]:
+def as_rows(
+    answers: Mapping[str, Any], asked: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Answer, ...]:
     """The answers in the order of Table I, and those that it leaves to Appendix B.
 
     Args:
         answers: as in ``questions.json``.
-        asked: the moments of which was asked what shows them best, as ``asked`` there.
+        asked: facts in words: cameras were asked for that show them.
 
     Raises:
         UnreadableError: one is missing or of another form.
@@ -101,7 +104,8 @@ def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str] = ASKED) -> tup
     for number, part in enumerate(("first", "second"), start=1):
         said += _choice(_part(suits, part, dict), f"for subtask {number}")
     said += _choice(_part(answers, "goal", dict), "to see that the goal is reached")
-    for fact, so in asked.items():
+    for fact in (key for key in answers if key not in _NO_FACTS):
+        so = _part(asked, fact, str) if fact in asked else f"it is {fact}"
         said += _choice(_part(answers, fact, dict), f"to see that {so}")
     layouts = _ranked(_part(answers, "layouts", list))
     best = next(iter(layouts))

@@ -44,32 +44,30 @@ def task_of(manifest: Mapping[str, Any]) -> TaskNote:
         raise UnreadableError("says nothing of the task: its phases and cheats are not known")
     if not isinstance(found, Mapping):
         raise UnreadableError("has no usable task")
-    columns, phases = found.get("columns"), found.get("phases")
-    names = (found.get("name"), found.get("goal"))
-    usable = (
-        all(map(_is_name, names))
-        and isinstance(columns, list)
-        and len(columns) <= _MOST
-        and all(map(_is_name, columns))
-        and {"success", found["goal"]} <= {*columns}
-        and ("cheat" in columns) is found.get("cheat")
-        and isinstance(phases, list)
-        and len(phases) <= _MOST
-        and all(_is_phase(one, columns) for one in phases)
-    )
-    if not usable:
+    columns = tuple(map(_name, _list(found.get("columns"))))
+    phases = tuple(map(_phase, _list(found.get("phases"))))
+    note = TaskNote(_name(found.get("name")), _name(found.get("goal")), columns, phases)
+    told = {"success", note.goal, *(fact for _, fact in phases)}
+    if not told <= {*columns} or ("cheat" in columns) is not found.get("cheat"):
         raise UnreadableError("has no usable task")
-    return TaskNote(*names, tuple(columns), tuple((name, fact) for name, fact in phases))
+    return note
 
 
-def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and _NAME.fullmatch(value) is not None
+def _list(value: Any) -> list[Any]:
+    if not isinstance(value, list) or len(value) > _MOST:
+        raise UnreadableError("has no usable task")
+    return value
 
 
-def _is_phase(value: Any, columns: list[str]) -> bool:
-    return (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(map(_is_name, value))
-        and value[1] in columns
-    )
+def _name(value: Any) -> str:
+    if not (isinstance(value, str) and _NAME.fullmatch(value)):
+        raise UnreadableError("has no usable task")
+    return value
+
+
+def _phase(value: Any) -> tuple[str, str]:
+    """Its name, and the fact that ends it."""
+    both = _list(value)
+    if len(both) != 2:
+        raise UnreadableError("has no usable task")
+    return _name(both[0]), _name(both[1])
