@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.run import Run
-from needlehoop.study.data.answers import ASKED
 from needlehoop.study.render.table import Table
 from needlehoop.vlm import prompts, tables
 from needlehoop.vlm.album import Album, open_album
@@ -223,8 +222,7 @@ class Inquiry(AbstractContextManager):
 
     def _answered(self, answers: dict[str, Any], conversation: Conversation) -> dict[str, Any]:
         asked = prompts.questioned(self._settings.definition)
-        # A reader knows the paper's moments.
-        named = {} if asked == ASKED else {"asked": asked}
+        named = {"asked": asked}
         found = self._write(QUESTIONS, {"answers": answers, **named}, conversation.attempts)
         self._files.write("questions.csv", tables.questions_csv(answers, asked))
         return found

@@ -15,8 +15,8 @@ QUESTIONS, RANKINGS = "questions.json", "rankings.json"
 VLM = "vlm"
 """Where a study keeps them."""
 
-ASKED = {"lifted": "the needle is lifted"}
-"""Moments that questions were about, where ``questions.json`` names none: the paper's."""
+_NO_FACTS = ("subtasks", "suits", "goal", "layouts")
+"""Answers that every task has; the others are each about a fact."""
 
 
 @dataclass(frozen=True)

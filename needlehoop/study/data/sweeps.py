@@ -144,7 +144,8 @@ def _check(pairs: Iterable[tuple[Sequence[str], str]]) -> None:
     for cams, reward in named:
         for key, value, valid in (
             *(("cams", camera, cameras) for camera in cams),
-            ("reward", reward, _options("reward")),
+            # The human reward has a file for each task.
+            ("reward", reward, sorted([*_options("reward"), HUMAN])),
         ):
             if value not in valid:
                 raise ValueError(f"{key}: {value!r} is unknown; choose from {', '.join(valid)}")
