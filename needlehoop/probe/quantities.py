@@ -51,9 +51,10 @@ def quantities(task: Task) -> Quantities:
     for phase in task.phases:
         places = {name for name in phase.points if task.signals[name].shape == (3,)}
         if len(places) < 2:
-            points = ", ".join(phase.points)
-            raise ValueError(f"task {task.name}: phase {phase.name}: no two places: {points}")
+            found = ", ".join(phase.points)
+            raise ValueError(f"task {task.name}: phase {phase.name}: no two places: {found}")
     origin = task.phases[-1].points[1]
+    points = (name for phase in reversed(task.phases) for name in phase.points)
     gaps: dict[str, tuple[str, str]] = {}
     needed = {}
     for phase in task.phases:
@@ -69,11 +70,7 @@ def quantities(task: Task) -> Quantities:
         task=task.name,
         ends={phase.name: phase.ends for phase in task.phases},
         origin=origin,
-        points=tuple(
-            dict.fromkeys(
-                name for phase in reversed(task.phases) for name in phase.points if name != origin
-            )
-        ),
+        points=tuple(dict.fromkeys(name for name in points if name != origin)),
         gaps=gaps,
         needed=needed,
     )

@@ -349,7 +349,7 @@ def test_the_command_probes_any_task(tmp_path, capsys, task):
     assert f"of {asked.fact}, the share" in (folder / "phases.md").read_text()
     before = _files(tmp_path)
     assert _run(tmp_path, "cams=rgb_default", "seeds=2") == 2
-    assert "another episode, task" in capsys.readouterr().err
+    assert re.search("another episode, .*task; choose", capsys.readouterr().err)
     assert _files(tmp_path) == before
 
 
@@ -512,6 +512,18 @@ def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp
     job = composing.compose([], "job")
     evaluation = job["evaluation"]["seed"]
     assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3
+
+
+def test_todays_settings_are_those_of_the_shipped_probe(tmp_path, monkeypatch, capsys):
+    shipped = Path(__file__).parents[2] / "results" / "probe"
+    shutil.copytree(shipped, tmp_path / "probe")
+
+    def stop(*_: object) -> None:
+        raise ValueError("its settings were accepted")
+
+    monkeypatch.setattr("needlehoop.probe.folder.read_results", stop)
+    assert cli.main(["probe", f"results={tmp_path}"]) == 2
+    assert "its settings were accepted" in capsys.readouterr().err
 
 
 @pytest.mark.full
