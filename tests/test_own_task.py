@@ -144,11 +144,11 @@ def test_a_run_s_files_import_it_with_trust_alone(run, capsys):
     needlehoop.make_env_of(run, num_envs=1, trust=True).reset()
 
 
-def test_a_sweep_s_processes_import_it(tmp_path):
-    words = ["-m", "seed=0,1", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "algo=dagger"]
+def test_a_sweep_s_process_imports_it(tmp_path):
+    words = ["-m", "seed=3", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "algo=dagger"]
     tiny = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]
     run_train(*words, f"task_dir={FOLDER}", f"results={tmp_path}", *TINY, *tiny)
-    assert len(list(tmp_path.glob("main/signals/expert/seed*/evaluation.json"))) == 2
+    assert (tmp_path / "main/signals/expert/seed3/evaluation.json").exists()
 
 
 def test_environments_take_it():
