@@ -131,22 +131,12 @@ def words_of_the_first_task(path: Path) -> set[str]:
     return {one for one in found if not (is_task and one.startswith("lift"))}
 
 
-STILL = {
-    *("cli/vlm.py", "demonstrations/episodes.py", "demonstrations/lerobot_layout.py"),
-    *("probe/frames.py", "probe/report.py", "probe/scores.py"),
-    *("vlm/album.py", "vlm/card.py", "vlm/config.py", "vlm/description.py", "vlm/moments.py"),
-    "vlm/questions.py",
-}
-"""Files that still speak of the first task: the VLM, the probe and the demonstrations are being
-moved to the contract. A file that no longer does leaves this list."""
-
-
 def test_only_the_first_task_speaks_of_itself():
     elsewhere = [
         path for path in HOME.rglob("*.py") if HOME / "tasks/needle_hoop" not in path.parents
     ]
     found = {str(path.relative_to(HOME)): words_of_the_first_task(path) for path in elsewhere}
-    assert {path for path, words in found.items() if words} == STILL, found
+    assert {path: words for path, words in found.items() if words} == {}
 
 
 def test_words_of_the_first_task_are_told_from_pythons():

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from test_vlm_prompts import CONFIG, QUESTIONS, RULES, Obliging, everything_said, text_of
+from vlm_asked import CONFIG, QUESTIONS, RULES, Obliging, everything_said, text_of
 
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings, compose_settings

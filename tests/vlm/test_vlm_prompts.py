@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Iterable
 from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from vlm_server import by_schema
+from vlm_asked import CONFIG, Obliging, everything_said, text_of
 
 from needlehoop.config import composing, strict
 from needlehoop.config.strict import structure
@@ -31,83 +30,15 @@ from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.tasks.needle_hoop.telling import TELLING, sharp_end_is_nearer
 from needlehoop.vlm import description, prompts
-from needlehoop.vlm.album import SEEN, Album, all_channels, states
+from needlehoop.vlm.album import all_channels
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
-from needlehoop.vlm.forms import ProgramAnswer
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import fill
-from needlehoop.vlm.providers.contract import LiveConfig, Reply
-from needlehoop.vlm.questions import Lists, Questions, question, rank
+from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import (
-    ProgramAttempts,
-    ProgramRules,
-    Verdict,
-    program_rules,
-    reward_prompt,
-    write_program,
-)
-
-QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
-LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
-FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
-RULES = ProgramRules(
-    FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
-)
-CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
-
-
-class Obliging:
-    """Answers as told, then anything in the right form; ranks in the order of the list."""
-
-    def __init__(self, answers: Iterable[str] = ()):
-        self.answers = list(answers)
-        self.asked: list[Request] = []
-
-    def ask(self, request: Request) -> Reply:
-        self.asked.append(request)
-        answer = self.answers.pop(0) if self.answers else by_schema(dict(request.schema))
-        return Reply("answered", answer, "", "m", 1, 1)
-
-    def close(self) -> None:
-        pass
-
-
-def album(settings: Settings) -> Album:
-    names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
-    shown = (*states(settings.definition), SEEN)
-    pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in shown}
-    return Album(pictures, settings.image_size)
-
-
-def everything_said(settings: Settings, folder: Path) -> list[Request]:
-    """All requests of a questioning, a ranking and both kinds of reward."""
-    provider = Obliging()
-    recorder = Recorder(Transcript(folder), provider, CONFIG)
-
-    def begin(_: int) -> Conversation:
-        conversation = Conversation(recorder, "question", 1)
-        question(conversation, settings, album(settings), QUESTIONS)
-        return conversation
-
-    rank(begin, LISTS)
-    seen = replace(settings, cams=("dep_front", "seg_side"))
-    for flavour in ("text", "image"):
-        parts = reward_prompt(seen, RULES, flavour, album(seen))
-        Conversation(recorder, "reward", 1).ask(parts, ProgramAnswer)
-    return provider.asked
-
-
-def text_of(requests: list[Request]) -> str:
-    return "\n".join(
-        part
-        for request in requests
-        for message in request.messages
-        for part in message.parts
-        if isinstance(part, str)
-    )
+from needlehoop.vlm.writing import ProgramAttempts, program_rules, reward_prompt, write_program
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,79 @@
+"""All that a model is asked: by one that answers anything in the right form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from vlm_server import by_schema
+
+from needlehoop.envs.settings import Settings
+from needlehoop.vlm.album import SEEN, Album, states
+from needlehoop.vlm.conversation import Conversation
+from needlehoop.vlm.forms import ProgramAnswer
+from needlehoop.vlm.messages import Png, Request
+from needlehoop.vlm.providers.contract import LiveConfig, Reply
+from needlehoop.vlm.questions import Lists, Questions, question, rank
+from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.writing import ProgramRules, Verdict, reward_prompt
+
+QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
+LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
+FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
+RULES = ProgramRules(
+    FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
+)
+CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
+
+
+class Obliging:
+    """Answers as told, then anything in the right form; ranks in the order of the list."""
+
+    def __init__(self, answers: Iterable[str] = ()):
+        self.answers = list(answers)
+        self.asked: list[Request] = []
+
+    def ask(self, request: Request) -> Reply:
+        self.asked.append(request)
+        answer = self.answers.pop(0) if self.answers else by_schema(dict(request.schema))
+        return Reply("answered", answer, "", "m", 1, 1)
+
+    def close(self) -> None:
+        pass
+
+
+def album(settings: Settings) -> Album:
+    names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
+    shown = (*states(settings.definition), SEEN)
+    pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in shown}
+    return Album(pictures, settings.image_size)
+
+
+def everything_said(settings: Settings, folder: Path) -> list[Request]:
+    """All requests of a questioning, a ranking and both kinds of reward."""
+    provider = Obliging()
+    recorder = Recorder(Transcript(folder), provider, CONFIG)
+
+    def begin(_: int) -> Conversation:
+        conversation = Conversation(recorder, "question", 1)
+        question(conversation, settings, album(settings), QUESTIONS)
+        return conversation
+
+    rank(begin, LISTS)
+    seen = replace(settings, cams=("dep_front", "seg_side"))
+    for flavour in ("text", "image"):
+        parts = reward_prompt(seen, RULES, flavour, album(seen))
+        Conversation(recorder, "reward", 1).ask(parts, ProgramAnswer)
+    return provider.asked
+
+
+def text_of(requests: list[Request]) -> str:
+    return "\n".join(
+        part
+        for request in requests
+        for message in request.messages
+        for part in message.parts
+        if isinstance(part, str)
+    )
