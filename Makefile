@@ -33,8 +33,11 @@ $(TESTED): pyproject.toml constraints.txt | $(BIN)/python
 demo: $(STAMP)
 	$(BIN)/needlehoop watch $(ARGS)
 
+# Two cameras, unless ARGS say what is seen or which run goes on.
+CAMS := $(if $(strip $(foreach key,cams= obs= resume=,$(findstring $(key),$(ARGS)))),,'cams=[dep_front,seg_side]')
+
 train: $(STAMP)
-	$(BIN)/python train.py 'cams=[dep_front,seg_side]' $(ARGS)
+	$(BIN)/python train.py $(CAMS) $(ARGS)
 
 test: $(TESTED)
 	$(PYTEST)
