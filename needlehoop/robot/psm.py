@@ -17,7 +17,7 @@ imported at the first call: it brings matplotlib along, and a tool that is moved
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
@@ -28,6 +28,7 @@ from needlehoop.robot.joints import JOINT_NAMES, JOINTS, Joint
 if TYPE_CHECKING:
     import pytorch_kinematics as pk
 
+Joints = TypeVar("Joints", Tensor, np.ndarray)
 
 HOME = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 """Joint positions of the arm at rest: hanging, half inserted, rad and m."""
@@ -135,8 +136,8 @@ def _offset(rotation: np.ndarray, position: np.ndarray) -> pk.Transform3d:
     )
 
 
-def forward_kinematics(q: Tensor) -> Tensor:
-    """Pose of the tool frame in the RCM frame.
+def forward_kinematics(q: Joints) -> Joints:
+    """Pose of the tool frame in the RCM frame: an array for an array, a tensor for a tensor.
 
     Args:
         q: joint positions ``(..., 6)``: yaw, pitch (rad), insertion (m), roll,
@@ -148,6 +149,8 @@ def forward_kinematics(q: Tensor) -> Tensor:
     Raises:
         ValueError: the last dimension is not 6.
     """
+    if isinstance(q, np.ndarray):
+        return forward_kinematics(torch.as_tensor(q)).numpy()
     _check_joints(q)
     flat = q.reshape(-1, len(JOINTS)).to(torch.float64)
     pose = _chain().forward_kinematics(flat).get_matrix()

@@ -120,6 +120,12 @@ def test_forward_kinematics_takes_single_precision():
     torch.testing.assert_close(poses, psm.forward_kinematics(q), rtol=0, atol=1e-5)
 
 
+def test_forward_kinematics_gives_an_array_for_an_array():
+    q = random_joints(3)
+    poses = psm.forward_kinematics(q.numpy())
+    np.testing.assert_array_equal(poses, psm.forward_kinematics(q).numpy(), strict=True)
+
+
 @pytest.mark.parametrize("shape", [(5,), (7,), (6, 1), ()])
 def test_a_wrong_number_of_joints_names_them(shape):
     with pytest.raises(ValueError, match="yaw, pitch, insertion, roll, wrist_pitch, wrist_yaw"):
