@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -169,6 +170,19 @@ def test_commands_take_it(capsys, tmp_path):
     assert "grip_command" in capsys.readouterr().out
     assert main(["export", own, f"out={tmp_path}/arm"]) == 2
     assert "cube_on_spot has no PSM" in capsys.readouterr().err
+
+
+def test_a_model_is_asked_about_it(capsys, tmp_path):
+    words = ["vlm=manual", "vlm.model=claude", "vlm.wait=0", f"results={tmp_path}"]
+    for command in (["question"], ["reward", "cams=dep_front"]):
+        assert main(["vlm", *command, f"task_dir={FOLDER}", *words]) == 2
+        assert "no answer yet" in capsys.readouterr().err
+    asked = [file.read_text() for file in tmp_path.rglob("request.md")]
+    assert len(asked) == 2
+    for text in asked:
+        assert "A cube with an edge of 10 mm" in text
+        assert not re.search("needle|hoop|jaw", text)
+    assert any("held            scalar" in text and "placed" not in text for text in asked)
 
 
 # What is wrong is said in a line.

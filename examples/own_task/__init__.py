@@ -22,6 +22,7 @@ from needlehoop.tasks.start import Start, scatter
 
 from .expert import expert
 from .robot import PREFIX, ROBOT, servos
+from .telling import TELLING
 
 
 @dataclass(frozen=True)
@@ -167,4 +168,5 @@ TASK = Task(
     teacher="expert",
     human=Human,
     critic=("held",),
+    telling=TELLING,
 )
