@@ -256,7 +256,7 @@ def test_any_value_for_any_key_of_a_command(place, monkeypatch, name):
         ("overwrite='false'", "overwrite: 'false' is not true or false"),
         ("existing=null", "existing: None is not a text"),
         ("until=0", "until: 0"),
-        ("task=5", "task: 5 is no option; choose from near, standard, wide"),
+        ("task=5", "task: 5 is no option; choose from near, peg_transfer, reach, standard, wide"),
         ("cams=null", "cams: None is no list of cameras"),
         ("cams={a:1}", "cams: "),
         ("stpes=9", "stpes"),

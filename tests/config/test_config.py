@@ -167,9 +167,9 @@ def test_every_command_has_an_environment_in_its_config():
 
 def test_no_group_of_the_folder_is_forgotten():
     folders = {path.name for path in composing.CONF.iterdir() if path.is_dir()}
-    # Sweeps and their launchers have tests of their own.
-    sweeps = {"experiment", "hydra"}
-    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *sweeps, "view", "rendering"}
+    # Sweeps, their launchers and what the probe changes in a task have tests of their own.
+    others = {"experiment", "hydra", "probe"}
+    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *others, "view", "rendering"}
     assert all(options(group) for group in folders - {"hydra"})
 
 

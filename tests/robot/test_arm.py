@@ -185,7 +185,7 @@ def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout:
     generator = np.random.default_rng(0)
     misses = []
     for target in generator.uniform(layout.workspace_lower, layout.workspace_upper, (30, 3)):
-        data.ctrl[:6] = start_at(layout, target).joints[0].numpy()
+        data.ctrl[:6] = start_at(layout, target).robot["joints"][0].numpy()
         for _ in range(round(0.4 / layout.timestep)):
             mujoco.mj_step(model, data)
             assert closure_gap(model, data) < 2e-4

@@ -22,7 +22,7 @@ from needlehoop.robot import psm
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.robot.parallelogram import Posture
 from needlehoop.scene import export, mjcf
-from needlehoop.scene.spec import build_arm
+from needlehoop.tasks.psm import build_arm
 
 ROOT = Path(export.__file__).parents[2]
 FILES = {"arm": "psm.xml", "scene": "scene.xml"}
