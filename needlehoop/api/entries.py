@@ -20,18 +20,21 @@ _SETTINGS = ("cams", "reward", "task", "obs", "conf_dir", "task_dir")
 def single(**kwargs: Any) -> GymnasiumEnv:
     """One environment.
 
-    Args:
-        cams: cameras, each ``<rendering>_<view>``; by default ``dep_front`` and ``seg_side``.
-        reward: an option of ``conf/reward``, by default ``human``; or a function of ``Signals``.
-        name: of the task that the id stands for; ``None``: any.
-        task: its variant, as ``wide`` is; or an option of ``conf/task``.
-        obs: an option of ``conf/obs``.
-        overrides: any other setting, as on the command line: ``["obs.frame_stack=3"]``.
-        conf_dir: a folder of YAML of one's own, laid out as ``conf/``.
-        task_dir: a folder with a task of one's own, for ``needlehoop/OwnTask-v0``.
-        run: a run's folder: the environment that it was trained on, with no other settings.
-        trust: whether Python code that the run's files name as its reward may run.
-        kwargs: as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
+    Keyword Args:
+        cams (Sequence[str]): cameras, each ``<rendering>_<view>``;
+            by default ``dep_front`` and ``seg_side``.
+        reward (str | Callable): an option of ``conf/reward``, by default ``human``;
+            or a function of ``Signals``.
+        name (str | None): of the task that the id stands for; ``None``: any.
+        task (str): its variant, as ``wide`` is; or an option of ``conf/task``.
+        obs (str): an option of ``conf/obs``.
+        overrides (Sequence[str]): any other setting, as on the command line:
+            ``["obs.frame_stack=3"]``.
+        conf_dir (path): a folder of YAML of one's own, laid out as ``conf/``.
+        task_dir (path): a folder with a task of one's own, for ``needlehoop/OwnTask-v0``.
+        run (path): a run's folder: the environment that it was trained on, with no other settings.
+        trust (bool): whether Python code that the run's files name as its reward may run.
+        kwargs (Any): as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
 
     Raises:
         ValueError: a bad setting; the message names its key and the valid values.
