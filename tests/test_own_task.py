@@ -145,6 +145,7 @@ def test_a_run_s_files_import_it_with_trust_alone(run, capsys):
     needlehoop.make_env_of(run, num_envs=1, trust=True).reset()
 
 
+@pytest.mark.full
 def test_a_sweep_s_process_imports_it(tmp_path):
     words = ["-m", "seed=3", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "algo=dagger"]
     tiny = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]

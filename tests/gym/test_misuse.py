@@ -146,7 +146,11 @@ FORKED = """
 
 
 @pytest.mark.parametrize(
-    ("context", "said"), [("fork", 'context="spawn"'), ("spawn", "(1, 16, 16, 3)")]
+    ("context", "said"),
+    [
+        ("fork", 'context="spawn"'),
+        pytest.param("spawn", "(1, 16, 16, 3)", marks=pytest.mark.full),
+    ],
 )
 def test_processes_beside_a_used_environment(tmp_path, context, said):
     script = tmp_path / "script.py"

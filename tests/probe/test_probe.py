@@ -336,7 +336,7 @@ def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
     assert not list(folder.rglob("*.partial"))
 
 
-@pytest.mark.parametrize("task", ["reach", "peg_transfer"])
+@pytest.mark.parametrize("task", ["reach", pytest.param("peg_transfer", marks=pytest.mark.full)])
 def test_the_command_probes_any_task(tmp_path, capsys, task):
     words = ["cams=rgb_default", "seeds=2", f"task={task}/standard", "episode.max_steps=150"]
     assert _run(tmp_path, *words) == 0

@@ -64,6 +64,7 @@ def test_a_run_under_way_is_left_to_its_process(tmp_path, monkeypatch, capfd):
     assert updates == list(range(1, 21))
 
 
+@pytest.mark.full
 def test_two_sweeps_at_once_make_each_run_once(tmp_path):
     words = ["-m", *TINY, "results=results", "seed=0,1,2", "steps=48"]
     processes = [start(tmp_path, *words) for _ in range(2)]

@@ -102,6 +102,7 @@ def test_the_summary_names_a_killed_run(tmp_path):
     assert undone == 1
 
 
+@pytest.mark.full
 def test_workers_stop_in_order_when_their_parent_is_killed(tmp_path, sweep):
     processes = [worker(tmp_path, 0), worker(tmp_path, 1)]
     sweep.kill()
