@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.robot import psm
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks import psm_grasp
 from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout
 from needlehoop.tasks.peg_transfer.rules import PegRules
@@ -44,11 +44,12 @@ def observe(
         The facts ``(n,)`` by name, and what the grasp's weld has to become.
     """
     r = readings
-    grasped = _grasped(layout, rules, memory, r)
-    low = lower_edge(layout, r["block_position"], r["block_quat"])
-    x, y, _ = (r["block_position"] - r["goal"]).unbind(-1)
+    position, quat = r["block_position"], r["block_quat"]
+    grasped = psm_grasp.grasped(rules, memory, r, lambda: _wall_points(layout, position, quat))
+    low = lower_edge(layout, position, quat)
+    x, y, _ = (position - r["goal"]).unbind(-1)
     near = torch.sqrt(x * x + y * y) < rules.arrive_radius
-    over = is_over(layout, r["block_position"], r["block_quat"], r["goal"])
+    over = is_over(layout, position, quat, r["goal"])
     released = ~grasped & ~r["jaw_1_touch"] & ~r["jaw_2_touch"]
     facts = {
         "grasped": grasped,
@@ -57,7 +58,7 @@ def observe(
         "over": over,
         "placed": over & released & _stands(rules, r),
     }
-    weld = Weld(grasped != memory["grasped"], grasped, _relative_pose(r))
+    weld = psm_grasp.weld(memory, r, grasped, position, quat)
     return facts, {WELD: weld} if rules.grasp == "weld" else {}
 
 
@@ -121,29 +122,9 @@ def _vertical(quat: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
 
 
-def _grasped(
-    layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
-) -> Tensor:
-    one, two, jaw = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
-    caught = one & two & (jaw < rules.close_below)
-    held = memory["grasped"] & (jaw < rules.release_above)
-    if rules.grasp == "friction":
-        # Where nothing but contacts holds it, jaws closed on top of the block hold nothing.
-        if bool(caught.any()):
-            caught = caught & _between_jaws(layout, readings)
-        held = held & (one | two)
-    return held | caught
-
-
-def _between_jaws(layout: PegLayout, readings: Mapping[str, Tensor]) -> Tensor:
-    """Whether a wall runs through the gap between the blades; ``(n,)`` bool."""
-    quat, position = readings["block_quat"].unsqueeze(1), readings["block_position"].unsqueeze(1)
-    places = position + geo.rotate(quat, _inside_walls(layout))
-    away = places - readings["wrist_pos"].unsqueeze(1)
-    x, y, z = geo.rotate(geo.conjugate(readings["tool_quat"]).unsqueeze(1), away).unbind(-1)
-    half_gap = torch.sin(readings["jaw"] / 2).unsqueeze(-1) * psm.JAW_LENGTH
-    inside = (x.abs() < psm.JAW_WIDTH / 2) & (y.abs() < half_gap) & (z < psm.JAW_LENGTH) & (z > 0)
-    return inside.any(1)
+def _wall_points(layout: PegLayout, position: Tensor, quat: Tensor) -> Tensor:
+    """Points in the middle of the walls ``(n, k, 3)``, world frame, m."""
+    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
 
 
 @cache
@@ -163,10 +144,3 @@ def _inside_walls(layout: PegLayout) -> Tensor:
         ],
         dtype=torch.float64,
     )
-
-
-def _relative_pose(readings: Mapping[str, Tensor]) -> Tensor:
-    """The block's pose in the wrist-yaw frame, ``(n, 7)``."""
-    inverse = geo.conjugate(readings["wrist_quat"])
-    position = geo.rotate(inverse, readings["block_position"] - readings["wrist_pos"])
-    return torch.cat((position, geo.multiply(inverse, readings["block_quat"])), -1)

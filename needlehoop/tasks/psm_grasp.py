@@ -1,0 +1,54 @@
+"""When the PSM's jaws hold a thing, by the weld or by friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import torch
+from torch import Tensor
+
+from needlehoop.robot import geometry as geo
+from needlehoop.robot import psm
+from needlehoop.tasks.contract import Memory, Weld
+from needlehoop.tasks.episode import ArmEpisode
+
+Readings = Mapping[str, Tensor]
+
+
+def grasped(
+    rules: ArmEpisode, memory: Memory, readings: Readings, points: Callable[[], Tensor]
+) -> Tensor:
+    """Whether the thing is held, ``(n,)`` bool.
+
+    Args:
+        rules: the kind of grasp, and the jaw commands that begin and end it.
+        memory: after the action.
+        readings: ``jaw_1_touch``, ``jaw_2_touch`` and the arm's.
+        points: gives places inside the thing ``(n, k, 3)``, world frame, m; for friction alone.
+    """
+    one, two, jaw = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
+    caught = one & two & (jaw < rules.close_below)
+    held = memory["grasped"] & (jaw < rules.release_above)
+    if rules.grasp == "friction":
+        # Where nothing but contacts holds it, jaws closed on top of a thing hold nothing.
+        if bool(caught.any()):
+            caught = caught & _between_jaws(readings, points())
+        held = held & (one | two)
+    return held | caught
+
+
+def weld(memory: Memory, readings: Readings, held: Tensor, position: Tensor, quat: Tensor) -> Weld:
+    """What the weld of the wrist and a thing at ``position`` and ``quat`` has to become."""
+    inverse = geo.conjugate(readings["wrist_quat"])
+    place = geo.rotate(inverse, position - readings["wrist_pos"])
+    pose = torch.cat((place, geo.multiply(inverse, quat)), -1)
+    return Weld(held != memory["grasped"], held, pose)
+
+
+def _between_jaws(readings: Readings, points: Tensor) -> Tensor:
+    """Whether any of the points is in the gap between the blades; ``(n,)`` bool."""
+    away = points - readings["wrist_pos"].unsqueeze(1)
+    x, y, z = geo.rotate(geo.conjugate(readings["tool_quat"]).unsqueeze(1), away).unbind(-1)
+    half_gap = torch.sin(readings["jaw"] / 2).unsqueeze(-1) * psm.JAW_LENGTH
+    inside = (x.abs() < psm.JAW_WIDTH / 2) & (y.abs() < half_gap) & (z < psm.JAW_LENGTH) & (z > 0)
+    return inside.any(1)
