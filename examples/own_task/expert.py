@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.robot.geometry import distance
+from needlehoop.robot.geometry import distance, ramp
 from needlehoop.tasks.contract import Controller
 
 _HOVER = 0.02
@@ -23,10 +23,10 @@ def expert(layout: Any, rules: Any) -> Controller:
         around = distance(s.tool, s.cube) < 0.003
         # Ramps and not switches, where a learner sees places to 2 or 3 mm.
         pick, carry, leave = s.cube - s.tool, s.spot - s.cube, torch.zeros_like(s.tool)
-        pick[:, 2] += _HOVER * _ramp(_aside(s.tool, s.cube), 0.003, 0.008)
-        free = torch.maximum(_ramp(high, 0.005, 0.012), (aside < 0.006).double())
+        pick[:, 2] += _HOVER * ramp(_aside(s.tool, s.cube), 0.003, 0.008)
+        free = torch.maximum(ramp(high, 0.005, 0.012), (aside < 0.006).double())
         carry[:, :2] *= free.unsqueeze(-1)
-        carry[:, 2] = _HOVER * _ramp(aside, 0.002, 0.006) - high
+        carry[:, 2] = _HOVER * ramp(aside, 0.002, 0.006) - high
         leave[:, 2] = torch.where(s.grip > 0.004, _HOVER, 0.0)
         move = torch.where(s.held.unsqueeze(-1), carry, pick)
         move = torch.where(done.unsqueeze(-1), leave, move)
@@ -40,8 +40,3 @@ def _aside(a: Tensor, b: Tensor) -> Tensor:
     """Horizontal distance ``(n,)``, m."""
     x, y, _ = (a - b).unbind(-1)
     return torch.sqrt(x * x + y * y)
-
-
-def _ramp(value: Tensor, none: float, all_: float) -> Tensor:
-    """0 up to ``none``, 1 from ``all_`` on, a straight line between."""
-    return ((value - none) / (all_ - none)).clamp(0.0, 1.0)

@@ -84,3 +84,8 @@ def to_matrix(quat: Tensor) -> Tensor:
     eye = torch.eye(3, dtype=quat.dtype, device=quat.device)
     columns = [rotate(quat, eye[i].expand(*quat.shape[:-1], 3)) for i in range(3)]
     return torch.stack(columns, -1)
+
+
+def ramp(value: Tensor, none: float, all_: float) -> Tensor:
+    """0 up to ``none``, 1 from ``all_`` on, a straight line between; either may be the larger."""
+    return ((value - none) / (all_ - none)).clamp(0.0, 1.0)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
+from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.needle_hoop.expert import GAIN, HOVER, STANDOFF, Script
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
@@ -60,10 +61,10 @@ class Smooth(Script):
         away = s.pickup_point - s.tool_midpoint
         aside = _aside(s)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, HOVER)
-        down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
+        down = away[:, 2] + funnel - _PRESS * ramp(aside, _EDGE, _FREE)
         begun = torch.full_like(down, self._asking(_START))
-        height = torch.lerp(down, begun, _ramp(s.jaw, *_SHUT))
-        jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
+        height = torch.lerp(down, begun, ramp(s.jaw, *_SHUT))
+        jammed = ramp(s.jaw, *_JAMMED) * ramp(-away[:, 2], *_ABOVE)
         away[:, 2] = torch.lerp(height, away[:, 2] + HOVER, jammed)
         return away
 
@@ -74,14 +75,14 @@ class Smooth(Script):
         depth = geo.dot(offset, s.hoop_axis).unsqueeze(-1)
         radial = offset - depth * s.hoop_axis
         aside = torch.sqrt(geo.dot(radial, radial)).unsqueeze(-1) / self.layout.hoop_opening
-        wanted = -STANDOFF + _ramp(aside, _ASTRAY, _AIMED) * (self.past + STANDOFF)
+        wanted = -STANDOFF + ramp(aside, _ASTRAY, _AIMED) * (self.past + STANDOFF)
         insert = (wanted - depth) * s.hoop_axis - radial
         return torch.where(s.lifted.unsqueeze(-1), insert, lift)
 
     def _lift(self, s: Signals) -> Tensor:
         """To the lift position; straight up and slowly until the needle is off the table."""
         lift = s.lift_position - s.pickup_point
-        off = _ramp(s.pickup_point[:, 2] - self.layout.needle_thickness / 2, *_OFF)
+        off = ramp(s.pickup_point[:, 2] - self.layout.needle_thickness / 2, *_OFF)
         fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
         lift[:, :2] *= off.unsqueeze(-1)
         lift[:, 2] = torch.minimum(lift[:, 2], self._asking(1.0) * fastest)
@@ -97,7 +98,7 @@ class Smooth(Script):
         However far they have come: their angle is hard to see.
         """
         height = (s.tool_midpoint - s.pickup_point)[:, 2]
-        near = _ramp(height, _HIGH, _LOW) * _ramp(_aside(s), _ASIDE, _OVER)
+        near = ramp(height, _HIGH, _LOW) * ramp(_aside(s), _ASIDE, _OVER)
         return 1.0 - 2.0 * torch.where(s.grasped, torch.ones_like(near), near)
 
 
@@ -109,8 +110,3 @@ def smooth(layout: NeedleLayout, episode: NeedleRules) -> Smooth:
 def _aside(s: Signals) -> Tensor:
     """Horizontal distance of the tool from the pickup point ``(n,)``, m."""
     return torch.linalg.vector_norm((s.pickup_point - s.tool_midpoint)[:, :2], dim=-1)
-
-
-def _ramp(value: Tensor, none: float, all_: float) -> Tensor:
-    """0 up to ``none``, 1 from ``all_`` on, a straight line between; either may be the larger."""
-    return ((value - none) / (all_ - none)).clamp(0.0, 1.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.peg_transfer.expert import GAIN, Script, aside_of
 from needlehoop.tasks.peg_transfer.layout import PegLayout
@@ -67,13 +68,13 @@ class Smooth(Script):
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         s = signals
         aside, low = aside_of(s.goal - s.block_position), self.low(s)
-        sunk = _ramp(low, self.layout.marked_height, 0.5 * self.layout.marked_height)
-        home = _ramp(aside, _BESIDE, _ABOUT) * sunk
+        sunk = ramp(low, self.layout.marked_height, 0.5 * self.layout.marked_height)
+        home = ramp(aside, _BESIDE, _ABOUT) * sunk
         turn = self.turn(s)
         free = torch.lerp(self._approach(s, turn), self._leave(s), home.unsqueeze(-1))
         move = torch.where(s.grasped.unsqueeze(-1), self._transfer(s, aside, low), free)
         # That low it is about the peg, wherever it seems to be.
-        lets_go = _ramp(aside, _BESIDE, _ABOUT) * _ramp(low, _HOLD, _OPEN)
+        lets_go = ramp(aside, _BESIDE, _ABOUT) * ramp(low, _HOLD, _OPEN)
         shut = torch.where(s.grasped, 1.0 - lets_go, self._near(s) * (1.0 - home))
         return self.action(move, turn * (~s.grasped * (1.0 - home)), 1.0 - 2.0 * shut)
 
@@ -82,23 +83,23 @@ class Smooth(Script):
         away = s.pickup_point - s.tool_midpoint
         aside = aside_of(away)
         funnel = (_SLOPE * (aside - _FREE)).clamp(0.0, _HOVER)
-        down = away[:, 2] + funnel - _PRESS * _ramp(aside, _EDGE, _FREE)
+        down = away[:, 2] + funnel - _PRESS * ramp(aside, _EDGE, _FREE)
         begun = torch.full_like(down, self._asking(_START))
-        height = torch.lerp(down, begun, _ramp(s.jaw, *_SHUT))
-        jammed = _ramp(s.jaw, *_JAMMED) * _ramp(-away[:, 2], *_ABOVE)
+        height = torch.lerp(down, begun, ramp(s.jaw, *_SHUT))
+        jammed = ramp(s.jaw, *_JAMMED) * ramp(-away[:, 2], *_ABOVE)
         away[:, 2] = torch.lerp(height, away[:, 2] + _HOVER, jammed)
         return away
 
     def _transfer(self, s: Signals, aside: Tensor, low: Tensor) -> Tensor:
         """Up and slowly until the block is off the board, to the marked peg, and down about it."""
         away = s.goal - s.block_position
-        centred = _ramp(aside, _FAR, _CENTRED)
+        centred = ramp(aside, _FAR, _CENTRED)
         top = self.layout.marked_height
-        clear = _ramp(low, top - _CLEAR, top + _CLEAR)
-        about = _ramp(aside, _BESIDE, _ABOUT)
+        clear = ramp(low, top - _CLEAR, top + _CLEAR)
+        about = ramp(aside, _BESIDE, _ABOUT)
         away[:, :2] *= torch.maximum(clear, about).unsqueeze(-1)
         height = torch.lerp(self.carried - low, -_BELOW - low, centred)
-        off = _ramp(s.block_position[:, 2] - self.layout.block_height / 2, *_OFF)
+        off = ramp(s.block_position[:, 2] - self.layout.block_height / 2, *_OFF)
         fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
         away[:, 2] = torch.minimum(height, self._asking(1.0) * fastest)
         return away
@@ -106,13 +107,13 @@ class Smooth(Script):
     def _leave(self, s: Signals) -> Tensor:
         """Straight up, the faster the wider the jaws are open."""
         up = torch.zeros_like(s.tool_midpoint)
-        up[:, 2] = self._asking(1.0) * _ramp(s.jaw, 0.4, 0.8)
+        up[:, 2] = self._asking(1.0) * ramp(s.jaw, 0.4, 0.8)
         return up
 
     def _near(self, s: Signals) -> Tensor:
         """How surely the wall is between the jaws, from 0 to 1 ``(n,)``."""
         away = s.tool_midpoint - s.pickup_point
-        return _ramp(away[:, 2], _HIGH, _LOW) * _ramp(aside_of(away), _ASIDE, _OVER)
+        return ramp(away[:, 2], _HIGH, _LOW) * ramp(aside_of(away), _ASIDE, _OVER)
 
     def _asking(self, action: float) -> float:
         """The distance, m, for which an action is asked."""
@@ -122,8 +123,3 @@ class Smooth(Script):
 def smooth(layout: PegLayout, episode: PegRules) -> Smooth:
     """The controller that transfers the block and can be imitated."""
     return Smooth(layout, episode, lets_go=_OPEN)
-
-
-def _ramp(value: Tensor, none: float, all_: float) -> Tensor:
-    """0 up to ``none``, 1 from ``all_`` on, a straight line between; either may be the larger."""
-    return ((value - none) / (all_ - none)).clamp(0.0, 1.0)
