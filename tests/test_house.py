@@ -18,6 +18,7 @@ FLOORS = (
     "tasks",
     "rewards",
     "engines",
+    "disturbances",
     "envs",
     "pictures",
     "gym",

@@ -87,7 +87,7 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
     settings = replace(job.env, seed=seed, engine=settings_from(values).engine)
-    return who, settings, acting(load_agent(run, job, device))
+    return who, settings, acting(load_agent(run, job, device).actor)
 
 
 class _Shown:

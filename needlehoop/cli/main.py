@@ -19,6 +19,7 @@ from needlehoop.cli.export import add_commands as add_export_commands
 from needlehoop.cli.fly import add_commands as add_fly_commands
 from needlehoop.cli.look import add_commands
 from needlehoop.cli.probe import add_commands as add_probe_commands
+from needlehoop.cli.stress import add_commands as add_stress_command
 from needlehoop.cli.study import add_commands as add_study_commands
 from needlehoop.cli.tasks import add_commands as add_tasks_command
 from needlehoop.cli.vlm import add_commands as add_vlm_commands
@@ -90,6 +91,7 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser(_TRAIN, help=summary, add_help=False)
     add_commands(commands)
     add_fly_commands(commands)
+    add_stress_command(commands)
     add_export_commands(commands)
     add_bench_commands(commands)
     add_vlm_commands(commands)

@@ -81,12 +81,16 @@ def check_choice(words: Iterable[str]) -> None:
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
+    Likewise of ``axes`` and ``severities``.
+
     Under ``-m`` a bare comma list stays a sweep.
     """
     given = list(words)
     if {"-m", "--multirun"} & set(given):
         return given
-    return [re.sub(r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]", word) for word in given]
+    listed = r"^(\+*(?:cams|axes|severities)=)([^\[\]'\"]*,[^\[\]'\"]*)$"
+    # Every axis is in the config already; people add one to none.
+    return [re.sub(r"^\+disturb\.", "disturb.", re.sub(listed, r"\1[\2]", w)) for w in given]
 
 
 def quoted(word: str) -> str:

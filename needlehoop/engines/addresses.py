@@ -76,3 +76,23 @@ def weld_data(pose: np.ndarray) -> np.ndarray:
     Anchor in the second body (its origin), the same point in the first, relative quaternion.
     """
     return np.concatenate((np.zeros((len(pose), 3)), pose), -1)
+
+
+def varied_model(
+    model: mujoco.MjModel, friction: np.ndarray, mass: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Fields of a model by name, ``(k, ...)`` each, with other friction and masses.
+
+    Args:
+        model: as compiled.
+        friction: factor of the friction of all geoms ``(k,)``.
+        mass: factor of mass and inertia of the bodies that move freely ``(k,)``.
+    """
+    free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+    factor = np.ones((len(mass), model.nbody))
+    factor[:, free] = mass[:, None]
+    return {
+        "geom_friction": friction[:, None, None] * model.geom_friction,
+        "body_mass": factor * model.body_mass,
+        "body_inertia": factor[..., None] * model.body_inertia,
+    }

@@ -5,7 +5,7 @@ An engine holds no task logic. ``Simulation`` drives it: commands in, sensor dat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
 
@@ -49,6 +49,25 @@ class EngineConfig:
 
 FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 """Fields of MjData that a picture depends on."""
+
+ZOOM = "cam_zoom"
+"""What a disturbance may add to them: factors of the focal lengths ``(n, ncam)``."""
+
+OPTICS = {
+    "geom_tint": 1.0,
+    "geom_sheen": 0.0,
+    "lamp_strength": 1.0,
+    "table_grain": 0.0,
+}
+"""More of that, and what it is where it is left out.
+
+``geom_tint`` ``(n, ngeom, 3)``: factors of the colours. ``geom_sheen`` ``(n, ngeom)``: strength of
+highlights. ``lamp_strength`` ``(n, 1)``: factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``:
+how strong a pattern is, which one, its cells to a m.
+"""
+
+Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]
+"""From ``FIELDS`` of all environments, those to draw instead, perhaps with ``ZOOM``, ``OPTICS``."""
 
 
 class Frame(NamedTuple):
@@ -128,10 +147,17 @@ class Engine(Protocol):
         """Go on from a ``snapshot``, and forward."""
         ...
 
-    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
+        """Scale friction of all geoms and mass of free bodies, by factors ``(k,)``.
+
+        Of the model as it was compiled; to be called before these environments' ``reset``.
+        """
+        ...
+
+    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
         """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
 
-        Views are chosen at construction.
+        Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
         """
         ...
 

@@ -9,8 +9,8 @@ import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, changed_welds, weld_data
-from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.addresses import STATE, Addresses, changed_welds, varied_model, weld_data
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
@@ -107,10 +107,18 @@ class CpuEngine:
             self._weld_data[:] = snapshot["eq_data"].numpy()
         self._batch.forward(stage=_VELOCITY)
 
-    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
+        rows, model = ids.numpy(), self.model
+        varied = varied_model(model, friction.numpy(), mass.numpy())
+        for name, value in varied.items():
+            self._batch.expand(name)[rows] = value
+        self._batch.set_const(rows)
+
+    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
         if self._renderer is None:
             return {}
-        return self._renderer.render(self._fields, None if ids is None else ids.numpy())
+        fields = self._fields if optics is None else optics(self._fields)
+        return self._renderer.render(fields, None if ids is None else ids.numpy())
 
     def data(self, env: int) -> mujoco.MjData:
         self._scratch_data = self._batch.get_data(env, self._scratch_data)

@@ -20,8 +20,8 @@ from dm_control.rl import control
 from dm_env import specs
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, changed_welds, weld_data
-from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame
+from needlehoop.engines.addresses import STATE, Addresses, changed_welds, varied_model, weld_data
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.renderers import make_renderer
 from needlehoop.runs.machine import available_cpus
@@ -191,10 +191,19 @@ class DmControlEngine:
                 model.eq_data[:] = snapshot["eq_data"][env].numpy()
             self._tasks[env].after_step(environment.physics)
 
-    def render(self, ids: Tensor | None = None) -> dict[str, Frame]:
+    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
+        varied = varied_model(self.model, friction.numpy(), mass.numpy())
+        for row, env in enumerate(ids.tolist()):
+            model, data = self._inside(env)
+            for name, value in varied.items():
+                getattr(model, name)[:] = value[row]
+            mujoco.mj_setConst(model, data)
+
+    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
         if self._renderer is None:
             return {}
         fields = {name: self._gather(name) for name in FIELDS}
+        fields = fields if optics is None else optics(fields)
         return self._renderer.render(fields, None if ids is None else ids.numpy())
 
     def data(self, env: int) -> mujoco.MjData:

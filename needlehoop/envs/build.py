@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from needlehoop import rewards
+from needlehoop.disturbances.disturbance import Disturbance
+from needlehoop.disturbances.scene import add_objects
 from needlehoop.engines.factory import build_engine
-from needlehoop.envs.images import Imager, channels_of
+from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.workers import Workers
@@ -21,7 +24,9 @@ def scene_spec(settings: Settings) -> mujoco.MjSpec:
     """The scene with every view's camera, and ``picture``."""
     s = settings
     views = {**s.views, PICTURE: s.picture}
-    return build_spec(s.definition, s.task, s.episode, s.psm, views)
+    spec = build_spec(s.definition, s.task, s.episode, s.psm, views)
+    add_objects(spec, int(s.disturb.amounts.get("scene.objects", 0)))
+    return spec
 
 
 def compile_scene(settings: Settings) -> mujoco.MjModel:
@@ -49,4 +54,24 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
         model, robot, s.num_envs, substeps, views, s.image_size, s.quality, s.engine
     )
     reward = rewards.load(s.reward, s.definition)
-    return Simulation(engine, s.definition, s.task, s.episode, reward, s.seed, first_env), imager
+    own = (engine, s.definition, s.task, s.episode, reward, s.seed, first_env)
+    return Simulation(*own, _disturbance(s, model)), imager
+
+
+def _disturbance(settings: Settings, model: mujoco.MjModel) -> Disturbance | None:
+    """What goes wrong; ``None`` where nothing does."""
+    s = settings
+    if not s.disturb.amounts:
+        return None
+    views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
+    targets = [s.views[view].target for view in views] or [s.picture.target]
+    return Disturbance(
+        s.disturb.amounts,
+        model,
+        things(model, s.definition.paint),
+        views,
+        np.mean(targets, 0),
+        s.image_size,
+        s.episode.max_steps,
+        s.num_envs,
+    )

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import mujoco
+import numpy as np
 import torch
 from torch import Tensor
 
+from needlehoop.disturbances.disturbance import Spoiler
 from needlehoop.engines.contract import Channels, Frame
 from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View
@@ -45,23 +47,37 @@ class Imager:
         self._jobs = [
             (camera, views[camera.view], renderings[camera.rendering]) for camera in cameras
         ]
+        self.views = {camera.name: camera.view for camera in cameras}
         self._palettes = {
             camera.rendering: _palette(model, classes, rendering)
             for camera, _, rendering in self._jobs
             if rendering.colour == "flat"
         }
 
-    def __call__(self, frames: Mapping[str, Frame]) -> dict[str, Tensor]:
-        """Images ``(n, channels, h, w)`` uint8 by camera name."""
+    def __call__(
+        self, frames: Mapping[str, Frame], spoil: Spoiler | None = None
+    ) -> dict[str, Tensor]:
+        """Images ``(n, channels, h, w)`` uint8 by camera name.
+
+        Args:
+            frames: by view.
+            spoil: what each camera makes of its frames first; they change.
+        """
         images = {
             camera.name: _room(rendering, frames[camera.view])
             for camera, _, rendering in self._jobs
         }
 
         def compose(rows: slice) -> None:
+            seen = {
+                name: Frame(*(x if x is None else x[rows] for x in frame))
+                for name, frame in frames.items()
+            }
+            if spoil is not None:
+                for name, frame in seen.items():
+                    spoil(name, frame, rows)
             for camera, view, rendering in self._jobs:
-                frame = Frame(*(x if x is None else x[rows] for x in frames[camera.view]))
-                images[camera.name][rows] = self._image(camera, view, rendering, frame)
+                images[camera.name][rows] = self._image(camera, view, rendering, seen[camera.view])
 
         count = max(map(len, images.values()), default=0)
         self._workers.map(compose, self._workers.parts(count))
@@ -134,11 +150,20 @@ def _palette(
         )
     palette = torch.zeros(3, 1 + model.ngeom, dtype=torch.uint8)
     for name, colour in rendering.colours.items():
-        roots = {model.body(body).id for body in classes[name].bodies}
+        own = torch.from_numpy(things(model, {name: classes[name]}))
+        palette[:, 1:][:, own == 1] = torch.tensor(colour, dtype=torch.uint8).unsqueeze(1)
+    return palette
+
+
+def things(model: mujoco.MjModel, classes: Mapping[str, FlatClass]) -> np.ndarray:
+    """The thing that each geom is a part of ``(ngeom,)``: a class from 1 on, or 0 for the rest."""
+    found = np.zeros(model.ngeom, int)
+    for number, one in enumerate(classes.values(), 1):
+        roots = {model.body(body).id for body in one.bodies}
         for geom in range(model.ngeom):
             if roots & _ancestors(model, int(model.geom_bodyid[geom])):
-                palette[:, 1 + geom] = torch.tensor(colour, dtype=torch.uint8)
-    return palette
+                found[geom] = number
+    return found
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:

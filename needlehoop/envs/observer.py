@@ -88,7 +88,7 @@ class Observer:
         """The present images of environments (all by default), by camera; none without eyes."""
         if not self._has_eyes or (ids is not None and not len(ids)):
             return {}
-        return self._imager(self._simulation.engine.render(ids))
+        return self._simulation.images(self._imager, ids)
 
     def _take(self, ids: Tensor | None, look: Callable[[], dict[str, Tensor]]) -> None:
         images = look()

@@ -55,7 +55,7 @@ class Step:
         They are rendered now, so ask before the next step.
         """
         assert self._imager is not None, "roll out with an imager"
-        return self._imager(self._simulation.engine.render(ids))
+        return self._simulation.images(self._imager, ids)
 
 
 def rollout(

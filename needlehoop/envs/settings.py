@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.config import composing, strict
 from needlehoop.config.strict import Range, Seed, check_names, shown
+from needlehoop.disturbances.config import Disturb
+from needlehoop.disturbances.scene import RASTERISED
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
@@ -58,6 +60,8 @@ class Settings:
     """Where pictures for people are taken from; not a camera that agents can choose."""
     task_dir: str | None = None
     """Folder of a task from outside the package."""
+    disturb: Disturb = field(default_factory=Disturb)
+    """What goes wrong; nothing by default."""
 
     def __post_init__(self) -> None:
         if self.psm not in VARIANTS:
@@ -66,6 +70,21 @@ class Settings:
         # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)
         rewards.check(self.reward, self.definition)
+        self._check_disturb()
+
+    def _check_disturb(self) -> None:
+        """Raises ``ValueError`` for an axis that this robot or renderer cannot show."""
+        amounts = self.disturb.amounts
+        if "robot.offset" in amounts and self.definition.robot.displaced is None:
+            raise ValueError(
+                f"disturb.robot.offset: the robot of {self.task.name} does not say how (displaced)"
+            )
+        traced = [*(f"scene.{name}" for name in RASTERISED), "camera.focal"]
+        for key in traced if self.engine.renderer != "rasteriser" or self.quality > 1 else ():
+            if key in amounts:
+                raise ValueError(
+                    f"disturb.{key}: only engine.renderer=rasteriser with quality=1 draws it"
+                )
 
     @property
     def definition(self) -> Task:
@@ -156,6 +175,8 @@ def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
     task = find(given.get("name"))
     layout = strict.structure(given, task.layout, "task")
     return {
+        # Runs from before there were disturbances name none.
+        "disturb": Disturb(),
         **values,
         "task": layout,
         "episode": strict.structure(values["episode"], task.rules, "episode"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,9 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from needlehoop.disturbances.disturbance import Disturbance
 from needlehoop.engines.contract import Engine
+from needlehoop.envs.images import Imager
 from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals
 from needlehoop.tasks.contract import DIVERGED, Memory, Task
@@ -55,6 +58,7 @@ class Simulation:
         reward: terms of the potential.
         seed: decides every episode of every environment.
         first_env: index of the engine's first environment among all that share the seed.
+        disturbance: what goes wrong; ``None``: nothing.
     """
 
     def __init__(
@@ -66,12 +70,14 @@ class Simulation:
         reward: Reward,
         seed: int,
         first_env: int = 0,
+        disturbance: Disturbance | None = None,
     ):
         self.engine, self.task, self.reward = engine, task, reward
         self.layout, self.episode = layout, episode
         self._readings = Readings(engine.model, task.sensors, task.signals)
         self._before = engine.sensordata()
-        self._first_env = first_env
+        self._envs = first_env + np.arange(engine.num_envs)
+        self.disturbance = disturbance
         self.reseed(seed)
 
     @property
@@ -101,9 +107,10 @@ class Simulation:
             mask = torch.ones(self.num_envs, dtype=torch.bool)
         ids = mask.nonzero().flatten()
         if len(ids):
+            envs, episodes = self._envs[ids.numpy()], self._episodes[ids.numpy()]
             rows = [
-                draws(self._seed, self._first_env + env, int(self._episodes[env]), self.task.draws)
-                for env in ids.tolist()
+                draws(self._seed, env, episode, self.task.draws)
+                for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
             ]
             starts = self.task.start(self.layout, torch.from_numpy(np.stack(rows)))
             fresh = begin(self.task, self.episode, starts)
@@ -116,6 +123,10 @@ class Simulation:
                 changed = self.state.clone()
                 changed[ids] = fresh
                 self.state = changed
+            if self.disturbance is not None:
+                own = (ids.numpy(), self._seed, envs, episodes, starts.control)
+                self.disturbance.begin(*own)
+                self._vary(ids)
             self.engine.reset(ids, starts)
             self._potential[ids] = 0.0
             self._episodes[ids.numpy()] += 1
@@ -125,7 +136,13 @@ class Simulation:
         own = (self.task, self.layout, self.episode)
         self.state, control = act(*own, self._begun(), action)
         self._before = self.engine.sensordata()
-        return control
+        wrong = self.disturbance
+        if wrong is None:
+            return control
+        if wrong.offset is not None:
+            assert self.task.robot.displaced is not None
+            control = self.task.robot.displaced(*own[1:], self.state, control, wrong.offset)
+        return wrong.command(control)
 
     def observe(self) -> Moment:
         """Facts, reward and termination after the physics has moved."""
@@ -140,9 +157,35 @@ class Simulation:
         """The present moment once more: nothing moves, nothing is paid."""
         return self._moment(pays=False)
 
+    def images(self, imager: Imager, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """What an imager's cameras show of environments ``ids`` ``(k,)`` (all by default).
+
+        Images ``(k, c, h, w)`` uint8 by camera. They are rendered now: ask before the next step.
+        """
+        wrong = self.disturbance
+        if wrong is None:
+            return imager(self.engine.render(ids))
+        images = imager(self.engine.render(ids, wrong.optics), wrong.spoiler(ids))
+        return wrong.deliver(images, imager.views, ids)
+
+    def deal(self, ids: Tensor, envs: Tensor, amounts: Mapping[str, Tensor]) -> None:
+        """Make environments others from their next episode on.
+
+        Args:
+            ids: which ``(k,)``.
+            envs: indices ``(k,)`` among all of the seed; each begins with its first episode.
+            amounts: of what is wrong there ``(k,)``, by axis.
+        """
+        rows = ids.numpy()
+        self._envs[rows], self._episodes[rows] = envs.numpy(), 0
+        if self.disturbance is not None:
+            self.disturbance.deal(rows, {key: one.numpy() for key, one in amounts.items()})
+
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future, as tensors and numbers."""
+        wrong = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
         return {
+            **wrong,
             "seed": self._seed,
             "episodes": torch.tensor(self._episodes),
             "potential": self._potential.clone(),
@@ -157,6 +200,9 @@ class Simulation:
         self._potential = snapshot["potential"].clone()
         values = {name: value.clone() for name, value in snapshot["task"].items()}
         self.state = TensorDict(values, [self.num_envs])
+        if self.disturbance is not None:
+            self.disturbance.restore(snapshot["disturbance"])
+            self._vary(torch.arange(self.num_envs))
         self.engine.restore(snapshot["engine"])
 
     def _moment(self, pays: bool) -> Moment:
@@ -185,6 +231,13 @@ class Simulation:
             truncated=truncated,
             steps=seen.memory["steps"],
         )
+
+    def _vary(self, ids: Tensor) -> None:
+        """Give environments the physics of their episodes."""
+        assert self.disturbance is not None
+        factors = self.disturbance.physics(ids.numpy())
+        if factors is not None:
+            self.engine.vary(ids, *factors)
 
     def _begun(self) -> Memory:
         if self.state is None:

@@ -55,6 +55,15 @@ class TorchRLEnv(EnvBase):
         """The simulation inside: signals, state, engine."""
         return self._simulation
 
+    def progress(self, done: float) -> None:
+        """Say which share of the training is done: ``disturb.ramp`` follows it.
+
+        It counts for episodes that begin from now on.
+        """
+        wrong, ramp = self._simulation.disturbance, self.settings.disturb.ramp
+        if wrong is not None:
+            wrong.level = min(1.0, done / ramp) if ramp > 0 else 1.0
+
     def _set_specs(self, settings: Settings) -> None:
         n, size, episode = settings.num_envs, settings.image_size, settings.episode
         column = torch.Size((n, 1))

@@ -19,7 +19,7 @@ from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_bat
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import agent_state, build_agent
@@ -35,9 +35,9 @@ from needlehoop.tasks.contract import Task
 _BATCH = 50
 
 
-def acting(agent: Agent) -> MakeController:
-    """Makes the agent, acting on its mean, the controller of any simulation it was made for."""
-    actor, device = agent.actor, _device(agent)
+def acting(actor: Actor) -> MakeController:
+    """Makes a policy, acting on its mean, the controller of any simulation it was made for."""
+    device = next(actor.parameters()).device
 
     def make(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
         observer = Observer(settings, simulation, imager)
@@ -64,7 +64,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
     Raises:
         ValueError: fewer than one episode.
     """
-    return run_batches(settings, episodes, _BATCH, acting(agent))
+    return run_batches(settings, episodes, _BATCH, acting(agent.actor))
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -192,8 +192,4 @@ def _alone(
     """One environment, and the agent as its controller."""
     alone = replace(job_env, num_envs=1, seed=seed)
     simulation, imager = build(alone)
-    return alone, simulation, imager, acting(agent)(alone, simulation, imager)
-
-
-def _device(agent: Agent) -> torch.device:
-    return next(agent.parameters()).device
+    return alone, simulation, imager, acting(agent.actor)(alone, simulation, imager)

@@ -66,6 +66,7 @@ class Reinforcement:
     def turn(self) -> Turn:
         """See ``Learner``."""
         began = time.perf_counter()
+        self._env.progress(self.done_updates / self.ppo.updates)
         buffer, after = self._collector.collect()
         collected = time.perf_counter()
         losses = self.ppo.update(buffer, after)
@@ -92,12 +93,14 @@ class Imitation:
     ):
         assert isinstance(job.algo, DaggerConfig)
         seed = job.env.seed
+        self._env = env
         self._rises = 1.0 / (job.algo.handover * job.updates)
         self.dagger = Dagger(agent, job.algo, job.updates, seed, workers)
         self._collector = LabellingCollector(env, self.dagger.running, job.algo, seed, workers)
         if state is not None:
             check_imitation(state, self.dagger, self._collector)
-            for actions in state["lessons"]["flown"]:
+            for done, actions in enumerate(state["lessons"]["flown"]):
+                env.progress(done / job.updates)
                 self.dagger.remember(self._collector.review(actions))
             self.dagger.load_state_dict(state["dagger"])
             self._collector.load_state_dict(state["lessons"])
@@ -111,6 +114,7 @@ class Imitation:
         """See ``Learner.__iter__``; episodes of the expert do not count as ended."""
         began = time.perf_counter()
         share = min(1.0, self.done_updates * self._rises)
+        self._env.progress(self.done_updates / self.dagger.updates)
         buffer = self._collector.collect(share)
         collected = time.perf_counter()
         losses = self.dagger.update(buffer)

@@ -15,7 +15,7 @@ from typing import Any
 CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
 METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
 CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
-POLICY = "policy.safetensors"
+POLICY, STRESS = "policy.safetensors", "stress.csv"
 
 SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""

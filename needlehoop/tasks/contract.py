@@ -110,6 +110,9 @@ class Robot:
     """Root of its bodies: class ``robot`` of flat renderings."""
     proprio: tuple[str, ...]
     """Signals that it knows of itself."""
+    displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
+    """From layout, rules, memory, the servos' commands and an offset ``(n, 3)`` in m, commands
+    that put the tip so far beside where it was told to. ``None``: it cannot be disturbed so."""
 
 
 @dataclass(frozen=True)

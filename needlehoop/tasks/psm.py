@@ -151,6 +151,18 @@ def act(
     return moved, torch.cat((joints, jaw.unsqueeze(-1)), -1)
 
 
+def _displaced(
+    layout: ArmLayout, rules: ToolEpisode, memory: Memory, control: Tensor, offset: Tensor
+) -> Tensor:
+    """Commands ``(n, 7)`` that put the tip ``offset`` ``(n, 3)`` m beside its target."""
+    target = memory["target"] + offset
+    if rules.control == "tip":
+        joints = tip_joints(layout, target, memory["tool_roll"])
+    else:
+        joints = pose_joints(layout, target, memory["quat"], memory["joints"])
+    return torch.cat((joints, control[:, -1:]), -1)
+
+
 def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
     """Targets where the tool is."""
     robot = start.robot
@@ -182,4 +194,5 @@ ROBOT = Robot(
     materials=_MATERIALS,
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
+    displaced=_displaced,
 )

@@ -16,12 +16,14 @@ from needlehoop.runs.files import reward_name
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import parse_cameras
 
-GROUPS = ("task", "episode", "reward", "engine", "obs")
+GROUPS = ("task", "episode", "reward", "engine", "obs", "disturb")
 TRAINING = ("algo", "encoder", "logger")
-COMMANDS = {"gates": "check", "vlm": "ask"}
+COMMANDS = {"gates": "check", "vlm": "ask", "levels": "stress"}
 """Groups that a command's config has, by command."""
 ENTRIES = sorted(
-    file.stem for file in composing.CONF.glob("*.yaml") if file.stem not in ("evaluate", "watch")
+    file.stem
+    for file in composing.CONF.glob("*.yaml")
+    if file.stem not in ("evaluate", "watch", "stress")
 )
 
 
@@ -69,6 +71,11 @@ BAD = [
     ("image_size=0", ["image_size", "0", "at least 1"]),
     ("num_envs=0", ["num_envs", "0", "at least 1"]),
     ("seed=-1", ["seed", "-1", "at least 0"]),
+    ("disturb=nope", ["disturb", "nope", "mild", "moderate", "severe"]),
+    ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
+    ("disturb.camera.shift=-0.1", ["disturb", "-0.1", "negative"]),
+    ("disturb.camera.shift=5", ["disturb.camera.shift", "at most 0.1 m"]),
+    ("disturb.picture.late=1.5", ["disturb.picture.late", "whole number"]),
     ("engine=nope", ["engine/nope", "cpu", "dm_control"]),
     ("engine.kind=nope", ["engine.kind", "nope", "cpu, dm_control"]),
     ("engine.threads=-1", ["engine.threads", "-1", "negative"]),

@@ -17,8 +17,6 @@ class Lens:
     """What a view's camera is and which image of each kind it makes; -1 for none."""
 
     camera: int
-    tangent: float
-    """Of half the field of view."""
     colour: int
     depth: int
     geom: int
@@ -33,6 +31,15 @@ class Poses:
     cam_xpos: wp.array2d[wp.vec3]
     cam_xmat: wp.array2d[wp.mat33]
     light_xdir: wp.array2d[wp.vec3]
+    cam_tangent: wp.array2d[float]
+    """Of half the field of view."""
+    geom_tint: wp.array2d[wp.vec3]
+    geom_sheen: wp.array2d[float]
+    lamp_strength: wp.array2d[float]
+    table_grain: wp.array2d[wp.vec3]
+    """This and the three before it are ``OPTICS``; see ``engines.contract``."""
+    relit: wp.array[int]
+    """1 in environments where the ``OPTICS`` change something."""
 
 
 @wp.struct
@@ -88,9 +95,9 @@ def eye_of(poses: Poses, lens: Lens, env: int, size: int) -> Eye:
     eye.position = poses.cam_xpos[env, lens.camera]
     axes = wp.transpose(poses.cam_xmat[env, lens.camera])
     eye.turn = wp.matrix_from_rows(axes[0], -axes[1], -axes[2])
-    eye.tangent = lens.tangent
+    eye.tangent = poses.cam_tangent[env, lens.camera]
     eye.centre = 0.5 * float(size)
-    eye.focal = eye.centre / lens.tangent
+    eye.focal = eye.centre / eye.tangent
     eye.size = size
     return eye
 

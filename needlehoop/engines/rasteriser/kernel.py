@@ -17,6 +17,9 @@ from needlehoop.engines.rasteriser.buffers import (
 from needlehoop.engines.rasteriser.filling import draw_solid
 from needlehoop.engines.rasteriser.solids import Solid, Solids
 
+_SHININESS = wp.constant(16.0)
+"""How narrow highlights are."""
+
 # Sums in any order: a tenth faster. Warp's own headers name infinity and NaN; the compiler would
 # then print a page of warnings.
 _FLAGS = "-march=native -ffast-math -Wno-nan-infinity-disabled"
@@ -57,6 +60,86 @@ def _normal(
 
 
 @wp.func
+def _relit(
+    solids: Solids,
+    solid: Solid,
+    normal: wp.vec3,
+    ray: wp.vec3,
+    shade: float,
+    poses: Poses,
+    env: int,
+    scratch: ScratchBuffers,
+) -> wp.uint32:
+    """``_lit`` under ``OPTICS``: with a tint, a sheen, and lamps of another strength.
+
+    Args:
+        solids: with the lamps.
+        solid: whose surface it is.
+        normal: of the surface, camera frame.
+        ray: from the camera to it.
+        shade: factor of its colour.
+        poses: with the optics.
+        env: which environment.
+        scratch: with directions to the lamps.
+    """
+    light = solid.ambient
+    gloss = float(0.0)  # noqa: UP018 - Warp takes a bare number for a constant
+    for lamp in range(solids.lamps.shape[0]):
+        towards = scratch.lamps[lamp]
+        strength = poses.lamp_strength[env, 0] * solids.lamps[lamp]
+        light += wp.max(wp.dot(normal, towards), 0.0) * strength
+        half = wp.normalize(towards - wp.normalize(ray))
+        gloss += wp.pow(wp.max(wp.dot(normal, half), 0.0), _SHININESS) * strength[0]
+    gloss = poses.geom_sheen[env, solid.geom] * gloss
+    tint = shade * poses.geom_tint[env, solid.geom]
+    red, green, blue = (
+        int(255.0 * wp.clamp(solid.colour[0] * tint[0] * light[0] + gloss, 0.0, 1.0)),
+        int(255.0 * wp.clamp(solid.colour[1] * tint[1] * light[1] + gloss, 0.0, 1.0)),
+        int(255.0 * wp.clamp(solid.colour[2] * tint[2] * light[2] + gloss, 0.0, 1.0)),
+    )
+    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
+
+
+@wp.func
+def _grain(ray: wp.vec3, nearness: float, eye: Eye, grain: wp.vec3) -> float:
+    """Factor of the table's colour where a ray meets it: smooth noise over the table.
+
+    Args:
+        ray: from the camera, camera frame, 1 long in z.
+        nearness: 1/z of the table there.
+        eye: who looks.
+        grain: how strong, which pattern, and its cells to a m.
+    """
+    at = eye.position + wp.transpose(eye.turn) * ray / nearness
+    pattern = wp.rand_init(int(grain[1]))
+    return 1.0 + grain[0] * wp.noise(pattern, wp.vec2(at[0] * grain[2], at[1] * grain[2]))
+
+
+@wp.func
+def _relit_pixel(
+    solids: Solids,
+    poses: Poses,
+    env: int,
+    eye: Eye,
+    scratch: ScratchBuffers,
+    face: int,
+    nearness: float,
+    x: float,
+    y: float,
+) -> wp.uint32:
+    """Colour of a pixel under ``OPTICS``, of a face, or of the table, which comes after them."""
+    ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
+    if face < solids.faces.shape[0]:
+        normal = _normal(solids, face, x, y, eye, scratch)
+        solid = solids.solids[solids.owners[face]]
+        return _relit(solids, solid, normal, ray, 1.0, poses, env, scratch)
+    table = solids.table[0]
+    normal = eye.turn * wp.transpose(poses.geom_xmat[env, table.geom])[2]
+    shade = _grain(ray, nearness, eye, poses.table_grain[env, 0])
+    return _relit(solids, table, normal, ray, shade, poses, env, scratch)
+
+
+@wp.func
 def _light_lamps(solids: Solids, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers):
     lights = solids.lights.shape[0]
     for light in range(lights):
@@ -90,8 +173,10 @@ def expose(
 ):
     """Light what each pixel sees, with the table behind the solids; clear the scratch buffers.
 
-    As mujoco_warp's ray tracer shades: ambient and diffuse light, no shadows, no highlights.
+    As mujoco_warp's ray tracer shades: ambient and diffuse light, no shadows, no highlights,
+    but for what the ``OPTICS`` say.
     """
+    relit = poses.relit[env]
     _light_lamps(solids, poses, env, eye, scratch)
     slope = _table(solids, poses, env, eye)
     nothing = wp.uint32(255 << 24)
@@ -116,12 +201,15 @@ def expose(
             if scratch.nearness[pixel] > wp.max(nearness, 0.0):
                 nearness = scratch.nearness[pixel]
                 face = scratch.face[pixel]
-                if lens.colour >= 0:
+                if lens.colour >= 0 and relit == 0:
                     normal = _normal(
                         solids, face, float(column) + 0.5, float(row) + 0.5, eye, scratch
                     )
                     seen = _lit(solids, solids.solids[solids.owners[face]], normal, scratch)
             scratch.nearness[pixel] = 0.0
+            if lens.colour >= 0 and relit == 1 and face <= table:
+                x, y = float(column) + 0.5, float(row) + 0.5
+                seen = _relit_pixel(solids, poses, env, eye, scratch, face, nearness, x, y)
             if lens.colour >= 0:
                 frames.colour[colour + pixel] = seen
             if lens.depth >= 0:

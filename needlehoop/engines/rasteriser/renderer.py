@@ -14,7 +14,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from needlehoop.engines.contract import Channels, Frame
+from needlehoop.engines.contract import OPTICS, ZOOM, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
 from needlehoop.engines.rasteriser.buffers import FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.kernel import draw
@@ -26,8 +26,13 @@ _DTYPES = {
     "cam_xpos": wp.vec3,
     "cam_xmat": wp.mat33,
     "light_xdir": wp.vec3,
+    "cam_tangent": float,
+    "geom_tint": wp.vec3,
+    "geom_sheen": float,
+    "lamp_strength": float,
+    "table_grain": wp.vec3,
 }
-"""Of the ``FIELDS`` that a drawing depends on."""
+"""What a drawing depends on: of the ``FIELDS``, of the ``OPTICS``, and the lenses."""
 
 
 _MOST = 2**31 - 1
@@ -73,6 +78,10 @@ class Rasteriser:
         self._lenses = _lenses(model, self.views)
         self._buffers = _frame_buffers(self.views, num_envs, size)
         self._poses, self._fields = _poses(model, num_envs)
+        self._tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
+        self._fields["cam_tangent"][:] = self._tangents
+        self._poses.relit = wp.zeros(num_envs, dtype=int, device="cpu")
+        self._relit = self._poses.relit.numpy()
         self._scratch = [
             _scratch_buffers(self._solids, size) for _ in range(min(threads, num_envs))
         ]
@@ -91,13 +100,23 @@ class Rasteriser:
         """A frame per view.
 
         Args:
-            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
+            fields: MjData ``FIELDS``, perhaps ``OPTICS``, with a leading dimension of ``n``.
             ids: environments to render ``(k,)``; all by default.
         """
         count = self._buffers.count if ids is None else len(ids)
         for name, target in self._fields.items():
-            given = fields[name] if ids is None else fields[name][ids]
-            target[:count] = given.reshape(count, *target.shape[1:])
+            if name in fields:
+                given = fields[name] if ids is None else fields[name][ids]
+                target[:count] = given.reshape(count, *target.shape[1:])
+        chosen = slice(None) if ids is None else ids
+        zoom = fields[ZOOM][chosen] if ZOOM in fields else 1.0
+        self._fields["cam_tangent"][:count] = self._tangents / zoom
+        relit = np.zeros(self._buffers.count, bool)
+        for name, usual in OPTICS.items():
+            if name in fields:
+                given = fields[name].reshape(len(relit), -1)
+                relit |= (given != usual).any(1)
+        self._relit[:count] = relit[chosen]
         edges = np.linspace(0, count, len(self._scratch) + 1).astype(int).tolist()
         slices = [
             (scratch, *ends) for scratch, ends in zip(self._scratch, pairwise(edges), strict=True)
@@ -131,9 +150,8 @@ def _lenses(model: mujoco.MjModel, views: Mapping[str, Channels]) -> wp.array:
         camera = model.camera(view).id
         if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
             raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
-        tangent = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
         images = [i if wanted else -1 for i, wanted in zip(at, channels, strict=True)]
-        rows.append((camera, tangent, *images))
+        rows.append((camera, *images))
         at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
     dtype: Any = Lens.numpy_dtype()
     return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
@@ -153,10 +171,10 @@ def _frame_buffers(views: Mapping[str, Channels], num_envs: int, size: int) -> F
 def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.ndarray]]:
     """Poses for the kernel, and the same memory as arrays ``(n, objects, ...)`` by field."""
     poses, fields = Poses(), {}
-    counts = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight}
+    counts = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight, "lamp": 1, "table": 1}
     for name, dtype in _DTYPES.items():
         shape = (num_envs, counts[name.partition("_")[0]])
-        array = wp.zeros(shape, dtype=dtype, device="cpu")
+        array = wp.full(shape, OPTICS.get(name, 0.0), dtype=dtype, device="cpu")
         setattr(poses, name, array)
         fields[name] = array.numpy()
     return poses, fields

@@ -1,0 +1,80 @@
+"""Who is tested: a run's agent, a policy from a file, or a scripted controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+
+from needlehoop.disturbances.config import Disturb
+from needlehoop.envs.controllers import controller, controllers
+from needlehoop.envs.rollout import MakeController
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.learning.evaluate import acting, load_agent
+from needlehoop.learning.job import recorded_job
+from needlehoop.learning.weights import read_actor, read_senses
+from needlehoop.runs.run import Run
+
+_SEED = 1_000_001
+"""Of the episodes where no run says which: that of a run's final evaluation by default."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Someone who acts, and where."""
+
+    settings: Settings
+    """Undisturbed, with the seed of the episodes."""
+    make: MakeController
+    blind: bool
+    """Whether it has no cameras."""
+
+
+def subject(
+    who: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
+) -> Subject:
+    """Find out who is meant.
+
+    Args:
+        who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
+        words: the environment's settings, for the last two.
+        seed: of the episodes; ``None``: of the final evaluation.
+        device: where networks run.
+        trust: whether Python code that a run's files name may run.
+
+    Raises:
+        ValueError: nobody, or settings that do not fit.
+    """
+    path = Path(who)
+    if path.is_dir():
+        run = Run.open(path)
+        job = recorded_job(run.config(), trust)
+        own = job.evaluation.final_seed if seed is None else seed
+        if own == job.env.seed:
+            raise ValueError(f"seed: the run was trained on {own}; choose another")
+        settings = replace(job.env, seed=own, disturb=Disturb())
+        agent = load_agent(run, job, device)
+        return Subject(settings, acting(agent.actor), not settings.cams)
+    chosen = [*words, f"seed={_SEED if seed is None else seed}"]
+    if path.suffix == ".safetensors":
+        senses = read_senses(path)
+        cams = ",".join(senses.channels)
+        seen = [f"cams=[{cams}]", f"image_size={senses.image_size}"]
+        settings = compose_settings([*seen, f"episode.control={senses.control}", *chosen])
+        for name, channels in settings.image_channels.items():
+            if senses.channels.get(name) != channels:
+                raise ValueError(
+                    f"{path}: {name} has {senses.channels.get(name)} channels there, {channels}"
+                    " here; give the settings that it was trained with (obs.frame_stack=…)"
+                )
+        return Subject(settings, acting(read_actor(path, senses, device)), not cams)
+    settings = compose_settings(chosen)
+    valid = controllers(settings)
+    if who not in valid:
+        raise ValueError(
+            f"{who!r} is no run's folder, no policy.safetensors and no controller; controllers"
+            f" of {settings.task.name}: {', '.join(valid)}"
+        )
+    return Subject(replace(settings, cams=()), lambda own, *_: controller(who, own), blind=True)

@@ -1,0 +1,182 @@
+"""Disturbed environments: the same bits everywhere, and nothing without amounts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.settings import compose_settings
+from needlehoop.envs.torchrl_env import TorchRLEnv
+
+CAMS = "cams=[rgb_front,dep_front,seg_side]"
+COLOURS = (
+    *("picture.brightness=0.5", "scene.colours=0.5", "scene.sheen=0.5", "scene.lamp=40"),
+    *("scene.texture=0.5", "scene.strength=0.5"),
+)
+"""They show in colours, and neither in depth nor in flat colours."""
+SEVERE = (CAMS, "num_envs=3", "seed=5", "disturb=severe", "image_size=32")
+
+
+def flown(*words: str, steps: int = 25, first: int = 0) -> tuple[list, list]:
+    """Sensor data and images of a few steps of the expert's."""
+    settings = compose_settings(words)
+    simulation, imager = build(settings, first)
+    moment, act = simulation.reset(), controller("smooth", settings)
+    felt, seen = [], [simulation.images(imager)]
+    for _ in range(steps):
+        moment = simulation.step(act(moment.signals).clamp(-1, 1))
+        felt.append(simulation.engine.sensordata())
+        seen.append({name: image.clone() for name, image in simulation.images(imager).items()})
+        done = moment.terminated | moment.truncated
+        if bool(done.any()):
+            moment = simulation.reset(done)
+    return felt, seen
+
+
+def same(one: list, other: list, rows: slice = slice(None)) -> bool:
+    return all(
+        torch.equal(a[rows], b)
+        if isinstance(a, torch.Tensor)
+        else all(torch.equal(a[name][rows], b[name]) for name in a)
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+@pytest.fixture(scope="module")
+def severe() -> tuple[list, list]:
+    return flown(*SEVERE)
+
+
+@pytest.mark.parametrize("word", ["engine.threads=1", "engine.threads=3", "engine=dm_control"])
+def test_the_same_bits_on_any_engine_with_any_threads(severe, word):
+    for one, other in zip(severe, flown(*SEVERE, word), strict=True):
+        assert same(one, other)
+
+
+def test_an_environment_is_disturbed_alike_in_any_batch(severe):
+    for one, other in zip(severe, flown(*SEVERE, "num_envs=1", first=1), strict=True):
+        assert same(one, other, slice(1, 2))
+
+
+def test_it_is_disturbed_at_all(severe):
+    plain = flown(*SEVERE, "disturb=none")
+    assert not same(severe[0], plain[0])
+    assert all(not torch.equal(severe[1][0][name], image) for name, image in plain[1][0].items())
+
+
+def test_none_dealt_is_as_if_there_were_nothing():
+    plain, imager = build(compose_settings([*SEVERE, "disturb=none"]))
+    wrong, other = build(compose_settings(SEVERE))
+    wrong.deal(torch.arange(3), torch.arange(3), {})
+    plain.reset(), wrong.reset()
+    action = torch.rand(3, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    for _ in range(5):
+        plain.step(action), wrong.step(action)
+        assert torch.equal(plain.engine.sensordata(), wrong.engine.sensordata())
+        seen, disturbed = plain.images(imager), wrong.images(other)
+        assert all(torch.equal(seen[name], disturbed[name]) for name in seen)
+
+
+def test_a_snapshot_goes_on_to_the_bit():
+    settings = compose_settings([*SEVERE, "obs.frame_stack=2"])
+    generator = torch.Generator().manual_seed(1)
+    actions = [2 * torch.rand(3, 5, generator=generator) - 1 for _ in range(12)]
+    env = TorchRLEnv(settings)
+    env.reset()
+    for action in actions[:6]:
+        env.step_and_reset(action)
+    kept = env.snapshot()
+    other = TorchRLEnv(settings)
+    other.reset()
+    other.restore(kept)
+    other.reset()
+    for action in actions[6:]:
+        one, two = env.step_and_reset(action)[0], other.step_and_reset(action)[0]
+        for key in one.keys(include_nested=True, leaves_only=True):
+            assert torch.equal(one[key], two[key]), key
+
+
+@pytest.mark.parametrize(
+    ("word", "views"),
+    [
+        *((word, {"rgb_front", "dep_front"}) for word in COLOURS),
+        ("picture.depth_noise=0.01", {"dep_front"}),
+        ("picture.labels=0.5", {"seg_side"}),
+        ("camera.focal=0.2", {"rgb_front", "dep_front", "seg_side"}),
+        ("camera.turn=3", {"rgb_front", "dep_front", "seg_side"}),
+    ],
+)
+def test_an_axis_shows_in_the_cameras_that_it_touches(word, views):
+    words = (CAMS, "num_envs=1", "seed=2")
+    plain = flown(*words, steps=0)[1][0]
+    wrong = flown(*words, f"disturb.{word}", steps=0)[1][0]
+    assert {name for name in plain if not torch.equal(plain[name], wrong[name])} == views
+
+
+def test_a_shifted_camera_shows_what_a_moved_view_would():
+    settings = compose_settings(["cams=[seg_front]", "num_envs=1", "disturb.camera.shift=0.01"])
+    simulation, imager = build(settings)
+    simulation.reset()
+    seen = simulation.images(imager)["seg_front"]
+    by = simulation.disturbance._drawn["camera.shift"].amount[0, 0]
+    view = settings.views["front"]
+    moved = replace(view, target=tuple(np.array(view.target) + by))
+    other = replace(
+        compose_settings(["cams=[seg_front]", "num_envs=1"]),
+        views={**settings.views, "front": moved},
+    )
+    plain, imager = build(other)
+    plain.reset()
+    assert float((plain.images(imager)["seg_front"] == seen).float().mean()) > 0.999
+
+
+def test_the_tip_stands_beside_where_it_was_told_to():
+    settings = compose_settings(["num_envs=2", "disturb.robot.offset=0.005"])
+    simulation, _ = build(settings)
+    moment = simulation.reset()
+    for _ in range(15):
+        moment = simulation.step(torch.zeros(2, 5, dtype=torch.float64))
+    beside = moment.signals.tool_midpoint - simulation.state["target"]
+    wanted = simulation.disturbance.offset
+    assert float((beside - wanted).abs().max()) < 5e-4
+    assert float(wanted.abs().max()) > 1e-3
+
+
+def test_commands_come_late_and_the_ramp_grows():
+    settings = compose_settings(["num_envs=64", "disturb.robot.late=3", "disturb.ramp=0.5"])
+    env = TorchRLEnv(settings)
+    env.progress(0.0)
+    env.reset()
+    wrong = env.simulation.disturbance
+    assert not wrong._drawn["robot.late"].amount.any()
+    env.progress(0.25)
+    assert wrong.level == 0.5
+    env.progress(0.9)
+    env.set_seed(1)
+    env.reset()
+    late = wrong._drawn["robot.late"].amount[:, 0]
+    assert set(late.tolist()) == {0.0, 1.0, 2.0, 3.0}
+    # The first command that differs from the one before: at once where nothing is late.
+    action = torch.zeros(64, 5)
+    action[:, 0] = 1.0
+    sent = [env.simulation.act(action.double()).clone() for _ in range(4)]
+    moved = torch.stack([(one != sent[0]).any(1) for one in sent])
+    first = torch.where(moved.any(0), moved.int().argmax(0), 4)
+    assert torch.equal(first, torch.from_numpy(late).long().clamp(min=1))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("disturb.scene.colours=0.1", "engine.renderer=tracer"), "disturb.scene.colours"),
+        (("disturb.camera.focal=0.1", "quality=2"), "disturb.camera.focal"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(words, said):
+    with pytest.raises(ValueError, match=said):
+        compose_settings(words)

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from needlehoop.cli.main import main
+from needlehoop.disturbances.config import AXES
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.settings import compose_settings
+from needlehoop.learning.stress import Condition, chosen_axes, conditions, stress
+
+LEVELS = {
+    group: {key.partition(".")[2]: (1.0, 2.0) for key in AXES if key.startswith(group)}
+    for group in ("camera", "picture", "scene", "robot")
+}
+
+
+def test_conditions_are_none_each_axis_and_all():
+    tried = conditions(LEVELS, ["camera.shift", "robot.late"], [2, 1], 2)
+    assert [(c.axis, c.severity) for c in tried] == [
+        ("none", 0), ("camera.shift", 1), ("camera.shift", 2), ("robot.late", 1),
+        ("robot.late", 2), ("all", 2),
+    ]  # fmt: skip
+    assert tried[-1].amounts == {"camera.shift": 2.0, "robot.late": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("words", "blind", "said"),
+    [(["camera.shfit"], False, "camera.shift"), (["picture"], True, "nobody looks")],
+)
+def test_unknown_axes_are_refused(words, blind, said):
+    with pytest.raises(ValueError, match=said):
+        chosen_axes(words, blind=blind)
+
+
+def test_axes_are_named_by_group_or_alone():
+    assert chosen_axes(["camera", "robot.late"], blind=False) == [
+        "camera.shift", "camera.turn", "camera.focal", "camera.drift", "robot.late",
+    ]  # fmt: skip
+    assert all(key.startswith("robot.") for key in chosen_axes([], blind=True))
+
+
+def test_the_result_does_not_depend_on_the_batch():
+    settings = compose_settings(["seed=3", "task=near"])
+    tried = [
+        Condition("none", 0, {}),
+        Condition("robot.late", 3, {"robot.late": 6.0}),
+        Condition("robot.offset", 3, {"robot.offset": 0.02}),
+    ]
+    rows = [
+        stress(settings, lambda own, *_: controller("smooth", own), tried, 6, size)
+        for size in (4, 18)
+    ]
+    assert rows[0] == rows[1]
+    none, late, offset = rows[0]
+    assert none["success"] == 1.0
+    assert late["steps"] > none["steps"]
+    assert offset["success"] < 1.0
+    assert (none["episodes"], late["amount"], late["unit"]) == (6, 6.0, "steps")
+
+
+def test_the_command_tests_a_controller(tmp_path, capsys):
+    out = tmp_path / "stress.csv"
+    words = ["stress", "smooth", "task=reach", "axes=robot.offset", "severities=1,5", "episodes=4"]
+    assert main([*words, f"out={out}", "threads=1"]) == 0
+    rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [(row["axis"], row["severity"]) for row in rows] == [
+        ("none", "0"), ("robot.offset", "1"), ("robot.offset", "5"), ("all", "3"),
+    ]  # fmt: skip
+    assert rows[0]["success"] == "1.0"
+    assert "undisturbed  100.0%" in capsys.readouterr().out
+    assert main([*words, f"out={out}", "threads=1"]) == 0
+    assert (tmp_path / "stress.1.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nobody", "out=a.csv"], "expert, smooth"),
+        (["smooth"], "out="),
+        (["smooth", "out=a.txt"], ".csv"),
+        (["smooth", "out=a.csv", "severities=[9]"], "1 to 5"),
+        (["smooth", "out=a.csv", "axes=[camera]"], "robot"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, said, capsys):
+    assert main(["stress", *words]) == 2
+    assert said in capsys.readouterr().err
