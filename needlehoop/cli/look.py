@@ -11,7 +11,10 @@ from typing import Any
 
 from needlehoop.cli.command import add_command
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Pixels
+from needlehoop.config.strict import Amount, Count, Pixels
+
+Levels = dict[str, dict[str, tuple[Amount, ...]]]
+"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
 
 
 def add_commands(commands: Any) -> None:
@@ -21,7 +24,7 @@ def add_commands(commands: Any) -> None:
         "snapshot",
         _snapshot,
         "Write a contact sheet of all views and renderings, start and goal.",
-        "size=256 out=snapshot.png raw=false tiles=false overwrite=false",
+        "size=256 out=snapshot.png raw=false tiles=false disturbed=false overwrite=false",
     )
     add(
         "picture",
@@ -59,6 +62,12 @@ def _snapshot(options: argparse.Namespace) -> None:
         return
     out = _png(values)
     size, raw = strict.value(values, "size", Pixels), strict.value(values, "raw", bool)
+    if strict.value(values, "disturbed", bool):
+        from needlehoop.pictures.disturbed import disturbed_sheet
+
+        levels = strict.value(values, "levels", Levels)
+        _save(disturbed_sheet(settings, levels, size), out)
+        return
     from needlehoop.pictures.stills import contact_sheet
 
     _save(contact_sheet(settings, size, raw), out)

@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from needlehoop.cli.look import Levels
 from needlehoop.config import strict
-from needlehoop.config.strict import Amount, Count, Number, Seed
+from needlehoop.config.strict import Count, Number, Seed
 
 _OWN = (
     *("axes", "severities", "together", "episodes", "seed", "num_envs", "threads", "out"),
@@ -47,7 +48,7 @@ def _stress(options: argparse.Namespace) -> None:
     own = [word for word in words if who.is_dir() or word.partition("=")[0] in _OWN]
     values = composing.compose(own, "stress")
     severities = strict.value(values, "severities", tuple[Count, ...])
-    levels = strict.value(values, "levels", dict[str, dict[str, tuple[Amount, ...]]])
+    levels = strict.value(values, "levels", Levels)
     episodes, envs, together = (
         strict.value(values, key, Count) for key in ("episodes", "num_envs", "together")
     )
