@@ -22,6 +22,7 @@ from needlehoop.runs.reading import (
     read_yaml,
 )
 from needlehoop.study.data.contents import Rows, check_film, read_rows
+from needlehoop.study.data.stress import Stressed, read_stress
 from needlehoop.study.data.task import UNKNOWN, TaskNote, task_of
 
 _KEYED = ("update", "step", "wall_time")
@@ -38,7 +39,7 @@ _MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0
 
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
-    r"|policy\.safetensors|evaluation(\.\d+)?\.json|video(\.\d+)?\.mp4)"
+    r"|policy\.safetensors|evaluation(\.\d+)?\.json|stress(\.\d+)?\.csv|video(\.\d+)?\.mp4)"
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
 _FORMER_RUN = re.compile(r"seed\d+\.\d+")
@@ -93,6 +94,8 @@ class Record:
     """The long one at the end."""
     video: Path | None
     """Its film."""
+    stress: tuple[Stressed, ...] = ()
+    """What disturbances cost it; empty where nobody tried."""
 
     @property
     def finished(self) -> bool:
@@ -246,6 +249,7 @@ def _read_run(folder: Path, reading: _Reading) -> None:
         reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, outcome, reading)),
         reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
         reading.read(folder / files.VIDEO, lambda path: _film(path, root)),
+        reading.read(folder / files.STRESS, lambda path: read_stress(path, root)) or (),
     )
 
 

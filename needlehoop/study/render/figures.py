@@ -17,6 +17,7 @@ from needlehoop.study.data import paper
 from needlehoop.study.data.contents import check_picture
 from needlehoop.study.data.paper import HUMAN, LISTS, label, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
+from needlehoop.study.render.stress import stress_figure
 from needlehoop.study.render.style import (
     CHEAT,
     COLOURS,
@@ -226,6 +227,12 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
         ranking_chart,
         "Rankings side by side: places that were predicted and measured, in each list; darker is"
         " better. The rows stand as measured.",
+    ),
+    "stress": (
+        stress_figure,
+        "Success under disturbances, axis by axis, where an axis costs some camera set five points"
+        " or more: undisturbed, then at rising severity. 3 is what a lab or an operating room"
+        " shows.",
     ),
     "success_and_cheats": (
         success_and_cheats,

@@ -30,6 +30,7 @@ from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
+from needlehoop.study.stats.stress import SEVERITY, robustness
 
 _FIRST = ("final_values", "rankings")
 """Figures before all others."""
@@ -147,6 +148,12 @@ def _lead(findings: StudyFindings) -> list[str]:
         lead.append(f"Best cameras: {_outcome(best)}.")
         if worst is not best:
             lead.append(f"Worst: {_outcome(worst)}.")
+    for one in robustness(findings)[:1]:
+        if one.mean is not None:
+            lead.append(
+                f"Under disturbances {one.result.cameras} does best:"
+                f" {100 * one.mean.value:.0f} % at severity {SEVERITY}, mean over axes."
+            )
     if any(result.unfinished for result in findings.results):
         lead.append(
             "Values of unfinished runs are of agents still in training: the mean over their"

@@ -32,6 +32,7 @@ from needlehoop.study.stats.run import (
     steps_to_share,
 )
 from needlehoop.study.stats.statistics import ENOUGH, estimate, improvement, iqm, no_interval
+from needlehoop.study.stats.stress import SEVERITY, robustness
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
@@ -63,7 +64,17 @@ def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
 
 
 def _every(findings: StudyFindings) -> list[Table]:
-    makers = (results, phases, rewards, table_1, table_2, rankings, agreements, improvements)
+    makers = (
+        results,
+        stress,
+        phases,
+        rewards,
+        table_1,
+        table_2,
+        rankings,
+        agreements,
+        improvements,
+    )
     return [maker(findings) for maker in makers]
 
 
@@ -107,6 +118,33 @@ def results(findings: StudyFindings) -> Table:
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."
     return Table("results", "Results", columns, tuple(rows), note)
+
+
+def stress(findings: StudyFindings) -> Table:
+    """What disturbances cost each camera set, the least first."""
+    rows = []
+    for one in robustness(findings):
+        hurts = [f"{axis} {100 * found.value:.0f} %" for axis, found in list(one.axes.items())[:3]]
+        rows.append(
+            (
+                one.result.cameras,
+                one.undisturbed.value,
+                one.mean and Estimated(one.mean.value, one.mean.interval),
+                one.together and one.together.value,
+                ", ".join(hurts),
+                len(one.axes),
+                one.undisturbed.seeds,
+            )
+        )
+    columns = (
+        Column("cameras"), Column.share("undisturbed"), Column.share(f"severity {SEVERITY}"),
+        Column.share("all at once"), Column("hurts most"), Column("axes"), Column("seeds"),
+    )  # fmt: skip
+    note = (
+        "Success of the mean action. Each axis of disturbance by itself, the mean over axes, with a"
+        " 95 % interval; then all of them at once. docs/robustness.md says what each axis does."
+    )
+    return Table("stress", "Under disturbances", columns, tuple(rows), note)
 
 
 @dataclass(frozen=True)
