@@ -60,7 +60,7 @@ def disturbed_sheet(
     }
     simulation.deal(everywhere, torch.zeros(len(cases), dtype=torch.int64), amounts)
     moment, act = simulation.reset(), controller(own.definition.teacher, own)
-    simulation.images(imager)
+    images = simulation.images(imager)
     for _ in range(_STEPS):
         moment = simulation.step(act(moment.signals))
         images = simulation.images(imager)
