@@ -73,7 +73,7 @@ class Disturbance:
         self._sent: np.ndarray | None = None
         self._commands = late + 1
         self._pictures = int(amounts.get("picture.late", 0)) + 1
-        self._kept: dict[str, Tensor] = {}
+        self._kept: dict[str, np.ndarray] = {}
 
     def deal(self, ids: np.ndarray, amounts: Mapping[str, np.ndarray]) -> None:
         """Give environments amounts of their own, ``(k,)`` by key, from their next episode on."""
@@ -215,12 +215,16 @@ class Disturbance:
             seen = _picture(frame, which)
             for key in own:
                 inside = np.flatnonzero(wrong[key][which])
-                if len(inside):
-                    some = chosen[which[inside]]
-                    drawn = self._drawn[key][some][:, at]
-                    before = picture.Picture(*(x if x is None else x[inside] for x in seen))
-                    grains = self._grains(f"{key}.{view}", some)
-                    _put(seen, inside, AXES[key].apply(before, drawn, grains))
+                if not len(inside):
+                    continue
+                some = chosen[which[inside]]
+                drawn = self._drawn[key][some][:, at]
+                grains = self._grains(f"{key}.{view}", some)
+                if len(inside) == len(which):
+                    seen = AXES[key].apply(seen, drawn, grains)
+                    continue
+                before = picture.Picture(*(x if x is None else x[inside] for x in seen))
+                seen = _put(seen, inside, AXES[key].apply(before, drawn, grains))
             _finish(frame, which, seen)
 
         return spoil
@@ -247,7 +251,7 @@ class Disturbance:
         if not own:
             return images
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
-        steps, where = self._numbers["steps"][rows], torch.from_numpy(rows)
+        steps = self._numbers["steps"][rows]
         when = When(steps, steps / self._max_steps)
         old = np.zeros((len(rows), len(self._views)), int)
         failing = {key: np.zeros(old.shape, bool) for key in ("picture.frozen", "picture.black")}
@@ -260,25 +264,19 @@ class Disturbance:
         found = {}
         for name, image in images.items():
             at = self._views.index(views[name])
-            kept = self._keep(name, image)
-            kept[torch.from_numpy(when.steps % self._pictures), where] = image
-            seen = kept[torch.from_numpy((when.steps - old[:, at]) % self._pictures), where]
-            for key, value in (
-                ("picture.frozen", kept[self._pictures, where]),
-                ("picture.black", torch.zeros_like(seen)),
-            ):
-                fails = torch.from_numpy(failing[key][:, at]).view(-1, 1, 1, 1)
-                seen = torch.where(fails, value, seen)
-            kept[self._pictures, where] = seen
-            found[name] = seen
+            if name not in self._kept:
+                shape = (self._pictures + 1, len(self._levels), *image.shape[1:])
+                self._kept[name] = np.zeros(shape, np.uint8)
+            # The last pictures by step, and after them what arrived last.
+            kept, last = self._kept[name], self._pictures
+            kept[steps % last, rows] = image.numpy()
+            seen = kept[(steps - old[:, at]) % last, rows]
+            frozen = failing["picture.frozen"][:, at]
+            seen[frozen] = kept[last, rows[frozen]]
+            seen[failing["picture.black"][:, at]] = 0
+            kept[last, rows] = seen
+            found[name] = torch.from_numpy(seen)
         return found
-
-    def _keep(self, name: str, image: Tensor) -> Tensor:
-        """The last images of a camera by step, and after them what arrived last."""
-        if name not in self._kept:
-            shape = (self._pictures + 1, len(self._levels), *image.shape[1:])
-            self._kept[name] = torch.zeros(shape, dtype=torch.uint8)
-        return self._kept[name]
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future."""
@@ -288,7 +286,7 @@ class Disturbance:
             **{name: torch.from_numpy(one.copy()) for name, one in self._numbers.items()},
             "levels": torch.from_numpy(self._levels.copy()),
             **sent,
-            "kept": {name: one.clone() for name, one in self._kept.items()},
+            "kept": {name: torch.from_numpy(one.copy()) for name, one in self._kept.items()},
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -298,29 +296,38 @@ class Disturbance:
             one[:] = snapshot[name].numpy()
         self._levels[:] = snapshot["levels"].numpy()
         self._sent = snapshot["sent"].numpy().copy() if "sent" in snapshot else None
-        self._kept = {name: one.clone() for name, one in snapshot["kept"].items()}
+        self._kept = {name: one.numpy().copy() for name, one in snapshot["kept"].items()}
         self._draw(np.arange(len(self._levels)))
 
 
 def _picture(frame: Frame, rows: np.ndarray) -> picture.Picture:
-    """Some rows of a frame as their camera's pictures; copies."""
-    bgra, depth, geom = (one if one is None else one[rows] for one in frame)
-    colour = None if bgra is None else bgra[..., [2, 1, 0]].permute(0, 3, 1, 2).float()
+    """Some rows of a frame as their camera's pictures."""
+    whole = all(len(rows) == len(one) for one in frame if one is not None)
+    bgra, depth, geom = (one if one is None or whole else one[rows] for one in frame)
+    colour = None if bgra is None else bgra[..., :3].float()
     return picture.Picture(colour, depth, geom)
 
 
-def _put(seen: picture.Picture, rows: np.ndarray, now: picture.Picture) -> None:
-    """Write pictures into rows of others."""
-    for target, value in zip(seen, now, strict=True):
-        if target is not None and value is not None:
-            target[rows] = value
+def _put(seen: picture.Picture, rows: np.ndarray, now: picture.Picture) -> picture.Picture:
+    """Pictures with some rows replaced."""
+    found = []
+    for whole, part in zip(picture.developed(seen)[:3], picture.developed(now)[:3], strict=True):
+        copy = whole if whole is None else whole.clone()
+        if copy is not None and part is not None:
+            copy[rows] = part
+        found.append(copy)
+    return picture.Picture(*found)
 
 
 def _finish(frame: Frame, rows: np.ndarray, seen: picture.Picture) -> None:
     """Write pictures back into rows of a frame."""
-    if frame.bgra is not None and seen.colour is not None:
-        colour = seen.colour.clamp(0.0, 255.0).round().to(torch.uint8)
-        frame.bgra[..., :3][rows] = colour.flip(1).permute(0, 2, 3, 1)
-    for target, value in ((frame.depth, seen.depth), (frame.geom, seen.geom)):
+    colour, depth, geom, *_ = picture.developed(seen)
+    if colour is not None:
+        colour = colour.clamp_(0.0, 255.0).round_()
+    bgr = None if frame.bgra is None else frame.bgra[..., :3]
+    for target, value in ((bgr, colour), (frame.depth, depth), (frame.geom, geom)):
         if target is not None and value is not None:
-            target[rows] = value
+            if len(rows) == len(target):
+                target.copy_(value)
+            else:
+                target[rows] = value.to(target.dtype)

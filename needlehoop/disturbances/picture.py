@@ -19,20 +19,23 @@ from needlehoop.disturbances.axis import VIEW, Axis, Drawn
 _REACH = 3
 """Pixels to each side that a blurred pixel takes in."""
 
-_BLOOD = (90.0, 8.0, 8.0)
-"""Colour of what covers the lens, RGB."""
+_BLOOD = (8.0, 8.0, 90.0)
+"""Colour of what covers the lens, BGR."""
 
 _GREY = 128.0
 """What contrast leaves as it is."""
 
 
 class Picture(NamedTuple):
-    """``colour`` ``(n, 3, h, w)`` RGB, 0 to 255, float32; ``depth`` ``(n, h, w)`` m, 0 where there
-    is no reading; ``geom`` ``(n, h, w)`` geom ids, -1 for nothing. ``None``: not seen."""
+    """``colour`` ``(n, h, w, 3)`` BGR, 0 to 255, float32, still to be multiplied by ``gain`` and
+    added to ``bias`` ``(n, 1, 1, 3)``; ``depth`` ``(n, h, w)`` m, 0 where there is no reading;
+    ``geom`` ``(n, h, w)`` geom ids, -1 for nothing. ``None``: not seen, or nothing to be done."""
 
     colour: Tensor | None
     depth: Tensor | None
     geom: Tensor | None
+    gain: Tensor | None = None
+    bias: Tensor | None = None
 
 
 class Grains(NamedTuple):
@@ -42,66 +45,77 @@ class Grains(NamedTuple):
     uniform: Callable[[tuple[int, ...]], Tensor]
 
 
+def developed(picture: Picture) -> Picture:
+    """The same with gain and bias worked in."""
+    colour, _, _, gain, bias = picture
+    if colour is None or gain is None or bias is None:
+        return picture
+    return picture._replace(colour=torch.addcmul(bias, colour, gain), gain=None, bias=None)
+
+
 def blur(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Out of focus: a Gaussian of so many pixels."""
     if picture.colour is None:
         return picture
-    at = torch.arange(-_REACH, _REACH + 1)
-    width = _column(drawn.amount[:, :1]).view(-1, 1).clamp(min=1e-3)
+    at = torch.arange(_REACH + 1).float()
+    width = _column(drawn.amount).view(-1, 1).clamp(min=1e-3)
     weights = torch.exp(-0.5 * (at / width) ** 2)
-    weights = weights / weights.sum(1, keepdim=True)
+    # Beyond three deviations there is nothing, whatever else is in the batch.
+    weights = torch.where(at < 3.0 * width, weights, 0.0)
+    weights = weights / (weights.sum(1, keepdim=True) * 2.0 - weights[:, :1])
+    reach = int((weights > 0).sum(1).max()) - 1
     colour = picture.colour
-    for dim in (-1, -2):
-        # Edges are repeated.
-        room = (_REACH, _REACH, 0, 0) if dim == -1 else (0, 0, _REACH, _REACH)
-        wide = torch.nn.functional.pad(colour, room, mode="replicate")
+    for dim in (2, 1):
         size = colour.shape[dim]
-        parts = (
-            weights[:, k].view(-1, 1, 1, 1) * wide.narrow(dim, k, size) for k in range(len(at))
-        )
-        colour = sum(parts, torch.zeros_like(colour))
+        # Edges are repeated.
+        first, last = colour.narrow(dim, 0, 1), colour.narrow(dim, size - 1, 1)
+        wide = torch.cat([first] * reach + [colour] + [last] * reach, dim)
+        colour = colour * weights[:, 0].view(-1, 1, 1, 1)
+        for k in range(1, reach + 1):
+            pair = wide.narrow(dim, reach - k, size) + wide.narrow(dim, reach + k, size)
+            colour.addcmul_(pair, weights[:, k].view(-1, 1, 1, 1))
     return picture._replace(colour=colour)
 
 
 def brightness(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Exposed for too long or too short: all colours by one factor."""
-    return _coloured(picture, lambda colour: colour * (1.0 + _column(drawn.amount)))
+    return _graded(picture, 1.0 + _column(drawn.amount), 0.0)
 
 
 def contrast(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Colours further from grey, or nearer to it."""
-    return _coloured(
-        picture, lambda colour: _GREY + (colour - _GREY) * (1.0 + _column(drawn.amount))
-    )
+    amount = _column(drawn.amount)
+    return _graded(picture, 1.0 + amount, -_GREY * amount)
 
 
 def cast(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
-    """A wrong white balance: red, green and blue each by a factor."""
-    return _coloured(picture, lambda colour: colour * (1.0 + _column(drawn.amount)))
+    """A wrong white balance: blue, green and red each by a factor."""
+    return _graded(picture, 1.0 + _column(drawn.amount), 0.0)
 
 
 def noise(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Noise of the sensor, of its own in each pixel and channel."""
-    return _coloured(
-        picture,
-        lambda colour: colour + _column(drawn.amount) * grains.normal(tuple(colour.shape[1:])),
-    )
+    seen = developed(picture)
+    if seen.colour is None:
+        return picture
+    grain = grains.normal(tuple(seen.colour.shape[1:]))
+    return seen._replace(colour=torch.addcmul(seen.colour, _column(drawn.amount), grain))
 
 
 def depth_noise(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Noise of the depth, where there is a reading."""
     if picture.depth is None:
         return picture
-    amount = _column(drawn.amount).squeeze(1)
-    noisy = picture.depth + amount * grains.normal(tuple(picture.depth.shape[1:]))
-    return picture._replace(depth=torch.where(picture.depth > 0, noisy.clamp(min=1e-4), 0.0))
+    amount = _column(drawn.amount)[..., 0]
+    noisy = torch.addcmul(picture.depth, amount, grains.normal(tuple(picture.depth.shape[1:])))
+    return picture._replace(depth=noisy.clamp_(min=1e-4) * (picture.depth > 0))
 
 
 def depth_step(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """Depth in whole steps."""
     if picture.depth is None:
         return picture
-    step = _column(drawn.amount).squeeze(1).clamp(min=1e-6)
+    step = _column(drawn.amount)[..., 0].clamp(min=1e-6)
     return picture._replace(depth=torch.round(picture.depth / step) * step)
 
 
@@ -109,26 +123,29 @@ def labels(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """So many pixels take over a neighbour's label, which shows along edges alone."""
     if picture.geom is None:
         return picture
-    geom = picture.geom
-    share = torch.from_numpy(drawn.amount[:, 0]).float().view(-1, 1, 1)
-    chosen = grains.uniform(tuple(geom.shape[1:]))
-    for side, (dim, by) in enumerate(((1, 1), (1, -1), (2, 1), (2, -1))):
-        taken = (chosen >= share * side / 4) & (chosen < share * (side + 1) / 4)
-        geom = torch.where(taken, picture.geom.roll(by, dim), geom)
-    return picture._replace(geom=geom)
+    half = _column(drawn.amount)[..., 0] / 2
+    chosen = grains.uniform(tuple(picture.geom.shape[1:]))
+    beside, above = picture.geom.roll(1, 2), picture.geom.roll(1, 1)
+    # At the border there is none.
+    beside[..., 0], above[:, 0] = picture.geom[..., 0], picture.geom[:, 0]
+    geom = torch.where(chosen < half, beside, picture.geom)
+    return picture._replace(geom=torch.where(chosen > 1.0 - half, above, geom))
 
 
 def cover(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     """A drop of blood on the lens covers a share of the picture; nothing is seen through it."""
-    height, width = next(one.shape[-2:] for one in picture if one is not None)
-    share, place = torch.from_numpy(drawn.amount), torch.from_numpy(drawn.free)
+    seen = developed(picture)
+    if seen.colour is not None:
+        height, width = seen.colour.shape[1:3]
+    else:
+        height, width = next(one.shape[1:] for one in seen[1:3] if one is not None)
+    share, place = torch.from_numpy(drawn.amount).float(), torch.from_numpy(drawn.free).float()
     rows = (torch.arange(height) + 0.5).view(1, -1, 1) - height * place[:, :1, None]
     columns = (torch.arange(width) + 0.5).view(1, 1, -1) - width * place[:, 1:, None]
     covered = rows**2 + columns**2 < (share * height * width / np.pi).unsqueeze(-1)
-    colour, depth, geom = picture
+    colour, depth, geom, *_ = seen
     if colour is not None:
-        blood = torch.tensor(_BLOOD).view(3, 1, 1)
-        colour = torch.where(covered.unsqueeze(1), blood, colour)
+        colour = torch.where(covered.unsqueeze(-1), torch.tensor(_BLOOD), colour)
     if depth is not None:
         depth = torch.where(covered, 0.0, depth)
     if geom is not None:
@@ -136,13 +153,18 @@ def cover(picture: Picture, drawn: Drawn, grains: Grains) -> Picture:
     return Picture(colour, depth, geom)
 
 
-def _coloured(picture: Picture, change: Callable[[Tensor], Tensor]) -> Picture:
-    return picture if picture.colour is None else picture._replace(colour=change(picture.colour))
+def _graded(picture: Picture, gain: Tensor, bias: Tensor | float) -> Picture:
+    """Colours times ``gain`` plus ``bias``, after what is to be done to them already."""
+    if picture.colour is None:
+        return picture
+    before = torch.ones_like(gain) if picture.gain is None else picture.gain
+    own = torch.zeros(()) if picture.bias is None else picture.bias
+    return picture._replace(gain=before * gain, bias=own * gain + bias)
 
 
 def _column(amount: np.ndarray) -> Tensor:
-    """Amounts ``(n, channels)`` beside pictures ``(n, channels, h, w)``."""
-    return torch.from_numpy(amount).float()[..., None, None]
+    """Amounts ``(n, channels)`` beside pictures ``(n, h, w, channels)``."""
+    return torch.from_numpy(amount).float()[:, None, None]
 
 
 AXES = {

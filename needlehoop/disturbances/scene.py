@@ -23,7 +23,7 @@ MOST_OBJECTS = 12
 _NEAREST, _FURTHEST = 0.035, 0.085
 """Distances of strange objects from what the cameras look at, m."""
 
-_CELLS = 120.0
+_CELLS = 500.0
 """Of the table's pattern to a m."""
 
 _HIDDEN = -1.0
@@ -76,8 +76,8 @@ def sheen(looks: Looks, drawn: Drawn) -> Looks:
 def texture(looks: Looks, drawn: Drawn) -> Looks:
     """The table has a pattern."""
     cells = np.full_like(drawn.free, _CELLS)
-    pattern = np.floor(drawn.free * 2.0**20)
-    grain = np.stack((drawn.amount, pattern, cells), -1)
+    begins = np.floor(drawn.free * 2.0**20)
+    grain = np.stack((drawn.amount, begins, cells), -1)
     return looks._replace(grain=np.where(drawn.amount[..., None] > 0, grain, 0.0))
 
 

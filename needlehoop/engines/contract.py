@@ -63,7 +63,7 @@ OPTICS = {
 
 ``geom_tint`` ``(n, ngeom, 3)``: factors of the colours. ``geom_sheen`` ``(n, ngeom)``: strength of
 highlights. ``lamp_strength`` ``(n, 1)``: factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``:
-how strong a pattern is, which one, its cells to a m.
+how strong a pattern is, where it begins, its cells to a m.
 """
 
 Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]

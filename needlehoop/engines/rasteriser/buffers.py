@@ -11,6 +11,9 @@ depth buffer holds 1/z, which over a plane is linear in x and y.
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 import warp as wp
 
+PATTERN = wp.constant(128)
+"""Cells of the table's pattern along a side."""
+
 
 @wp.struct
 class Lens:
@@ -38,6 +41,8 @@ class Poses:
     lamp_strength: wp.array2d[float]
     table_grain: wp.array2d[wp.vec3]
     """This and the three before it are ``OPTICS``; see ``engines.contract``."""
+    pattern: wp.array2d[float]
+    """Of the table, ``(PATTERN, PATTERN)``, endless."""
     relit: wp.array[int]
     """1 in environments where the ``OPTICS`` change something."""
 

@@ -6,6 +6,7 @@
 import warp as wp
 
 from needlehoop.engines.rasteriser.buffers import (
+    PATTERN,
     Eye,
     FrameBuffers,
     Lens,
@@ -16,9 +17,6 @@ from needlehoop.engines.rasteriser.buffers import (
 )
 from needlehoop.engines.rasteriser.filling import draw_solid
 from needlehoop.engines.rasteriser.solids import Solid, Solids
-
-_SHININESS = wp.constant(16.0)
-"""How narrow highlights are."""
 
 # Sums in any order: a tenth faster. Warp's own headers name infinity and NaN; the compiler would
 # then print a page of warnings.
@@ -60,16 +58,25 @@ def _normal(
 
 
 @wp.func
+def _packed(colour: wp.vec3) -> wp.uint32:
+    red, green, blue = (
+        int(255.0 * wp.clamp(colour[0], 0.0, 1.0)),
+        int(255.0 * wp.clamp(colour[1], 0.0, 1.0)),
+        int(255.0 * wp.clamp(colour[2], 0.0, 1.0)),
+    )
+    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
+
+
+@wp.func
 def _relit(
     solids: Solids,
     solid: Solid,
     normal: wp.vec3,
     ray: wp.vec3,
-    shade: float,
     poses: Poses,
     env: int,
     scratch: ScratchBuffers,
-) -> wp.uint32:
+) -> wp.vec3:
     """``_lit`` under ``OPTICS``: with a tint, a sheen, and lamps of another strength.
 
     Args:
@@ -77,66 +84,45 @@ def _relit(
         solid: whose surface it is.
         normal: of the surface, camera frame.
         ray: from the camera to it.
-        shade: factor of its colour.
         poses: with the optics.
         env: which environment.
         scratch: with directions to the lamps.
     """
+    strength = poses.lamp_strength[env, 0]
+    sheen = poses.geom_sheen[env, solid.geom]
     light = solid.ambient
     gloss = float(0.0)  # noqa: UP018 - Warp takes a bare number for a constant
     for lamp in range(solids.lamps.shape[0]):
         towards = scratch.lamps[lamp]
-        strength = poses.lamp_strength[env, 0] * solids.lamps[lamp]
-        light += wp.max(wp.dot(normal, towards), 0.0) * strength
-        half = wp.normalize(towards - wp.normalize(ray))
-        gloss += wp.pow(wp.max(wp.dot(normal, half), 0.0), _SHININESS) * strength[0]
-    gloss = poses.geom_sheen[env, solid.geom] * gloss
-    tint = shade * poses.geom_tint[env, solid.geom]
-    red, green, blue = (
-        int(255.0 * wp.clamp(solid.colour[0] * tint[0] * light[0] + gloss, 0.0, 1.0)),
-        int(255.0 * wp.clamp(solid.colour[1] * tint[1] * light[1] + gloss, 0.0, 1.0)),
-        int(255.0 * wp.clamp(solid.colour[2] * tint[2] * light[2] + gloss, 0.0, 1.0)),
-    )
-    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
+        light += wp.max(wp.dot(normal, towards), 0.0) * strength * solids.lamps[lamp]
+        if sheen > 0.0:
+            half = wp.normalize(towards - wp.normalize(ray))
+            # To the 16th power: how narrow highlights are.
+            shine = wp.max(wp.dot(normal, half), 0.0)
+            shine = shine * shine * shine * shine
+            gloss += shine * shine * shine * shine * solids.lamps[lamp][0]
+    gloss = strength * sheen * gloss
+    lit = wp.cw_mul(wp.cw_mul(solid.colour, poses.geom_tint[env, solid.geom]), light)
+    return lit + wp.vec3(gloss, gloss, gloss)
 
 
 @wp.func
-def _grain(ray: wp.vec3, nearness: float, eye: Eye, grain: wp.vec3) -> float:
+def _grain(
+    ray: wp.vec3, nearness: float, eye: Eye, grain: wp.vec3, pattern: wp.array2d[float]
+) -> float:
     """Factor of the table's colour where a ray meets it: smooth noise over the table.
 
     Args:
-        ray: from the camera, camera frame, 1 long in z.
+        ray: from the camera, world frame, 1 long along the optical axis.
         nearness: 1/z of the table there.
         eye: who looks.
-        grain: how strong, which pattern, and its cells to a m.
+        grain: how strong, where the pattern begins, and its cells to a m.
+        pattern: numbers in [-1, 1].
     """
-    at = eye.position + wp.transpose(eye.turn) * ray / nearness
-    pattern = wp.rand_init(int(grain[1]))
-    return 1.0 + grain[0] * wp.noise(pattern, wp.vec2(at[0] * grain[2], at[1] * grain[2]))
-
-
-@wp.func
-def _relit_pixel(
-    solids: Solids,
-    poses: Poses,
-    env: int,
-    eye: Eye,
-    scratch: ScratchBuffers,
-    face: int,
-    nearness: float,
-    x: float,
-    y: float,
-) -> wp.uint32:
-    """Colour of a pixel under ``OPTICS``, of a face, or of the table, which comes after them."""
-    ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
-    if face < solids.faces.shape[0]:
-        normal = _normal(solids, face, x, y, eye, scratch)
-        solid = solids.solids[solids.owners[face]]
-        return _relit(solids, solid, normal, ray, 1.0, poses, env, scratch)
-    table = solids.table[0]
-    normal = eye.turn * wp.transpose(poses.geom_xmat[env, table.geom])[2]
-    shade = _grain(ray, nearness, eye, poses.table_grain[env, 0])
-    return _relit(solids, table, normal, ray, shade, poses, env, scratch)
+    at = eye.position + ray / nearness
+    row = (int(wp.floor(at[1] * grain[2])) + int(grain[1])) & (PATTERN - 1)
+    column = (int(wp.floor(at[0] * grain[2])) + int(grain[1])) & (PATTERN - 1)
+    return 1.0 + grain[0] * pattern[row, column]
 
 
 @wp.func
@@ -176,7 +162,8 @@ def expose(
     As mujoco_warp's ray tracer shades: ambient and diffuse light, no shadows, no highlights,
     but for what the ``OPTICS`` say.
     """
-    relit = poses.relit[env]
+    relit, grain = poses.relit[env], poses.table_grain[env, 0]
+    relit_table = wp.vec3(0.0, 0.0, 0.0)
     _light_lamps(solids, poses, env, eye, scratch)
     slope = _table(solids, poses, env, eye)
     nothing = wp.uint32(255 << 24)
@@ -184,6 +171,10 @@ def expose(
     if solids.table.shape[0] > 0:
         up = wp.transpose(poses.geom_xmat[env, solids.table[0].geom])[2]
         plain = _lit(solids, solids.table[0], eye.turn * up, scratch)
+        # It is matte: one colour everywhere, but for its pattern.
+        if relit == 1:
+            flat = eye.turn * up
+            relit_table = _relit(solids, solids.table[0], flat, flat, poses, env, scratch)
     table = solids.faces.shape[0]
     pixels = eye.size * eye.size
     colour, depth, geom = (
@@ -209,7 +200,18 @@ def expose(
             scratch.nearness[pixel] = 0.0
             if lens.colour >= 0 and relit == 1 and face <= table:
                 x, y = float(column) + 0.5, float(row) + 0.5
-                seen = _relit_pixel(solids, poses, env, eye, scratch, face, nearness, x, y)
+                ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
+                if face < table:
+                    normal = _normal(solids, face, x, y, eye, scratch)
+                    solid = solids.solids[solids.owners[face]]
+                    seen = _packed(_relit(solids, solid, normal, ray, poses, env, scratch))
+                elif grain[0] > 0.0:
+                    turned = wp.transpose(eye.turn) * ray
+                    seen = _packed(
+                        _grain(turned, nearness, eye, grain, poses.pattern) * relit_table
+                    )
+                else:
+                    seen = _packed(relit_table)
             if lens.colour >= 0:
                 frames.colour[colour + pixel] = seen
             if lens.depth >= 0:

@@ -16,7 +16,13 @@ import warp as wp
 
 from needlehoop.engines.contract import OPTICS, ZOOM, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
-from needlehoop.engines.rasteriser.buffers import FrameBuffers, Lens, Poses, ScratchBuffers
+from needlehoop.engines.rasteriser.buffers import (
+    PATTERN,
+    FrameBuffers,
+    Lens,
+    Poses,
+    ScratchBuffers,
+)
 from needlehoop.engines.rasteriser.kernel import draw
 from needlehoop.engines.rasteriser.solids import Solids, pack
 
@@ -80,6 +86,7 @@ class Rasteriser:
         self._poses, self._fields = _poses(model, num_envs)
         self._tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
         self._fields["cam_tangent"][:] = self._tangents
+        self._poses.pattern = wp.array(_pattern(), dtype=float, device="cpu")
         self._poses.relit = wp.zeros(num_envs, dtype=int, device="cpu")
         self._relit = self._poses.relit.numpy()
         self._scratch = [
@@ -142,6 +149,16 @@ class Rasteriser:
             at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
             frames[view] = Frame(*picked)
         return frames
+
+
+def _pattern() -> np.ndarray:
+    """Smooth noise in [-1, 1] without a seam; always the same."""
+    side = int(PATTERN)
+    noise = np.random.default_rng(0).standard_normal((side, side))
+    # Waves of four cells and longer.
+    waves = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.fftfreq(side))
+    smooth = np.fft.ifft2(np.fft.fft2(noise) * (waves < 0.25)).real
+    return (smooth / np.abs(smooth).max()).astype(np.float32)
 
 
 def _lenses(model: mujoco.MjModel, views: Mapping[str, Channels]) -> wp.array:
