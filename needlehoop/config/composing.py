@@ -81,16 +81,19 @@ def check_choice(words: Iterable[str]) -> None:
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
-    Likewise of ``axes`` and ``severities``.
+    So is a single one of ``axes`` and ``severities``.
 
     Under ``-m`` a bare comma list stays a sweep.
     """
     given = list(words)
     if {"-m", "--multirun"} & set(given):
         return given
-    listed = r"^(\+*(?:cams|axes|severities)=)([^\[\]'\"]*,[^\[\]'\"]*)$"
+    cams = (r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]")
+    tests = (r"^((?:axes|severities)=)([^\[\]'\"]+)$", r"\1[\2]")
     # Every axis is in the config already; people add one to none.
-    return [re.sub(r"^\+disturb\.", "disturb.", re.sub(listed, r"\1[\2]", w)) for w in given]
+    for pattern, into in (cams, tests, (r"^\+disturb\.", "disturb.")):
+        given = [re.sub(pattern, into, word) for word in given]
+    return given
 
 
 def quoted(word: str) -> str:
