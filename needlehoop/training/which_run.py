@@ -92,7 +92,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     asked = check_options(values)
     if asked.resume is not None:
         run = Run.open(Path(asked.resume))
-        others = [word for word in overrides if not word.startswith(("resume=", "trust="))]
+        beside = ("resume=", "trust=", "conf_dir=")
+        others = [word for word in overrides if not word.startswith(beside)]
         if run.manifest().get("finished") is True:
             raise ValueError(
                 f"resume: {run.folder} is finished, and its learning rate has come to its"
