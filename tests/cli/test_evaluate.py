@@ -43,6 +43,7 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
         (["policy=best"], "policy-best", None),
         (["as=mine"], "mine", None),
         (["episode.grasp=friction"], "episode.grasp-friction", {"episode.grasp": "friction"}),
+        (["disturb.robot.lost=0.5"], "disturb.robot.lost-0.5", {"disturb.robot.lost": 0.5}),
         (["views.front.azimuth=5"], "views.front.azimuth-5", {"views.front.azimuth": 5}),
         (
             ["task.hoop_opening=0.01", "episodes=2", "as=a b"],
@@ -74,6 +75,8 @@ def test_a_variant_of_the_task_is_what_it_is_in_training(run, capsys):
     options = yaml.safe_load((CONF / "task/wide.yaml").read_text())
     keys = {key for key in options if key != "defaults"}
     assert {key.removeprefix("task.") for key in found["changed"]} == keys
+    graded = evaluated(run, "disturb=mild", capsys=capsys)["changed"]
+    assert graded["disturb.robot.lost"] > 0
     # What a run has already changes nothing.
     assert "changed" not in evaluated(run, "task=standard", "engine.threads=2", capsys=capsys)
     assert not (run / "evaluations/task-standard").exists()
