@@ -70,8 +70,12 @@ class _Asked(NamedTuple):
     device: Any
 
     def agent(self) -> Agent:
+        import torch
+
         from needlehoop.learning.evaluate import load_agent
 
+        # As in training: their number decides how sums are rounded.
+        torch.set_num_threads(1)
         return load_agent(self.run, self.job, self.device, self.policy)
 
     def tell(self, found: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import torch
 from tqdm import tqdm
 
 from needlehoop.learning.agent import Agent
@@ -118,6 +119,8 @@ def _keep(
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print the results."""
+    # As after a training, where only this was left to do.
+    torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
     if job.keep != "best":
         _keep(job, run, agent, POLICY)
