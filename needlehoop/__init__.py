@@ -102,6 +102,7 @@ def make_env_of(
     num_envs: int = 8,
     seed: int | None = None,
     trust: bool = False,
+    overrides: Iterable[str] = (),
 ) -> TorchRLEnv:
     """The environment that a run was trained on, as ``make_env`` gives it.
 
@@ -110,23 +111,30 @@ def make_env_of(
         num_envs: environments in lockstep.
         seed: decides every episode; by default those of the run's final evaluation.
         trust: whether Python code that the run's files name as its reward may run.
+        overrides: conditions to change, as on the command line: ``["task=wide"]``.
 
     Raises:
-        ValueError: no run there, or code without ``trust``.
+        ValueError: no run there, code without ``trust``, or a condition that is unknown or that
+            the run's agent could not act under.
     """
     from needlehoop.api.making import settings_of
     from needlehoop.envs.torchrl_env import TorchRLEnv
     from needlehoop.runs.shipped import AGENT
 
-    return TorchRLEnv(settings_of(AGENT if run is None else run, num_envs, seed, trust))
+    chosen = AGENT if run is None else run
+    return TorchRLEnv(settings_of(chosen, num_envs, seed, trust, overrides))
 
 
-def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
-    """A run's trained policy: ``policy(observation)`` is the action.
+def load_policy(
+    run: str | Path | None = None, device: str = "auto", policy: str | None = None
+) -> Policy:
+    """A run's trained policy: ``policy(observation)`` is the action, ``policy.origin`` which it is.
 
     Args:
         run: the run's folder, or a ``policy.safetensors`` alone; by default the shipped agent's.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
+        policy: ``last`` or ``best``, see ``keep=``; by default the last, or the best where the run
+            kept no other.
 
     Raises:
         ValueError: no trained policy there.
@@ -134,7 +142,7 @@ def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
     from needlehoop.api.trained import policy_of
     from needlehoop.runs.shipped import AGENT
 
-    return policy_of(AGENT if run is None else run, device)
+    return policy_of(AGENT if run is None else run, device, policy)
 
 
 def __getattr__(name: str) -> ModuleType:

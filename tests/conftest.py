@@ -20,6 +20,7 @@ from strength import ALL
 from tiny_runs import PLACE, TINY, composed, run_composed
 
 from needlehoop.config import composing
+from needlehoop.config.changing import RECORDED
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.robot import joints
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
@@ -57,8 +58,9 @@ def read_configs_once() -> Iterator[Callable[..., DictConfig]]:
 
     def compose(name: str, overrides: list[str] | None = None) -> DictConfig:
         words = parser.parse_overrides(list(overrides or ()))
-        # Additions, deletions and Hydra's own keys change more than the value of a key.
-        if any(
+        # Additions, deletions and Hydra's own keys change more than the value of a key; what a run
+        # recorded is another config for each run.
+        if name == RECORDED or any(
             word.is_sweep_override()
             or word.type is not OverrideType.CHANGE
             or word.package

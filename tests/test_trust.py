@@ -61,7 +61,13 @@ def policy(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policy")
     torch.manual_seed(0)
     senses = Senses.of(typed_job(values))
-    write_weights(folder, senses, build_actor(senses, torch.device("cpu")), values, "float32")
+    write_weights(
+        folder / "policy.safetensors",
+        senses,
+        build_actor(senses, torch.device("cpu")),
+        values,
+        "float32",
+    )
     return folder / "policy.safetensors", asdict(senses), values
 
 

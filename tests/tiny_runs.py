@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file
 
 from needlehoop.cli.train import begin, run
 from needlehoop.config import composing
@@ -85,7 +87,18 @@ def outcome(folder: Path) -> dict[str, Any]:
         "evaluations": table(folder / "evaluations.csv"),
         "evaluation": (folder / "evaluation.json").read_text(),
         "weights": [(k, v.tolist()) for k, v in state["learner"]["ppo"]["agent"].items()],
+        "best": best(folder / "best.safetensors"),
     }
+
+
+def best(path: Path) -> tuple[dict[str, Any], str] | None:
+    """Weights of the best policy, and the evaluation that it was the best at, without times."""
+    if not path.exists():
+        return None
+    with safe_open(path, framework="pt") as file:
+        noted = json.loads(file.metadata()["evaluation"])
+    told = {name: value for name, value in noted.items() if name not in CLOCKS}
+    return {name: one.tolist() for name, one in load_file(path).items()}, json.dumps(told)
 
 
 def table(path: Path) -> list[dict[str, str]]:

@@ -32,7 +32,8 @@ def single(**kwargs: Any) -> GymnasiumEnv:
             ``["obs.frame_stack=3"]``.
         conf_dir (path): a folder of YAML of one's own, laid out as ``conf/``.
         task_dir (path): a folder with a task of one's own, for ``needlehoop/OwnTask-v0``.
-        run (path): a run's folder: the environment that it was trained on, with no other settings.
+        run (path): a run's folder: the environment that it was trained on. ``overrides`` may
+            change its conditions; no other settings go with it.
         trust (bool): whether Python code that the run's files name as its reward may run.
         kwargs (Any): as in ``GymnasiumEnv``: ``channels``, ``render_mode``, ``render_size``.
 
@@ -58,9 +59,11 @@ def _settings(num_envs: int, kwargs: dict[str, Any]) -> Settings:
     run, trust = kwargs.pop("run", None), kwargs.pop("trust", False)
     name = kwargs.pop("name", None)
     if run is not None:
-        if overrides or any(value is not None for value in given.values()):
-            raise ValueError("run: its environment has settings of its own; give no others with it")
-        return settings_of(run, num_envs, None, trust)
+        if any(value is not None for value in given.values()):
+            raise ValueError(
+                "run: its environment has settings of its own; change them with overrides="
+            )
+        return settings_of(run, num_envs, None, trust, overrides)
     cams, reward = given.pop("cams"), given.pop("reward") or "human"
     if name is not None:
         given["task"] = _option(name, given["task"])

@@ -11,7 +11,7 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed, shown
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.learning.job import recorded_job
+from needlehoop.learning.flight import flown_job
 from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
 
@@ -43,7 +43,13 @@ def settings(
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
-def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = False) -> Settings:
+def settings_of(
+    run: str | Path,
+    num_envs: int,
+    seed: int | None,
+    trust: bool = False,
+    overrides: Iterable[str] = (),
+) -> Settings:
     """The settings of a run's environment.
 
     Args:
@@ -51,13 +57,16 @@ def settings_of(run: str | Path, num_envs: int, seed: int | None, trust: bool = 
         num_envs: environments in lockstep.
         seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
         trust: whether Python code that its files name as its reward may run.
+        overrides: conditions to change, as on the command line: ``["task=wide"]``.
 
     Raises:
-        ValueError: no run there, no such number or seed, or code without ``trust``.
+        ValueError: no run there, no such number or seed, code without ``trust``, or a condition
+            that is unknown or that the run's agent could not act under.
     """
     if not isinstance(run, str | Path):
         raise ValueError(f"run: {shown(run)} is no folder")
-    job = recorded_job(Run.open(Path(run)).config(), trust)
+    words = _texts("overrides", overrides)
+    job, _ = flown_job(Run.open(Path(run)).config(), words, trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
         job.env,

@@ -17,12 +17,6 @@ if TYPE_CHECKING:
     from needlehoop.envs.rollout import MakeController
     from needlehoop.envs.settings import Settings
 
-_OWN = (
-    *("demonstrator", "episodes", "out", "format", "overwrite", "device", "seed", "engine"),
-    "trust",
-)
-"""Keys that go together with a run as the demonstrator, whose environment is its own."""
-
 
 def add_commands(commands: Any) -> None:
     """Add the command to the subparsers of ``needlehoop``."""
@@ -32,37 +26,60 @@ def add_commands(commands: Any) -> None:
         _demonstrations,
         "Write episodes of an expert or a trained run as a dataset: Minari or LeRobot.",
         "demonstrator=<controller>|perturbed|<run folder> episodes=200 out=demos/smooth-v0"
-        " format=minari|lerobot overwrite=false device=auto trust=false",
+        " format=minari|lerobot overwrite=false device=auto trust=false; of a run, seed= and any"
+        " condition, changed",
     )
 
 
 def _demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
+    from needlehoop.config.changing import parted
     from needlehoop.demonstrations.episodes import About, demonstrate
     from needlehoop.demonstrations.export import layout, new_folder
     from needlehoop.runs.machine import provenance
 
-    words = options.overrides
+    words, conditions = options.overrides, []
+    named = [word.partition("=")[2] for word in words if word.startswith("demonstrator=")]
+    if named and Path(named[-1]).is_dir():
+        own, others = parted(words, "demonstrations")
+        conditions = [word for word in others if not word.startswith("seed=")]
+        words = [*own, *(word for word in others if word not in conditions)]
     values = composing.compose(words, "demonstrations")
     episodes, kind = strict.value(values, "episodes", Count), strict.value(values, "format", str)
-    write, out = layout(kind), Path(strict.value(values, "out", str))
+    write, place = layout(kind), strict.value(values, "out", str | None)
+    if not place:
+        raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
+    out = Path(place)
     if kind == "minari":
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
-    who, settings, make = _demonstrator(values, words)
+    has_seed = any(word.startswith("seed=") for word in words)
+    who, settings, make = _demonstrator(values, conditions, has_seed)
     with new_folder(out, strict.value(values, "overwrite", bool)) as folder:
         shown = _Shown(demonstrate(settings, make, episodes), episodes)
         write(folder, shown, About(who, settings, provenance()))
-    print(f"{out}: {episodes} episodes, {shown.steps} steps, {shown.succeeded} successful")
+    print(
+        f"{out}: {episodes} episodes (seed {settings.seed}), {shown.steps} steps,"
+        f" {shown.succeeded} successful"
+    )
 
 
-def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settings, MakeController]:
-    """Its name, the environment, and what acts in it."""
+def _demonstrator(
+    values: dict[str, Any], conditions: list[str], has_seed: bool
+) -> tuple[str, Settings, MakeController]:
+    """Its name, the environment, and what acts in it.
+
+    Args:
+        values: the composed config.
+        conditions: words that change a run's; a run demonstrates in its own environment.
+        has_seed: whether a seed was typed; a run's is otherwise one that it has not met.
+    """
     from needlehoop.demonstrations.episodes import scripted
     from needlehoop.envs.settings import settings_from
-    from needlehoop.learning.evaluate import acting, load_agent
-    from needlehoop.learning.job import pick_device, recorded_job
+    from needlehoop.learning.evaluate import acting, load_agent, which_policy
+    from needlehoop.learning.flight import flown_job
+    from needlehoop.learning.job import pick_device
     from needlehoop.runs.run import Run
 
     who, where = (
@@ -73,21 +90,16 @@ def _demonstrator(values: dict[str, Any], words: list[str]) -> tuple[str, Settin
         settings = settings_from(values)
         who = who or settings.definition.teacher
         return who, settings, scripted(who, settings.definition)
-    given = [word.partition("=")[0].lstrip("+~") for word in words]
-    foreign = [key for key in given if key.partition(".")[0] not in _OWN]
-    if foreign:
-        raise ValueError(
-            f"{foreign[0]}: a run demonstrates in its own environment; with it, choose from"
-            f" {', '.join(_OWN)}"
-        )
     run = Run.open(Path(who))
-    job = recorded_job(run.config(), strict.value(values, "trust", bool))
-    device = pick_device(where)
-    seed = strict.value(values, "seed", Seed)
+    trust = strict.value(values, "trust", bool)
+    job, _ = flown_job(run.config(), conditions, trust, "demonstrations")
+    which, _ = which_policy(run, None)
+    # After those of its evaluations and of watch.
+    seed = strict.value(values, "seed", Seed) if has_seed else job.evaluation.final_seed + 2
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    settings = replace(job.env, seed=seed, engine=settings_from(values).engine)
-    return who, settings, acting(load_agent(run, job, device).actor)
+    agent = load_agent(run, job, pick_device(where), which)
+    return who, replace(job.env, seed=seed), acting(agent.actor)
 
 
 class _Shown:

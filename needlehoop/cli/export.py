@@ -63,10 +63,11 @@ def _export_policy(run: str | None, out: Path, overwrite: bool) -> None:
     from needlehoop.api.trained import actor_in
     from needlehoop.learning.onnx_file import PRECISION, onnx_bytes
 
-    content = onnx_bytes(*actor_in(run or AGENT, "cpu", PRECISION))
+    senses, actor, origin = actor_in(run or AGENT, "cpu", precision=PRECISION)
+    content = onnx_bytes(senses, actor)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, content)
-    print(f"{out}: {len(content) / 1e6:.1f} MB; look at it: https://netron.app")
+    print(f"{out}: {len(content) / 1e6:.1f} MB, {origin}; look at it: https://netron.app")
 
 
 def _arm(settings: Any) -> Any:

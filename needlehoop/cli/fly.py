@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
+
+if TYPE_CHECKING:
+    from needlehoop.learning.agent import Agent
+    from needlehoop.learning.job import Job
+    from needlehoop.runs.run import Run
+
+_CONDITIONS = " Conditions of the run that are to be changed: task=wide views.front.azimuth=5 …"
 
 
 def add_commands(commands: Any) -> None:
@@ -17,10 +24,11 @@ def add_commands(commands: Any) -> None:
     evaluated = commands.add_parser(
         "evaluate",
         help="Evaluate a trained run: success, return, cheat rate, a video.",
-        description="Evaluate a trained run and write evaluation.json into its folder. What an"
-        " earlier evaluation wrote is kept under a number.",
-        epilog="Keys: episodes=100 seed=… video=false video_episodes=3 device=auto trust=false;"
-        " reward=human (or any other) scores by it, and writes nothing but the video.",
+        description="Evaluate a trained run. Its own evaluation is evaluation.json, which stays as"
+        " it is; one of other episodes, of the best policy or under changed conditions goes into a"
+        " folder of its own, evaluations/<as>.",
+        epilog="Keys: episodes=100 seed=… policy=last|best as=… video=false video_episodes=3"
+        f" device=auto trust=false.{_CONDITIONS}",
     )
     evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
     evaluated.set_defaults(run=_evaluate)
@@ -30,8 +38,8 @@ def add_commands(commands: Any) -> None:
         description="Run a few episodes that the agent has never met, say what came of them, and"
         " show some in a window, or write a film where there is no display. Nothing is written"
         " into the run's folder; a film that is there is kept under a number.",
-        epilog="Keys: episodes=10 seed=… video_episodes=3 window=… out=watch.mp4 device=auto"
-        " trust=false.",
+        epilog="Keys: episodes=10 seed=… policy=last|best video_episodes=3 window=… out=watch.mp4"
+        f" device=auto trust=false.{_CONDITIONS}",
     )
     watched.add_argument(
         "run_folder", nargs="?", metavar="RUN", help="the run's folder; the shipped agent's if none"
@@ -42,44 +50,136 @@ def add_commands(commands: Any) -> None:
         command.add_argument("--json", action="store_true", help="print one line of JSON")
 
 
-def _evaluate(options: argparse.Namespace) -> None:
-    from needlehoop import rewards
+class _Asked(NamedTuple):
+    """A run, and how it is to be flown."""
+
+    run: Run
+    values: dict[str, Any]
+    """Of the command's own config."""
+    job: Job
+    changed: dict[str, Any]
+    """New values of conditions, by their key."""
+    conditions: list[str]
+    """What was typed to change them."""
+    policy: str
+    steps: int | None
+    """Of its training."""
+    seed: int | None
+    """Of the episodes, if one was typed."""
+    filmed: int
+    device: Any
+
+    def agent(self) -> Agent:
+        import torch
+
+        from needlehoop.learning.evaluate import load_agent
+
+        # As in training: their number decides how sums are rounded.
+        torch.set_num_threads(1)
+        return load_agent(self.run, self.job, self.device, self.policy)
+
+    def tell(self, found: Mapping[str, Any]) -> str:
+        """The evaluation in lines, after what was flown and what was changed."""
+        from needlehoop.learning.evaluate import report, told_policy
+
+        lines = [
+            f"run          {self.run.folder}",
+            f"policy       {told_policy(self.policy, self.steps)}",
+        ]
+        lines += [f"changed      {' '.join(self.conditions)}"] if self.changed else []
+        return "\n".join((*lines, report(self.job.env.definition, found)))
+
+
+def _asked(run: Run, words: list[str], command: str) -> _Asked:
+    """What was typed beside a run.
+
+    Raises:
+        ValueError: a word that is wrong, or code that is not trusted.
+    """
     from needlehoop.config import composing
-    from needlehoop.envs.settings import recall_task
-    from needlehoop.learning.job import checked_job, pick_device
-    from needlehoop.runs.files import VIDEO
+    from needlehoop.config.changing import parted
+    from needlehoop.learning.evaluate import which_policy
+    from needlehoop.learning.flight import flown_job
+    from needlehoop.learning.job import pick_device
+
+    own, conditions = parted(words, command)
+    values = composing.compose(own, command)
+    job, changed = flown_job(run.config(), conditions, strict.value(values, "trust", bool), command)
+    return _Asked(
+        *(run, values, job, changed, conditions),
+        *which_policy(run, strict.value(values, "policy", str | None)),
+        seed=strict.value(values, "seed", Seed | None),
+        filmed=strict.value(values, "video_episodes", Count),
+        device=pick_device(strict.value(values, "device", str)),
+    )
+
+
+def _evaluate(options: argparse.Namespace) -> None:
+    from needlehoop.config.changing import setting
+    from needlehoop.learning.evaluate import assess, film
+    from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
-    run = Run.open(options.run_folder)
-    recorded = run.config()
-    # Programs are found by the cameras.
-    cams = strict.value(recorded, "cams", tuple[str, ...])
-    values = composing.compose([*options.overrides, f"+cams={list(cams)}"], "evaluate")
-    trust, reward = strict.value(values, "trust", bool), values.get("reward")
-    recall_task(recorded, trust)
-    job = checked_job(recorded)
-    paid = rewards.recall(job.env.reward, trust) if reward is None else rewards.allow(reward)
-    job = replace(job, env=replace(job.env, reward=paid))
-    episodes, filmed = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))
-    given = strict.value(values, "seed", Seed | None)
-    seed = job.evaluation.final_seed if given is None else given
+    asked = _asked(Run.open(options.run_folder), options.overrides, "evaluate")
+    run, job, values = asked.run, asked.job, asked.values
+    name = strict.value(values, "as", str | None)
+    if name is not None:
+        check_name("as", name)
+    given, own = strict.value(values, "episodes", Count | None), job.evaluation
+    episodes = own.final_episodes if given is None else given
+    seed = own.final_seed if asked.seed is None else asked.seed
     video = strict.value(values, "video", bool)
-    device = pick_device(strict.value(values, "device", str))
-    from needlehoop.learning.evaluate import assess, film, load_agent, report
-
-    agent = load_agent(run, job, device)
-    found = assess(run, agent, job, episodes, seed, kept=reward is None)
-    print(json.dumps(found) if options.json else report(job.env.definition, found))
+    agent = asked.agent()
+    found = assess(agent, job, episodes, seed)
+    found = {"steps_trained": asked.steps, "policy": asked.policy, **found}
+    found |= {"changed": asked.changed} if asked.changed else {}
+    differs = [
+        *(setting(word) for word in (asked.conditions if asked.changed else [])),
+        *([("episodes", f"{episodes}")] if episodes != own.final_episodes else []),
+        *([("seed", f"{seed}")] if seed != own.final_seed else []),
+        *([("policy", asked.policy)] if asked.policy != "last" else []),
+    ]
+    place, is_new = _place(run, found, differs, name)
+    if is_new:
+        run.write(place, json.dumps(found, indent=2) + "\n")
+    print(json.dumps(found) if options.json else asked.tell(found))
+    if not options.json:
+        print(
+            f"written      {run.folder / place}" if is_new else f"the same as  {run.folder / place}"
+        )
     if video:
-        out = run.vacate(VIDEO)
-        film(job.env, agent, filmed, seed, out)
+        out = run.vacate(str(Path(place).with_name(VIDEO)))
+        film(job.env, agent, asked.filmed, seed, out)
         if not options.json:
             print(f"video        {out}")
 
 
+def _place(
+    run: Run, found: Mapping[str, Any], differs: list[tuple[str, str]], name: str | None
+) -> tuple[str, bool]:
+    """The file of an evaluation, and whether it is to be written.
+
+    The run's own is written where there is none, or where training has gone on since. Any other
+    has a folder of its own.
+    """
+    from needlehoop.runs.files import EVALUATION, FURTHER, name_of
+    from needlehoop.runs.reading import UnreadableError, read_json
+
+    path = run.folder / EVALUATION
+    if name is None and not differs:
+        try:
+            former = read_json(path)
+        except UnreadableError:
+            return EVALUATION, True
+        if former.get("steps_trained") != found["steps_trained"]:
+            return EVALUATION, True
+        if all(former[key] == found[key] for key in {*former} & {*found}):
+            return EVALUATION, False
+        name = "again"
+    return f"{FURTHER}/{name or name_of(differs)}/{EVALUATION}", True
+
+
 def _watch(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
-    from needlehoop.learning.job import pick_device, recorded_job
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
@@ -88,33 +188,28 @@ def _watch(options: argparse.Namespace) -> None:
     named, words = options.run_folder, options.overrides
     if named is not None and "=" in named and not Path(named).exists():
         named, words = None, [named, *words]
-    run = Run.open(AGENT if named is None else Path(named))
-    values = composing.compose(words, "watch")
-    job = recorded_job(run.config(), strict.value(values, "trust", bool))
-    episodes, shown = (strict.value(values, key, Count) for key in ("episodes", "video_episodes"))
-    given = strict.value(values, "seed", Seed | None)
-    seed = job.evaluation.final_seed + 1 if given is None else given
+    asked = _asked(Run.open(AGENT if named is None else Path(named)), words, "watch")
+    job, values = asked.job, asked.values
+    episodes = strict.value(values, "episodes", Count)
+    seed = job.evaluation.final_seed + 1 if asked.seed is None else asked.seed
     window = values["window"]
     window = has_display() if window is None else strict.value(values, "window", bool)
     if window:
         check_display("window=false writes a film")
     out = Path(strict.value(values, "out", str))
-    device = pick_device(strict.value(values, "device", str))
     if out.suffix.lower() != ".mp4":
         raise ValueError(f"out: {str(out)!r} must end in .mp4")
-    from needlehoop.learning.evaluate import film, load_agent, report, show, try_out
+    from needlehoop.learning.evaluate import assess, film, show
 
-    agent = load_agent(run, job, device)
-    found = {"run": str(run.folder), **try_out(agent, job, episodes, seed)}
-    print(
-        json.dumps(found)
-        if options.json
-        else f"run          {run.folder}\n{report(job.env.definition, found)}"
-    )
+    agent = asked.agent()
+    found = {"run": str(asked.run.folder), "policy": asked.policy}
+    found |= {"changed": asked.changed} if asked.changed else {}
+    found |= assess(agent, job, episodes, seed)
+    print(json.dumps(found) if options.json else asked.tell(found))
     if window:
-        show(job.env, agent, shown, seed)
+        show(job.env, agent, asked.filmed, seed)
         return
     set_aside(out)
-    film(job.env, agent, shown, seed, out)
+    film(job.env, agent, asked.filmed, seed, out)
     if not options.json:
         print(f"film         {out}")

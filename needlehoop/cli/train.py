@@ -51,7 +51,9 @@ def run(words: Sequence[str], command: str) -> None:
     # A closure: the process of a launcher has another command line.
     def job(composed: DictConfig) -> None:
         composing.allow_variables(given)
-        _run_one(composed, command)
+        # Hydra has folders of one's own in its search path, and not among a run's words.
+        own = [word for word in words if word.startswith(f"{own_folder.KEY}=")]
+        _run_one(composed, command, given, own)
 
     # Hydra's parser takes settings in one piece, with nothing between them.
     asked = [*own_folder.search_path(folders), *given]
@@ -105,15 +107,20 @@ def _check(words: Sequence[str], typed: Sequence[str]) -> None:
         composing.compose(typed, "config")
 
 
-def _run_one(composed: DictConfig, command: str) -> None:
+def _run_one(
+    composed: DictConfig, command: str, typed: Sequence[str], folders: Sequence[str]
+) -> None:
     """One run; under ``-m`` called once for each."""
     values, own = composing.plain(composed), HydraConfig.get()
-    overrides = list(own.overrides.task)
+    overrides = [*folders, *own.overrides.task]
     if own.mode != RunMode.MULTIRUN:
         # Hydra would print all settings before it passed an error on.
         with _in_a_line(command.removeprefix("python ")):
             begin(values, overrides, command)
         return
+
+    words = [word for word in typed if not word.startswith("-")]
+    values["label"] = sweep.label_of(values, words, own.sweeper.params or {}, own.overrides.task)
 
     def share() -> str:
         from needlehoop.training.options import check_options

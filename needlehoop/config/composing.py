@@ -104,18 +104,26 @@ def quoted(word: str) -> str:
     return f"resume={own_folder.in_quotes(path)}"
 
 
-def prepare(words: Iterable[str]) -> tuple[list[str], list[Path]]:
+def prepare(
+    words: Iterable[str], task: str | None = None, task_dir: str | None = None
+) -> tuple[list[str], list[Path]]:
     """A command line as Hydra takes it, and the config folders of one's own that it named.
 
     Also registers the options that are no files.
+
+    Args:
+        words: of the command line.
+        task: by its name, where a run and not the command line decides it.
+        task_dir: its folder, if it has one.
 
     Raises:
         ValueError: ``conf_dir`` or ``task_dir`` is no such folder.
     """
     rest, folders = own_folder.part(words)
+    folders += [] if task_dir is None else [Path(task_dir) / "conf"]
     allow_variables(rest)
     camera_groups.register(rest, CONF, *folders)
-    task_options.register(rest, [CONF, *folders])
+    task_options.register(rest, [CONF, *folders], task)
     return in_brackets(rest), folders
 
 

@@ -23,19 +23,20 @@ _DEEPEST = 8
 """Files that a task's option may build on, one on the other."""
 
 
-def register(words: Iterable[str], folders: Sequence[Path]) -> None:
+def register(words: Iterable[str], folders: Sequence[Path], task: str | None = None) -> None:
     """Tell Hydra what the options are for the task that a command line names.
 
     Args:
         words: what was typed.
         folders: config folders, ours first.
+        task: by its name, where a run and not the command line decides it.
 
     Raises:
         ValueError: a sweep over different tasks, or a file that cannot be read.
     """
     chosen = [w.partition("=")[2] for w in words if w.lstrip("+").startswith("task=")]
     options = chosen[-1].split(",") if chosen else [STANDARD]
-    found = (task_name(option, folders) for option in options)
+    found = [task] if task else (task_name(option, folders) for option in options)
     names = {name for name in found if name is not None}
     if len(names) > 1:
         raise ValueError(f"task: a sweep is over one task's variants, not {', '.join(names)}")

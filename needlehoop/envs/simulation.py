@@ -76,7 +76,7 @@ class Simulation:
         self.layout, self.episode = layout, episode
         self._readings = Readings(engine.model, task.sensors, task.signals)
         self._before = engine.sensordata()
-        self._envs = first_env + np.arange(engine.num_envs)
+        self.envs = first_env + np.arange(engine.num_envs)
         self.disturbance = disturbance
         self.reseed(seed)
 
@@ -107,7 +107,7 @@ class Simulation:
             mask = torch.ones(self.num_envs, dtype=torch.bool)
         ids = mask.nonzero().flatten()
         if len(ids):
-            envs, episodes = self._envs[ids.numpy()], self._episodes[ids.numpy()]
+            envs, episodes = self.envs[ids.numpy()], self._episodes[ids.numpy()]
             rows = [
                 draws(self._seed, env, episode, self.task.draws)
                 for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
@@ -177,7 +177,7 @@ class Simulation:
             amounts: of what is wrong there ``(k,)``, by axis.
         """
         rows = ids.numpy()
-        self._envs[rows], self._episodes[rows] = envs.numpy(), 0
+        self.envs[rows], self._episodes[rows] = envs.numpy(), 0
         if self.disturbance is not None:
             self.disturbance.deal(rows, {key: one.numpy() for key, one in amounts.items()})
 

@@ -1,13 +1,13 @@
-"""Deterministic evaluation of a policy on episodes of its own."""
+"""Evaluation of a policy on episodes of its own: on its mean action, and with actions drawn."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from scipy.stats import binomtest
 from torch import Tensor
@@ -23,11 +23,11 @@ from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.checkpoint import check_agent, check_state
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import agent_state, build_agent
-from needlehoop.learning.weights import read_weights
+from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
 from needlehoop.rewards import NONE, reference_reward
-from needlehoop.runs.files import CHECKPOINT, EVALUATION, POLICY
+from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
@@ -35,36 +35,63 @@ from needlehoop.tasks.contract import Task
 _BATCH = 50
 
 
-def acting(actor: Actor) -> MakeController:
-    """Makes a policy, acting on its mean, the controller of any simulation it was made for."""
+SAMPLED = "success_sampled"
+"""Success of the same agent on the same episodes, its actions drawn at random as in training."""
+
+
+def acting(actor: Actor, sampled: bool = False) -> MakeController:
+    """Makes a policy the controller of any simulation it was made for.
+
+    Args:
+        actor: on the device where it is to run.
+        sampled: whether its actions are drawn, as in training; they are its mean otherwise.
+    """
     device = next(actor.parameters()).device
 
     def make(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
         observer = Observer(settings, simulation, imager)
+        # Of each environment's own, so an episode does not depend on how many there are.
+        keys = [(env,) for env in (simulation.envs.tolist() if sampled else [])]
+        sequences = [np.random.SeedSequence(settings.seed, spawn_key=key) for key in keys]
+        noise = [*map(np.random.default_rng, sequences)]
 
         def act(signals: Signals) -> Tensor:
             seen = observer(signals)
             images: Any = seen.pop("pixels", {})
             with torch.no_grad():
-                return actor(*(x.to(device) for x in (*images.values(), *seen.values()))).cpu()
+                mean = actor(*(x.to(device) for x in (*images.values(), *seen.values()))).cpu()
+                if not sampled:
+                    return mean
+                drawn = [own.standard_normal(mean.shape[-1], np.float32) for own in noise]
+                return mean + actor.head.log_sigma.exp().cpu() * torch.from_numpy(np.stack(drawn))
 
         return act
 
     return make
 
 
-def evaluate(settings: Settings, agent: Agent, episodes: int) -> Outcome:
+def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = False) -> Outcome:
     """Run the first episode of ``episodes`` environments of the settings' seed.
 
     Args:
         settings: the environment that the agent was made for, with the evaluation's seed.
         agent: on the device where it is to run.
         episodes: how many; episode ``i`` is the same however many there are.
+        sampled: as in ``acting``.
 
     Raises:
         ValueError: fewer than one episode.
     """
-    return run_batches(settings, episodes, _BATCH, acting(agent.actor))
+    return run_batches(settings, episodes, _BATCH, acting(agent.actor, sampled))
+
+
+def on_the_way(job: Job, agent: Agent) -> dict[str, float | int]:
+    """What a row of ``evaluations.csv`` says of an agent in training."""
+    own = replace(job.env, seed=job.evaluation.seed)
+    mean, drawn = (
+        evaluate(own, agent, job.evaluation.episodes, sampled) for sampled in (False, True)
+    )
+    return {**mean.summary(), SAMPLED: float(drawn.success.double().mean())}
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -92,49 +119,72 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
     play(window, alone, simulation, act, range(episodes))
 
 
-def assess(
-    run: Run, agent: Agent, job: Job, episodes: int, seed: int, *, kept: bool = True
-) -> dict[str, Any]:
-    """Evaluate a run's agent and write ``evaluation.json`` into its folder; returns it.
+def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
+    """Evaluate an agent at length, on its mean action and with its actions drawn.
 
     Args:
-        run: whose folder.
         agent: on the device where it is to run.
         job: of the run.
         episodes: how many.
-        seed: of the episodes; not the training's.
-        kept: whether to write it: not for another reward than the run's own.
+        seed: of the episodes.
 
     Raises:
         ValueError: no episodes, or the seed of the training.
     """
-    found = {"steps_trained": run.manifest().get("steps"), **try_out(agent, job, episodes, seed)}
-    if kept:
-        run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
-    return found
-
-
-def try_out(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
-    """Evaluate an agent on episodes that it was not trained on; arguments as in ``assess``."""
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    if seed < 0:
-        raise ValueError(f"seed: {seed} is negative")
-    outcome = evaluate(replace(job.env, seed=seed), agent, episodes)
-    return {"seed": seed, **with_intervals(job.env.definition, outcome)}
+    own = replace(job.env, seed=seed)
+    found = with_intervals(job.env.definition, evaluate(own, agent, episodes))
+    drawn = evaluate(own, agent, episodes, sampled=True)
+    return {"seed": seed, **found, SAMPLED: float(drawn.success.double().mean())}
 
 
-def load_agent(run: Run, job: Job, device: torch.device) -> Agent:
-    """The agent of a run's last checkpoint; without one, the policy of ``policy.safetensors``.
+def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
+    """Which of a run's policies is meant, and after how many steps of training it was so.
+
+    Args:
+        run: whose folder.
+        asked: ``last`` or ``best``; ``None``: the last, or else the best.
+
+    Raises:
+        ValueError: another word, or the run has no such policy.
+    """
+    if asked not in (None, *POLICIES):
+        raise ValueError(f"policy: {asked!r} is unknown; choose from {', '.join(POLICIES)}")
+    best = run.folder / BEST
+    last = any((run.folder / name).exists() for name in (CHECKPOINT, POLICY))
+    if asked == "last" or (asked is None and (last or not best.exists())):
+        return "last", run.manifest().get("steps")
+    if not best.exists():
+        raise ValueError(
+            f"policy: {run.folder} has no {BEST}: no evaluation on the way, or keep=last"
+        )
+    return "best", read_step(best)
+
+
+def told_policy(which: str, steps: int | None) -> str:
+    """In words: ``best, after 1,024,000 steps``."""
+    return which if steps is None else f"{which}, after {steps:,} steps"
+
+
+def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -> Agent:
+    """One of a run's agents: of its last checkpoint, or of the weights that it keeps.
 
     With the latter its value function is untrained.
+
+    Args:
+        run: whose folder.
+        job: of the run.
+        device: where it is to run.
+        policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
+            ``best``, that of ``best.safetensors``.
 
     Raises:
         ValueError: neither of them, or one that is damaged or of another run.
     """
-    weights = run.folder / POLICY
+    weights = run.folder / POLICIES[policy]
     state = None
-    if (run.folder / CHECKPOINT).exists() or not weights.exists():
+    if policy == "last" and ((run.folder / CHECKPOINT).exists() or not weights.exists()):
         state = run.checkpoint().state
         check_state(run.folder / CHECKPOINT, state, job)
     # Networks do not depend on the reward, and a stranger's may be code.
@@ -170,6 +220,7 @@ def report(task: Task, found: Mapping[str, Any]) -> str:
     lines = [
         f"episodes     {f['episodes']} (seed {f['seed']})",
         f"success      {_share(f, 'success')}",
+        f"sampled      {f[SAMPLED]:.1%} (success with actions drawn as in training)",
         f"return       {f['return']:.2f}{spread}"
         f" (final potential; {f['return_min']:.2f} to {f['return_max']:.2f})",
         f"human        {f['return_human']:.2f} (final potential of the human reward{unit})",

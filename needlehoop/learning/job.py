@@ -16,10 +16,19 @@ from needlehoop.envs.settings import Settings, import_task, recall_task, with_ta
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.runs.files import EXPERT, check_folder, check_name, reward_name, seen
+from needlehoop.runs.files import (
+    EXPERT,
+    POLICIES,
+    check_folder,
+    check_name,
+    labelled,
+    reward_name,
+    seen,
+)
 
 LOGGERS = ("csv", "wandb")
 WEIGHTS = ("float32", "bfloat16")
+BOTH = "both"
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,12 @@ class Job:
     init: str | None = None
     """Folder of the run whose agent this one begins with."""
     weights: str = WEIGHTS[0]
-    """What ``policy.safetensors`` keeps its numbers in."""
+    """What the files of policies keep their numbers in."""
+    label: str | None = None
+    """Tells the run's folder from those of other settings; a sweep makes it of what differs."""
+    keep: str = BOTH
+    """Which policies have a file: the ``last``, the ``best`` of the evaluations on the way, or
+    ``both``."""
 
     def __post_init__(self) -> None:
         told = self.algo.network.told
@@ -116,10 +130,17 @@ class Job:
                     f" {seed} is the training's; choose another"
                 )
         check_folder("results", self.results)
-        if self.weights not in WEIGHTS:
-            valid = ", ".join(WEIGHTS)
-            raise ValueError(f"weights: {self.weights!r} is unknown; choose from {valid}")
-        for key in ("study", "reward_name"):
+        for key, valid in (("weights", WEIGHTS), ("keep", (*POLICIES, BOTH))):
+            if getattr(self, key) not in valid:
+                raise ValueError(
+                    f"{key}: {getattr(self, key)!r} is unknown; choose from {', '.join(valid)}"
+                )
+        if self.keep == "best" and not 0 < self.evaluation.every <= self.updates:
+            raise ValueError(
+                f"keep: there is no best without an evaluation on the way; evaluation.every="
+                f"{self.evaluation.every} is none in {self.updates} buffers"
+            )
+        for key in ("study", "reward_name", *(["label"] if self.label is not None else [])):
             check_name(key, getattr(self, key))
         convolution_dtype(self.precision, self.torch_device)
 
@@ -156,9 +177,10 @@ class Job:
 
     @property
     def place(self) -> str:
-        """The run's folder below ``results``: study, cameras, reward, seed."""
+        """The run's folder below ``results``: study, cameras, reward and label, seed."""
         cameras = seen(self.env.cams, self.env.obs.signals)
-        return f"{self.study}/{cameras}/{self.reward_name}/seed{self.env.seed}"
+        taught = labelled(self.reward_name, self.label)
+        return f"{self.study}/{cameras}/{taught}/seed{self.env.seed}"
 
     @property
     def torch_device(self) -> torch.device:

@@ -25,13 +25,18 @@ class Policy:
     Args:
         senses: what it sees.
         actor: trained.
+        origin: which policy it is, in words.
     """
 
-    def __init__(self, senses: Senses, actor: Actor):
+    def __init__(self, senses: Senses, actor: Actor, origin: str):
+        self.origin = origin
         self._actor, self._device = actor.eval(), next(actor.parameters()).device
         size = senses.image_size
         self._images = {name: (c, size, size) for name, c in senses.channels.items()}
         self._vectors = senses.vectors
+
+    def __repr__(self) -> str:
+        return f"Policy({self.origin})"
 
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Any]) -> Any:

@@ -12,7 +12,7 @@ from needlehoop.disturbances.config import Disturb
 from needlehoop.envs.controllers import controller, controllers
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.learning.evaluate import acting, load_agent
+from needlehoop.learning.evaluate import acting, load_agent, which_policy
 from needlehoop.learning.job import recorded_job
 from needlehoop.learning.weights import read_actor, read_senses
 from needlehoop.runs.run import Run
@@ -55,7 +55,7 @@ def subject(
         if own == job.env.seed:
             raise ValueError(f"seed: the run was trained on {own}; choose another")
         settings = replace(job.env, seed=own, disturb=Disturb())
-        agent = load_agent(run, job, device)
+        agent = load_agent(run, job, device, which_policy(run, None)[0])
         return Subject(settings, acting(agent.actor), not settings.cams)
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":

@@ -1,4 +1,4 @@
-"""``policy.safetensors``: a trained policy's weights and its run's config, in one file.
+"""``policy.safetensors``, ``best.safetensors``: a policy's weights and its run's config, in a file.
 
 It holds what an agent needs to act, and not what it learns with (value head, optimiser,
 environments). Nothing in it is unpickled. Only the keys of its config that ``Senses`` names are
@@ -26,11 +26,14 @@ from needlehoop.learning.agent import Actor
 from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
-from needlehoop.runs.files import POLICY, write_whole
+from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
 
-_SENSES, _CONFIG = "senses", "config"
-"""Names in the file's metadata, of JSON: what the policy sees and does, and the run's config."""
+_SENSES, _CONFIG, _EVALUATION = "senses", "config", "evaluation"
+"""Names in the file's metadata, of JSON: what the policy sees and does, the run's config, and for
+the best policy the evaluation that it was the best at."""
+
+Steps = Annotated[int, Range(0, 10**15)]
 
 _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64: ("I64",)}
 """Types of numbers that a file may hold, by the policy's own."""
@@ -78,24 +81,41 @@ def build_actor(senses: Senses, device: torch.device) -> Actor:
 
 
 def write_weights(
-    folder: Path, senses: Senses, actor: Actor, values: Mapping[str, Any], dtype: str
+    path: Path,
+    senses: Senses,
+    actor: Actor,
+    values: Mapping[str, Any],
+    dtype: str,
+    evaluation: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write ``policy.safetensors`` into a run's folder, whole or not at all.
+    """Write a policy's file, whole or not at all.
 
     Args:
-        folder: of the run.
-        senses: what its policy sees and does.
-        actor: its trained policy.
+        path: of the file.
+        senses: what the policy sees and does.
+        actor: the policy.
         values: the run's config, for the record; it is not read back.
         dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
+        evaluation: of the best policy, for the record: its row of ``evaluations.csv``.
     """
     wanted = getattr(torch, dtype)
     kept = {
         name: (one.to(wanted) if one.dtype == torch.float32 else one).cpu().contiguous()
         for name, one in actor.state_dict().items()
     }
-    notes = {_SENSES: json.dumps(asdict(senses)), _CONFIG: json.dumps(values)}
-    write_whole(folder / POLICY, save(kept, notes))
+    notes = {_SENSES: asdict(senses), _CONFIG: values}
+    notes |= {} if evaluation is None else {_EVALUATION: evaluation}
+    write_whole(path, save(kept, {name: json.dumps(note) for name, note in notes.items()}))
+
+
+def read_step(path: Path) -> int | None:
+    """Environment steps before the evaluation that a best policy's file notes, if it does.
+
+    Raises:
+        ValueError: as in ``read_senses``.
+    """
+    found = _note(path, _EVALUATION) or {}
+    return strict.structure(found.get("step"), Steps | None, f"{path}: step")
 
 
 def read_senses(path: Path) -> Senses:
@@ -104,14 +124,9 @@ def read_senses(path: Path) -> Senses:
     Raises:
         ValueError: no such file, or a damaged or foreign one.
     """
-    with _reading(path), safe_open(path, framework="pt") as file:
-        found = file.metadata() or {}
-    try:
-        values = parse_json(found[_SENSES])
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(
-            f"{path} holds no policy of needlehoop: it does not say what it sees"
-        ) from error
+    values = _note(path, _SENSES)
+    if values is None:
+        raise ValueError(f"{path} holds no policy of needlehoop: it does not say what it sees")
     try:
         return strict.structure(values, Senses)
     except ValueError as error:
@@ -159,6 +174,16 @@ def check_weights(path: Path, actor: Actor) -> None:
     if odd:
         more = f" and {len(odd) - 1} others" if odd[1:] else ""
         raise ValueError(f"{path} does not fit its config: {odd[0]}{more}")
+
+
+def _note(path: Path, name: str) -> Any:
+    """What a file's metadata has under a name; ``None`` for nothing, or nothing that is JSON."""
+    with _reading(path), safe_open(path, framework="pt") as file:
+        found = file.metadata() or {}
+    try:
+        return parse_json(found[name])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 @contextmanager

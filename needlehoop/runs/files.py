@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import os
 import re
@@ -15,7 +16,13 @@ from typing import Any
 CONFIG, MANIFEST, REWARD = "config.yaml", "manifest.json", "reward.txt"
 METRICS, EVALUATIONS = "metrics.csv", "evaluations.csv"
 CHECKPOINT, EVALUATION, VIDEO = "checkpoint.pt", "evaluation.json", "video.mp4"
-POLICY, STRESS = "policy.safetensors", "stress.csv"
+STRESS = "stress.csv"
+POLICY, BEST = "policy.safetensors", "best.safetensors"
+POLICIES = {"last": POLICY, "best": BEST}
+"""A policy as training left it, and as it was at the best evaluation on the way."""
+
+FURTHER = "evaluations"
+"""In a run's folder: evaluations beside its own, each in a folder of its own."""
 
 SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
@@ -29,6 +36,7 @@ SIGNALS = "signals"
 
 _NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
 _LONGEST_NAME = 100
+_LONGEST_LABEL = 90
 _LONGEST_PART, _LONGEST_PATH = 255, 1_000
 """Bytes of a folder's name and of a path, at most; file systems take them and the files below."""
 
@@ -51,6 +59,23 @@ def reward_name(reward: Mapping[str, Any]) -> str:
 def taught_by(values: Mapping[str, Any]) -> str:
     """The part of a run's path that names its teacher: the reward, or ``expert`` in imitation."""
     return EXPERT if values["algo"].get("kind") == DAGGER else reward_name(values["reward"])
+
+
+def labelled(taught: str, label: str | None) -> str:
+    """The part of a run's path that names its teacher, and its label if it has one."""
+    return taught if label is None else f"{taught}+{label}"
+
+
+def name_of(settings: Iterable[tuple[str, str]]) -> str:
+    """A name for a folder from keys and values: ``algo.learning_rate-0.0003+task-wide``.
+
+    A long one is cut, and ends in a sum of all of it.
+    """
+    text = "+".join(f"{key}-{value}" for key, value in sorted(settings))
+    name = re.sub(r"[^\w.+-]+", "_", text).strip("_")
+    if len(name.encode()) <= _LONGEST_LABEL:
+        return name
+    return f"{name[: _LONGEST_LABEL // 3]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def check_name(key: str, name: str) -> None:

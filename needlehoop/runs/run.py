@@ -137,6 +137,10 @@ class Run:
             self._settle()
         self._tables[table].append(row)
 
+    def rows(self, table: str) -> list[dict[str, str]]:
+        """The rows of a table that this run goes on with, and those added since."""
+        return self._tables[table].rows()
+
     def save(self, state: Mapping[str, Any]) -> None:
         """Write the checkpoint, whole or not at all, and with it the tables as they are."""
         self._settle()
@@ -177,8 +181,12 @@ class Run:
         self.note(finished=True)
 
     def write(self, name: str, text: str) -> Path:
-        """Write a small file, whole or not at all; another text of that name is kept."""
+        """Write a small file, whole or not at all; another text of that name is kept.
+
+        Its name may begin with that of a folder in the run's, which is made.
+        """
         path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not (path.exists() and path.read_bytes() == text.encode()):
             write_whole(self.vacate(name), text)
         return path
@@ -209,7 +217,7 @@ def _check_vacant(folder: Path, overwrite: bool) -> None:
     if not overwrite:
         raise ValueError(
             f"{folder} exists; go on with resume={folder}, or begin again with overwrite=true,"
-            " which keeps it under a number, or choose another study="
+            " which keeps it under a number, or choose another label= or study="
         )
     if CONFIG not in names:
         raise ValueError(f"overwrite: {folder} holds files but no run; move them away")

@@ -46,6 +46,10 @@ class Table:
             os.fsync(file.fileno())
         self.text += added
 
+    def rows(self) -> list[dict[str, str]]:
+        """Its rows as they were written, by column."""
+        return [*csv.DictReader(io.StringIO(self.text))]
+
     def settle(self) -> str | None:
         """Bring the file to what was written so far.
 

@@ -6,21 +6,23 @@ config, once for each run (``cli/train.py``).
 
 from __future__ import annotations
 
+import json
 import math
 import shlex
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
+import torch
 from tqdm import tqdm
 
-from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, report
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.metrics import Logger, build_logger, episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
-from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
+from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
@@ -70,11 +72,13 @@ def train(
             bar.update(job.buffer)
 
             if job.evaluation.every and update % job.evaluation.every == 0:
-                own = replace(job.env, seed=job.evaluation.seed)
-                outcome = evaluate(own, learner.agent, job.evaluation.episodes)
-                evaluation = {**at, **outcome.summary()}
+                evaluation = {**at, **on_the_way(job, learner.agent)}
                 run.append(EVALUATIONS, evaluation)
                 logger.log("evaluation", evaluation)
+                # Before the checkpoint. A run that is killed between them comes here again, with
+                # the same weights.
+                if job.keep != "last" and _is_best(run):
+                    _keep(job, run, learner.agent, BEST, evaluation)
 
             paused = until is not None and until <= learner.steps and update < job.updates
             stopping = interruption.asked or paused
@@ -99,14 +103,33 @@ def _check_finite(losses: Mapping[str, float], update: int) -> None:
             )
 
 
+def _is_best(run: Run) -> bool:
+    """Whether the newest evaluation is the best: by success, then by return; a tie goes to it."""
+    marks = [(float(row["success"]), float(row["return"])) for row in run.rows(EVALUATIONS)]
+    return marks[-1] >= max(marks)
+
+
+def _keep(
+    job: Job, run: Run, agent: Agent, name: str, evaluation: Mapping[str, Any] | None = None
+) -> None:
+    """Write the agent's policy into its run's folder."""
+    path, senses = run.folder / name, Senses.of(job)
+    write_weights(path, senses, agent.actor, run.config(), job.weights, evaluation)
+
+
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print the results."""
+    # As after a training, where only this was left to do.
+    torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
-    write_weights(run.folder, Senses.of(job), agent.actor, run.config(), job.weights)
+    if job.keep != "best":
+        _keep(job, run, agent, POLICY)
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
-    found = assess(run, agent, job, own.final_episodes, own.final_seed)
+    found = assess(agent, job, own.final_episodes, own.final_seed)
+    found = {"steps_trained": run.manifest().get("steps"), "policy": "last", **found}
+    run.write(EVALUATION, json.dumps(found, indent=2) + "\n")
     if own.video_episodes:
         film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)

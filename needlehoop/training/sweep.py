@@ -6,16 +6,30 @@ import json
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
 from hydra.experimental.callback import Callback
 
-from needlehoop.runs.files import OUTCOME, listed, seen, taught_by, write_whole
+from needlehoop.runs.files import (
+    OUTCOME,
+    labelled,
+    listed,
+    name_of,
+    seen,
+    taught_by,
+    write_whole,
+)
 from needlehoop.runs.lock import HeldError
 from needlehoop.runs.machine import available_cpus
 from needlehoop.runs.reading import UnreadableError, printable, read_json
+
+_IN_PATH = ("cams", "model", "seed", "study", "results", "label", "reward.name", "obs.signals")
+_TOLD = {"algo": ("ppo", "dagger"), "obs": ("images", "signals")}
+"""Keys, and choices of others, that a run's path says without a label."""
 
 RESUMING = ("auto", "resume")
 """Values of ``existing`` with which a sweep goes on with what is there."""
@@ -40,9 +54,46 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
         "run": " ".join(overrides),
         "study": values["study"],
         "cameras": seen(listed(values["cams"]), _part(values["obs"], "signals") is True),
-        "reward": taught_by(values) if _is_grouped(values) else None,
+        "reward": labelled(taught_by(values), values["label"]) if _is_grouped(values) else None,
         "seed": values["seed"],
     }
+
+
+def label_of(
+    values: Mapping[str, Any], typed: Iterable[str], params: Mapping[str, Any], own: Iterable[str]
+) -> str | None:
+    """What tells a sweep's run from the others, where cameras, reward and seed do not.
+
+    Args:
+        values: the composed config.
+        typed: words of the command line, without flags.
+        params: what an experiment's sweeper adds to them.
+        own: the words that the run itself was composed of.
+    """
+    parse = OverridesParser.create().parse_overrides
+    swept = {
+        one.get_key_element()
+        for one in parse([*(f"{key}={value}" for key, value in params.items()), *typed])
+        if one.is_sweep_override()
+    }
+    differs = [
+        (one.key_or_group, one.get_value_element_as_str())
+        for one in parse([*own])
+        if one.get_key_element() in swept and not _is_in_path(values, one)
+    ]
+    parts = [
+        *([values["label"]] if values["label"] else []),
+        *([name_of(differs)] if differs else []),
+    ]
+    return "+".join(parts) or None
+
+
+def _is_in_path(values: Mapping[str, Any], word: Override) -> bool:
+    """Whether a run's path without a label says already what a word chose."""
+    key, choice = word.key_or_group, word.value()
+    if key == "reward":
+        return _is_grouped(values) and choice == taught_by(values)
+    return key in _IN_PATH or choice in _TOLD.get(key, ())
 
 
 def _is_grouped(values: Mapping[str, Any]) -> bool:

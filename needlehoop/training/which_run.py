@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
@@ -25,9 +26,13 @@ from needlehoop.training.options import check_options
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep"),
 )
 """Settings that may change when a run is resumed: they do not affect its results."""
+
+
+_OF_ONE_RUN = {"resume", "overwrite", "existing", "until"}
+"""What was typed for one run, and not for another of the same settings."""
 
 
 @dataclass(frozen=True)
@@ -86,12 +91,20 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """
     asked = check_options(values)
     if asked.resume is not None:
-        if [word for word in overrides if not word.startswith(("resume=", "trust="))]:
-            raise ValueError("resume: a run goes on with its own settings; give no others with it")
-        session = _continue(Run.open(Path(asked.resume)), asked.trust)
-        if session.is_finished:
-            raise ValueError(f"resume: {session.run.folder} is finished")
-        return session
+        run = Run.open(Path(asked.resume))
+        beside = ("resume=", "trust=", "conf_dir=")
+        others = [word for word in overrides if not word.startswith(beside)]
+        if run.manifest().get("finished") is True:
+            raise ValueError(
+                f"resume: {run.folder} is finished, and its learning rate has come to its"
+                f" end; train its agent on in a run of its own: {_with_agent(run, others, command)}"
+            )
+        if others:
+            raise ValueError(
+                "resume: a run goes on with its own settings; give no others with it, or begin"
+                f" another with its agent: {_with_agent(run, others, command)}"
+            )
+        return _continue(run, asked.trust)
     # Everything else is checked before a model is asked for a program.
     ask_where_missing(values, typed_job({**values, "reward": rewards.NONE}).env)
     values = {**values, "reward": rewards.pin(values["reward"])}
@@ -120,6 +133,17 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         lock.release()
         raise
     return Session(job, run, values, None, lock, weights)
+
+
+def _with_agent(run: Run, words: list[str], command: str) -> str:
+    """The command that begins a run of a run's settings, changed by words, with its agent."""
+    typed = run.manifest().get("command")
+    own = [str(word) for word in typed if "=" in str(word)] if isinstance(typed, list) else []
+    own = own or [f"cams=[{','.join(map(str, run.config()['cams']))}]"]
+    new = [*words, f"init={run.folder}", "label=more"]
+    replaced = {word.partition("=")[0].lstrip("+") for word in new} | _OF_ONE_RUN
+    kept = [word for word in own if word.partition("=")[0].lstrip("+") not in replaced]
+    return f"{command} {shlex.join([*kept, *new])}"
 
 
 def _continue(run: Run, trust: bool, again: bool = False) -> Session:
@@ -184,8 +208,8 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
     other = _differing(run.config(), values)
     if other:
         raise ValueError(
-            f"{run.folder} exists with another {', '.join(other)}; choose another study= or"
-            " replace it with overwrite=true"
+            f"{run.folder} exists with another {', '.join(other)}; choose another label= or"
+            " study=, or replace it with overwrite=true, which keeps it under a number"
         )
 
 

@@ -45,7 +45,7 @@ def trained(folder, *words, weights="float32"):
     ppo = {"agent": agent.state_dict(), "done_updates": 1}
     learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
     run.save({"learner": learner, "update": 1, "wall_time": 1.0})
-    write_weights(folder, Senses.of(job), agent.actor, values, weights)
+    write_weights(folder / "policy.safetensors", Senses.of(job), agent.actor, values, weights)
     return agent
 
 

@@ -135,7 +135,7 @@ def test_a_note_that_cannot_be_read_is_named(study, capsys):
 
 
 def test_an_experiment_says_what_nobody_has_started(study, tmp_path, capsys):
-    words = ["experiment=table2", "seed=0,1"]
+    words = ["experiment=table2", "seed=0,1", "steps=1_000_000"]
     assert main(["status", str(study), *words]) == 0
     said = capsys.readouterr().out
     assert "1 done, 2 running, 0 stopped, 0 failed, 25 missing" in said
@@ -149,7 +149,8 @@ def test_an_experiment_says_what_nobody_has_started(study, tmp_path, capsys):
 
 
 def test_planned_runs_are_those_that_the_words_sweep_over():
-    assert planned(["cams=[rgb_front, dep_side],[seg_side]", "reward=human,sparse", "seed=2"]) == [
+    words = ["cams=[rgb_front, dep_side],[seg_side]", "reward=human,sparse", "seed=2"]
+    assert [*planned(words)] == [
         Place("rgb_front+dep_side", "human", 2),
         Place("rgb_front+dep_side", "sparse", 2),
         Place("seg_side", "human", 2),
@@ -166,10 +167,9 @@ def test_planned_runs_are_those_that_the_words_sweep_over():
 
 
 def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
-    assert planned(["algo=dagger", "cams=[seg_side]", "seed=0,1"]) == [
-        Place("seg_side", "expert", 0),
-        Place("seg_side", "expert", 1),
-    ]
+    found = planned(["algo=dagger", "cams=[seg_side]", "seed=0,1"])
+    assert [*found] == [Place("seg_side", "expert", 0), Place("seg_side", "expert", 1)]
+    assert found[Place("seg_side", "expert", 0)] == {"steps": "64000"}
     imitation = planned(["experiment=imitation"])
     assert len(imitation) == 17 * 3
     table2 = {place.cameras for place in planned(["experiment=table2"])}
@@ -179,7 +179,9 @@ def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
 def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
     for word, said in (
         ("experiment=table3", "'table3' is unknown; choose from fast, full, imitation"),
-        ("steps=5", "'steps=5' is not understood; choose from experiment, algo, cams, reward"),
+        ("stpes=5", "'stpes=5' is not understood; choose from experiment, algo, cams, reward"),
+        ("task=wide", "'task=wide' is not understood: a run's files do not name it"),
+        ("conf_dir=nowhere", "conf_dir: 'nowhere' is no folder"),
         ("cams=rgb_back", "cams: 'rgb_back' is unknown; choose from dep_default, dep_front"),
         ("cams=[]", "cams: '' is unknown"),
         ("seed=1", "cams: give experiment=… or cams=…"),
@@ -189,6 +191,34 @@ def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
         assert said in capsys.readouterr().err
     with pytest.raises(ValueError, match="reward: 'humane' is unknown; choose from file, human"):
         planned(["experiment=table2", "reward=humane"])
+
+
+def test_a_run_of_other_settings_is_not_what_was_asked_for(tmp_path, capsys):
+    """Of ``make demo``'s size, say: finished, and none of an experiment's."""
+    study = tmp_path / "main"
+    write_run(study, "dep_front+seg_side", updates=2, steps=2 * BUFFER)
+    assert main(["status", str(study), "experiment=table2"]) == 0
+    said = capsys.readouterr().out
+    assert "0 done, 0 running, 0 stopped, 0 failed, 13 missing, 1 with other settings" in said
+    assert "other: dep_front+seg_side/human/seed0: steps=20480, not 1500000" in said
+    # Fourteen runs of 1.5 M steps at 640 a second.
+    assert "; 9 h 07 min left" in said
+    assert main(["status", str(study), "cams=[dep_front,seg_side]", "steps=20_480"]) == 0
+    assert "1 done" in capsys.readouterr().out
+    words = ["cams=[dep_front,seg_side]", "steps=20_480", "algo.gamma=0.9"]
+    assert main(["status", str(study), *words]) == 0
+    assert "other: dep_front+seg_side/human/seed0: algo.gamma=0.99, not 0.9" in (
+        capsys.readouterr().out
+    )
+
+
+def test_a_study_of_own_cameras_is_planned_with_their_folder(tmp_path):
+    (tmp_path / "conf/view").mkdir(parents=True)
+    (tmp_path / "conf/view/wrist.yaml").write_text("azimuth: 0.0\n")
+    words = ["cams=rgb_wrist", f"conf_dir={tmp_path}/conf"]
+    assert [*planned(words)] == [Place("rgb_wrist", "human", 0)]
+    with pytest.raises(ValueError, match="'rgb_wrist' is unknown"):
+        planned(words[:1])
 
 
 def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):

@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from strength import ALL, CRASH_POINTS
 from tiny_runs import PLACE, TINY, composed, outcome, refusal, run_composed, run_train
 
 from needlehoop.runs import lock
+from needlehoop.runs import run as run_files
 
 SWEEP_POINTS = max(2, CRASH_POINTS // 6)
 
@@ -146,6 +148,29 @@ def test_a_run_killed_at_any_operation_goes_on_to_the_same_bits(run, whole, tmp_
         seeds = {path.name for path in (Path("results") / PLACE).parent.iterdir()}
         assert seeds <= {"seed0", ".seed0.lock"}, point
     assert deaths >= min(CRASH_POINTS, operations) - 4
+
+
+def test_a_run_killed_between_the_best_policy_and_the_checkpoint(run, whole, tmp_path, monkeypatch):
+    """The file of the best is then ahead of the checkpoint, which is of an earlier buffer."""
+    monkeypatch.chdir(tmp_path)
+    real = run_files.write_checkpoint
+    kept = Path("results") / PLACE / "best.safetensors"
+
+    def write(path: Path, checkpoint: Any) -> None:
+        if kept.exists():
+            raise Killed
+        real(path, checkpoint)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(run_files, "write_checkpoint", write)
+        with machine():
+            run()
+    assert kept.exists()
+    assert torch.load(kept.with_name("checkpoint.pt"))["update"] == 1
+    # The next one writes it anew, with the same bits.
+    kept.write_bytes(b"")
+    run()
+    assert outcome(Path("results") / PLACE) == whole[0]
 
 
 def test_a_run_killed_while_it_goes_on_goes_on_again(run, whole, tmp_path, monkeypatch):

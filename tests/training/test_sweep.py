@@ -14,11 +14,16 @@ import pytest
 import yaml
 from hydra.core.utils import setup_globals
 from omegaconf import OmegaConf
+from tiny_runs import TINY as SMALL
 from tiny_runs import run_train
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
+from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.job import typed_job
+from needlehoop.runs.files import check_name, name_of
+from needlehoop.study.data.records import read_study
+from needlehoop.study.data.sweeps import planned
 from needlehoop.training import sweep
 
 ROOT = Path(__file__).parents[2]
@@ -75,7 +80,9 @@ def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypat
     words = ["cams=[seg_side]", *TINY]
     run_train(*words)
     run_train(*words, "existing=resume", "engine.threads=1")
-    with pytest.raises(SystemExit, match="exists with another algo, steps; choose another study="):
+    with pytest.raises(
+        SystemExit, match="exists with another algo, steps; choose another label= or"
+    ):
         run_train(*words, "existing=resume", "steps=128", "algo.gamma=0.5")
     with pytest.raises(SystemExit, match="exists; go on with"):
         run_train(*words)
@@ -99,6 +106,75 @@ def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, m
     again = finished("seg_side/human/seed0")
     assert again["finished"]
     assert again["started"] != "long ago"
+
+
+def test_runs_of_a_sweep_that_differ_have_folders_of_their_own(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    words = ["-m", *SMALL, "algo.learning_rate=1e-4,3e-4", "task=near,wide", "results=results"]
+    run_train(*words)
+    assert "4 runs, 0 failed" in capfd.readouterr().out
+    places = {
+        f"signals/sparse+algo.learning_rate-{rate}+task-{task}/seed0": (rate, task)
+        for rate, task in product(("0.0001", "0.0003"), ("near", "wide"))
+    }
+    found = {str(run.place): run for run in read_study(Path("results/main")).runs}
+    assert found.keys() == places.keys()
+    for place, (rate, task) in places.items():
+        own = compose_settings([f"task={task}"]).task.needle_yaw_range
+        config = found[place].config
+        assert (str(config["algo"]["learning_rate"]), config["label"]) == (
+            rate,
+            f"algo.learning_rate-{rate}+task-{task}",
+        )
+        assert config["task"]["needle_yaw_range"] == own
+    assert main(["plot", "results/main"]) == 0
+    capfd.readouterr()
+    table = Path("results/main/tables/results.csv").read_text()
+    assert "algo.learning_rate-0.0001+task-near" in table
+    assert table.count("algo.learning_rate-0.0003") == 2
+    # What they are called by does not depend on the order of the words.
+    run_train("-m", *SMALL, "results=results", *reversed(words[-3:-1]))
+    assert "4 runs, 0 failed, 4 done before" in capfd.readouterr().out
+    words = ["cams=[]", "obs.signals=true", *words[-3:-1]]
+    planned_places = {place.reward for place in planned([*words[2:], "cams=seg_side"])}
+    assert planned_places == {place.split("/")[1].replace("sparse", "human") for place in places}
+
+
+@pytest.mark.parametrize(
+    ("words", "params", "own", "label"),
+    [
+        ("cams=[a],[b] seed=0,1 study=x,y", {}, "cams=[a] seed=0 study=x", None),
+        ("reward=human,sparse", {}, "reward=sparse", None),
+        ("algo=ppo,dagger", {}, "algo=ppo", None),
+        ("obs=images,signals", {}, "obs=signals", None),
+        ("reward.name=a,b", {}, "reward.name=a", None),
+        ("steps=64", {}, "steps=64", None),
+        ("reward=mine,sparse", {}, "reward=mine", "reward-mine"),
+        ("steps=64,128", {}, "steps=64", "steps-64"),
+        ("label=mine steps=64,128", {}, "label=mine steps=64", "mine+steps-64"),
+        ("seed=0", {"reward.recording": "claude"}, "reward.recording=claude seed=0", None),
+        ("seed=0", {"image_size": "32,64"}, "image_size=32 seed=0", "image_size-32"),
+        ("algo=mine,ppo", {}, "algo=mine", "algo-mine"),
+        (
+            "views.front.target=[0,0],[0,1]",
+            {},
+            "views.front.target=[0,1]",
+            "views.front.target-_0_1",
+        ),
+    ],
+)
+def test_a_label_says_what_the_path_does_not(words, params, own, label):
+    values = {"label": "mine" if "label=mine" in words else None}
+    values |= {"algo": {}, "reward": {"kind": "sparse"}}
+    assert sweep.label_of(values, words.split(), params, own.split()) == label
+
+
+def test_a_long_label_is_cut_and_still_its_own():
+    settings = [(f"views.front.number{i}", "1.5") for i in range(20)]
+    long, other = name_of(settings), name_of([*settings, ("seed", "1")])
+    assert long != other
+    assert len(long) <= 90
+    check_name("label", long)
 
 
 @cache

@@ -90,6 +90,7 @@ def test_a_run_is_a_folder_of_plain_files(finished):
         "evaluation.json",
         "checkpoint.pt",
         "policy.safetensors",
+        "best.safetensors",
         "video.mp4",
     }
     manifest = json.loads((finished / "manifest.json").read_text())
@@ -198,7 +199,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
     for wrong, said in (
         (words, "resume="),
         ([f"resume={finished}"], "finished"),
-        ([f"resume={finished}", "seed=1"], "own settings"),
+        ([f"resume={finished}", "steps=384"], "its agent on in a run of its own: python train.py"),
         ([f"resume={finished.parent}"], "no run"),
     ):
         with pytest.raises(SystemExit) as caught:
@@ -285,21 +286,24 @@ def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
     assert capsys.readouterr().out.split() == offered
 
 
-def test_a_run_can_be_evaluated_again(finished, capsys):
-    earlier = json.loads((finished / "evaluation.json").read_text())
+def test_a_run_can_be_evaluated_again_beside_its_own_evaluation(finished, capsys):
+    own = (finished / "evaluation.json").read_bytes()
     words = ["evaluate", str(finished), "episodes=5", "video=true", "video_episodes=2", "--json"]
     assert cli.main(words) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found == json.loads((finished / "evaluation.json").read_text())
+    place = finished / "evaluations/episodes-5"
+    assert found == json.loads((place / "evaluation.json").read_text())
     assert found["episodes"] == 5
     low, high = found["success_95"]
     assert low <= found["success"] <= high
-    assert json.loads((finished / "evaluation.1.json").read_text()) == earlier
+    assert (finished / "evaluation.json").read_bytes() == own
     lengths = {}
-    for name in ("video.mp4", "video.1.mp4"):
-        with imageio.get_reader(finished / name) as video:
-            lengths[name] = video.count_frames()
-    assert lengths["video.mp4"] == 2 * lengths["video.1.mp4"]
+    for name in (place / "video.mp4", finished / "video.mp4"):
+        with imageio.get_reader(name) as video:
+            lengths[name.parent] = video.count_frames()
+    assert lengths[place] == 2 * lengths[finished]
+    (run,) = read_study(finished.parents[2]).runs
+    assert run.evaluation["episodes"] == 3
 
 
 def test_evaluation_does_not_depend_on_how_many_fly(finished):
@@ -334,9 +338,10 @@ def test_evaluate_refuses_what_it_does_not_know(finished, capsys, words, said):
 
 def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished, capsys):
     words = ["episodes=3", "--json"]
+    kept = (finished / "evaluation.json").read_text()
     assert cli.main(["evaluate", str(finished), *words]) == 0
     own = json.loads(capsys.readouterr().out)
-    kept = (finished / "evaluation.json").read_text()
+    assert own == json.loads(kept)
     assert cli.main(["evaluate", str(finished), *words, "reward=sparse"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["return"] == found["success"]

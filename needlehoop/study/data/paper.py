@@ -45,14 +45,15 @@ def label(cameras: str) -> str:
 
 
 def reward_label(reward: str) -> str:
-    """A reward's name for people."""
-    return REWARDS.get(reward, reward)
+    """A reward's name for people; after a comma, the label of runs that have one."""
+    name, _, differs = reward.partition("+")
+    return ", ".join([REWARDS.get(name, name), *([differs] if differs else [])])
 
 
 def reward_order(reward: str) -> tuple[int, str]:
     """A key for sorting: the human reward first, then those of ``REWARDS``, then others."""
-    known = [*REWARDS]
-    return (known.index(reward) if reward in known else len(known), reward)
+    known, name = [*REWARDS], reward.partition("+")[0]
+    return (known.index(name) if name in known else len(known), reward)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ _MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0
 
 _RUN_FILES = re.compile(
     r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
-    r"|policy\.safetensors|evaluation(\.\d+)?\.json|stress(\.\d+)?\.csv|video(\.\d+)?\.mp4)"
+    r"|(policy|best)\.safetensors|evaluation(\.\d+)?\.json|stress(\.\d+)?\.csv|video(\.\d+)?\.mp4)"
 )
 _RUN_FOLDER = re.compile(r"seed\d+")
 _FORMER_RUN = re.compile(r"seed\d+\.\d+")
@@ -70,6 +70,7 @@ class Place:
     cameras: str
     """Joined by ``+``, as in the folder's name: ``dep_front+seg_side``."""
     reward: str
+    """With its label, if it has one: ``human+task-wide``."""
     seed: int
 
     def __str__(self) -> str:
@@ -126,7 +127,7 @@ class Record:
     @property
     def settings(self) -> dict[str, str]:
         """Its settings as they are typed on the command line, by names such as ``algo.gamma``."""
-        return dict(_typed_settings(self.config, ""))
+        return typed_settings(self.config)
 
     @property
     def command(self) -> str | None:
@@ -340,6 +341,11 @@ def _quoted(word: Any) -> str:
     """A word of a command as a shell takes it, readable where it needs no quotes."""
     text = str(word)
     return text if re.fullmatch(r"[\w@%+=:,./-]+", text) else "'" + text.replace("'", "'\\''") + "'"
+
+
+def typed_settings(values: Mapping[str, Any]) -> dict[str, str]:
+    """Settings as they are typed on the command line, by names such as ``algo.gamma``."""
+    return dict(_typed_settings(values, ""))
 
 
 def _typed_settings(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str]]:

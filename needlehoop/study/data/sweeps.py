@@ -9,14 +9,20 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from needlehoop.runs.files import DAGGER, EXPERT, OUTCOME, SWEEPS, seen
+from needlehoop.runs.files import DAGGER, EXPERT, OUTCOME, SWEEPS, labelled, name_of, seen
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data.paper import HUMAN
-from needlehoop.study.data.records import LeftOut, Place
+from needlehoop.study.data.records import LeftOut, Place, typed_settings
 
 _KEYS = ("experiment", "algo", "cams", "reward", "seed")
-_MODEL = "+model"
+_MODEL, _OWN, PPO = "model", "conf_dir", "ppo"
+_NO_SETTINGS = ("defaults", "hydra", "study", "results")
+"""Keys of an experiment's file that say nothing of how a run is trained."""
+
+_COMMA = re.compile(r",(?![^\[\]]*\])")
+"""Between the choices of a sweep, and not within a list."""
+
 _NOTED = {"study": str, "cameras": str, "reward": str, "seed": int, "outcome": str}
 
 
@@ -66,61 +72,115 @@ def _read_note(path: Path) -> Mapping[str, Any]:
     return note
 
 
-def planned(words: Sequence[str]) -> list[Place]:
-    """The runs of an experiment, or of a sweep that is spelt out.
+def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
+    """The runs of an experiment, or of a sweep that is spelt out, with settings they are to have.
 
     Args:
         words: as ``train.py`` takes them: ``experiment=table2``, ``cams=[a,b],[c]``,
-            ``reward=human,sparse``, ``seed=0,1,2``, ``algo=dagger``. They replace what an
-            experiment sweeps over; by default the reward is human and the seed 0.
+            ``reward=human,sparse``, ``seed=0,1,2``, ``algo=dagger``, ``steps=500_000``,
+            ``algo.learning_rate=1e-4,3e-4``, ``conf_dir=mine``. They replace what an experiment
+            sweeps over; by default the reward is human and the seed 0.
+
+    Returns:
+        By run, the values of keys, as ``Record.settings`` has them; ``steps`` is one of them.
 
     Raises:
-        ValueError: another key, an unknown experiment, camera or reward, or no cameras.
+        ValueError: a word that is no key and value, an unknown experiment, camera or reward, or no
+            cameras.
     """
-    given = dict(_pair(word) for word in words)
+    pairs = [_pair(word) for word in words]
+    folders = [CONF, *(_folder(path) for key, path in pairs if key == _OWN)]
+    given = {key: value for key, value in pairs if key != _OWN}
     own = {"cams": "", "reward": HUMAN, "seed": "0"}
     if "experiment" in given:
-        own |= _experiment(given.pop("experiment"))
+        own |= _experiment(given.pop("experiment"), folders)
     own |= given
-    taught = own.pop("algo", None) == DAGGER
-    seeds = [_seed(text) for text in own["seed"].split(",")]
-    if _MODEL in own and not taught:
-        models = [model.strip().rpartition(".") for model in own[_MODEL].split(",")]
-        pairs = [(name.split("+"), reward) for name, _, reward in models]
+    algo = own.pop("algo", PPO)
+    taught = algo == DAGGER
+    seeds = [_seed(text) for text in own.pop("seed").split(",")]
+    cams, rewards, models = own.pop("cams"), own.pop("reward"), own.pop(_MODEL, None)
+    if models is not None and not taught:
+        named = [model.strip().rpartition(".") for model in models.split(",")]
+        chosen = [(name.split("+"), reward) for name, _, reward in named]
     else:
-        rewards = [reward.strip() for reward in own["reward"].split(",")]
-        pairs = [*product(_camera_sets(own["cams"]), rewards)]
-    _check(pairs)
-    return sorted(
-        {
-            Place(seen(cams), EXPERT if taught else reward, seed)
-            for (cams, reward), seed in product(pairs, seeds)
-        }
-    )
+        chosen = [*product(_camera_sets(cams), [one.strip() for one in rewards.split(",")])]
+    _check(chosen, folders)
+    own.setdefault("steps", _steps(algo))
+    given_label = own.pop("label", None)
+    for key in _NO_SETTINGS:
+        own.pop(key, None)
+    choices = {key: [_written(one) for one in _COMMA.split(text)] for key, text in own.items()}
+    swept = {key for key, values in choices.items() if len(values) > 1}
+    if odd := [text for text in choices["steps"] if not text.isdecimal()]:
+        raise ValueError(f"steps: {odd[0]!r} is not a whole number; give such as steps=500_000")
+    found = {}
+    runs = product(chosen, seeds, product(*choices.values()))
+    for (cameras, reward), seed, values in runs:
+        settings = dict(zip(choices, values, strict=True))
+        differs = [name_of((key, settings[key]) for key in swept)] if swept else []
+        label = "+".join([*([given_label] if given_label else []), *differs]) or None
+        place = Place(seen(cameras), labelled(EXPERT if taught else reward, label), seed)
+        # A run's config has an option's values, not its name.
+        found[place] = {k: v for k, v in settings.items() if not (CONF / k).is_dir()}
+    return dict(sorted(found.items()))
 
 
 def _pair(word: str) -> tuple[str, str]:
-    key, _, value = word.partition("=")
+    key, found, value = word.partition("=")
     key = key.lstrip("+")
-    if key not in _KEYS:
-        raise ValueError(f"{word!r} is not understood; choose from {', '.join(_KEYS)}, with a =")
+    known = {*_KEYS, _OWN, _MODEL, *read_yaml(CONF / "job.yaml"), *read_yaml(CONF / "env.yaml")}
+    known |= {one.name for one in CONF.iterdir() if one.is_dir()} - {"defaults"}
+    if not found or key.partition(".")[0] not in known:
+        raise ValueError(
+            f"{word!r} is not understood; choose from {', '.join(_KEYS)}, or any other key of a"
+            " training with a =, such as steps=500_000"
+        )
+    if (CONF / key).is_dir() and key not in _KEYS and not _COMMA.search(value):
+        raise ValueError(
+            f"{word!r} is not understood: a run's files do not name it; choose from"
+            f" {', '.join(_KEYS)}, or a key with a value, such as steps=500_000"
+        )
     return key, value
 
 
-def _experiment(name: str) -> dict[str, str]:
-    """What an experiment's file sweeps over."""
+def _folder(path: str) -> Path:
+    folder = Path(path).expanduser()
+    if not folder.is_dir():
+        raise ValueError(f"{_OWN}: {path!r} is no folder")
+    return folder
+
+
+def _experiment(name: str, folders: Sequence[Path]) -> dict[str, str]:
+    """What an experiment's file sweeps over, and the values that it sets."""
     files = {
-        option: read_yaml(CONF / f"experiment/{option}.yaml") for option in _options("experiment")
+        option: read_yaml(folder / f"experiment/{option}.yaml")
+        for folder in folders
+        for option in _options("experiment", [folder])
     }
     # Not every experiment is a sweep.
-    valid = {
-        option: values["hydra"]["sweeper"]["params"]
-        for option, values in files.items()
-        if "hydra" in values
-    }
+    valid = {option: values for option, values in files.items() if "hydra" in values}
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    return valid[name]
+    chosen = {key: value for key, value in valid[name].items() if key not in _NO_SETTINGS}
+    swept = valid[name]["hydra"]["sweeper"]["params"]
+    return {**typed_settings(chosen), **{key.lstrip("+"): str(swept[key]) for key in swept}}
+
+
+def _steps(algo: str) -> str:
+    """Steps of a run where none are typed: the algorithm's own, or those of every training."""
+    file = CONF / f"algo/{algo}.yaml"
+    own = read_yaml(file) if file.is_file() else {}
+    return str(own.get("steps", read_yaml(CONF / "job.yaml")["steps"]))
+
+
+def _written(text: str) -> str:
+    """A value as it stands in a run's settings: ``1e-4`` is 0.0001, and ``500_000`` 500000."""
+    for kind in (int, float):
+        try:
+            return str(kind(text))
+        except ValueError:
+            continue
+    return text.strip()
 
 
 def _camera_sets(text: str) -> list[list[str]]:
@@ -135,9 +195,10 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _check(pairs: Iterable[tuple[Sequence[str], str]]) -> None:
+def _check(pairs: Iterable[tuple[Sequence[str], str]], folders: Sequence[Path]) -> None:
     """Checks that cameras and rewards exist; a typing error would count as missing for ever."""
-    cameras = [f"{r}_{v}" for r, v in product(_options("rendering"), _options("view"))]
+    parts = (_options(group, folders) for group in ("rendering", "view"))
+    cameras = [f"{r}_{v}" for r, v in product(*parts)]
     named = [*pairs]
     if not named:
         raise ValueError("cams: give experiment=… or cams=…, such as cams=[dep_front,seg_side]")
@@ -145,11 +206,11 @@ def _check(pairs: Iterable[tuple[Sequence[str], str]]) -> None:
         for key, value, valid in (
             *(("cams", camera, cameras) for camera in cams),
             # The human reward has a file for each task.
-            ("reward", reward, sorted([*_options("reward"), HUMAN])),
+            ("reward", reward, sorted([*_options("reward", folders), HUMAN])),
         ):
             if value not in valid:
                 raise ValueError(f"{key}: {value!r} is unknown; choose from {', '.join(valid)}")
 
 
-def _options(group: str) -> list[str]:
-    return sorted(file.stem for file in (CONF / group).glob("*.yaml"))
+def _options(group: str, folders: Sequence[Path]) -> list[str]:
+    return sorted(file.stem for folder in folders for file in (folder / group).glob("*.yaml"))

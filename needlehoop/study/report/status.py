@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -22,6 +22,8 @@ STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = (
     "failed",
     "missing",
 )
+OTHER = "other"
+"""A run that stands there with other settings than those that are asked for."""
 
 _QUIET = 600.0
 """Seconds without a sign of life after which an unfinished run counts as stopped."""
@@ -46,7 +48,7 @@ class Standing:
     silent: float | None
     """Seconds since one of its files changed; ``None`` for a run that is not begun."""
     error: str | None
-    """Why it failed."""
+    """Why it failed, or which of its settings are others."""
 
 
 def expected_places(study: Study) -> list[Place]:
@@ -59,7 +61,7 @@ def expected_places(study: Study) -> list[Place]:
 def standings(
     study: Study,
     ends: Mapping[Place, JobEnd],
-    expected: Iterable[Place] | None = None,
+    expected: Mapping[Place, Mapping[str, str]] | None = None,
     now: float | None = None,
 ) -> list[Standing]:
     """The state of each run, in the order of places.
@@ -71,8 +73,8 @@ def standings(
     Args:
         study: as read from its folder.
         ends: of the jobs of sweeps, by run.
-        expected: the runs that are asked for; by default ``expected_places``, and those
-            that sweeps have tried.
+        expected: the runs that are asked for, with the settings that they are to have; by default
+            ``expected_places``, and those that sweeps have tried, with any.
         now: Unix time, s; by default, the clock's.
     """
     moment = time.time() if now is None else now
@@ -86,10 +88,13 @@ def standings(
     for place in sorted(wanted):
         run, end = runs.get(place), ends.get(place)
         error = end.error if end else None
-        if run is None:
-            left = plan / usual if plan is not None and usual else None
-            state = FAILED if error else MISSING
-            found.append(Standing(place, state, 0, plan, None, left, None, error))
+        asked = {} if expected is None else expected[place]
+        steps = int(asked["steps"]) if "steps" in asked else plan
+        other = _other(run, asked) if run else None
+        if run is None or other:
+            left = steps / usual if steps is not None and usual else None
+            state = OTHER if other else FAILED if error else MISSING
+            found.append(Standing(place, state, 0, steps, None, left, None, other or error))
             continue
         seen = _last_sign(run)
         if end is None or end.when < seen or run.finished:
@@ -125,14 +130,30 @@ def describe(found: list[Standing], study: Study) -> str:
     ]
     counts = Counter(one.state for one in found)
     tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
+    tally += f", {counts[OTHER]} with other settings" if counts[OTHER] else ""
     lines += ["", f"{tally}; {time_left(found)}"]
-    lines += [f"failed: {one.place}: {one.error}" for one in found if one.error]
+    lines += [f"{one.state}: {one.place}: {one.error}" for one in found if one.error]
     others = len({run.place for run in study.runs} - {one.place for one in found})
     if others:
         lines.append(f"{others} other runs are in {study.folder}")
     if study.left_out:
         lines += [f"left out: {len(study.left_out)}", *(f"  {one}" for one in study.left_out)]
     return "\n".join(lines)
+
+
+def _other(run: Record, asked: Mapping[str, str]) -> str | None:
+    """Which of a run's settings are not those that are asked for."""
+    own = run.settings
+    odd = [key for key, text in asked.items() if not _are_same(own.get(key), text)]
+    return "; ".join(f"{key}={own.get(key)}, not {asked[key]}" for key in odd) or None
+
+
+def _are_same(one: str | None, other: str) -> bool:
+    """Whether two settings are the same text, or the same number."""
+    try:
+        return one is not None and float(one) == float(other)
+    except ValueError:
+        return one == other
 
 
 def time_left(found: list[Standing]) -> str:

@@ -144,6 +144,9 @@ def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Predicti
     """
     ends: dict[str, list[Final]] = {}
     for run in read_study(folder).runs:
+        # Of a labelled run, other settings than its cameras may have decided.
+        if run.config.get("label") is not None:
+            continue
         end = final(run)
         if (run.place.reward == EXPERT) == (who == IMITATION) and end is not None and end.finished:
             ends.setdefault(run.place.cameras, []).append(end)

@@ -1,0 +1,139 @@
+"""A run's settings with some of them changed: what is typed beside a run, composed onto its config.
+
+Any key of an environment may be changed, and any option of its groups chosen, except what the
+agent's networks were made for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from hydra import initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from needlehoop.config import composing, own_folder, task_options
+from needlehoop.config.strict import shown
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF
+
+RECORDED = "recorded"
+"""The name under which Hydra knows the run's settings."""
+
+_SEEN = ("cams", "image_size", "obs")
+_NO_CONDITIONS = {*_SEEN, "cameras", "num_envs", "seed", "task_dir"}
+"""Keys of an environment that stay as the run has them."""
+
+_NO_EFFECT = {"engine", "picture"}
+"""Keys that may be given, and do not affect what an agent does."""
+
+
+def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
+    """Words for a command itself, and those that change a run's settings.
+
+    Args:
+        words: what was typed beside the run.
+        command: its config, ``conf/<command>.yaml``, has the keys of its own.
+    """
+    keys = {*read_yaml(CONF / f"{command}.yaml")}
+    own: list[str] = []
+    others: list[str] = []
+    for word in words:
+        (own if _top(word) in keys else others).append(word)
+    return own, others
+
+
+def changed(
+    recorded: Mapping[str, Any], words: Iterable[str], command: str | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A run's settings after the words, and those among them that are no longer the run's.
+
+    Args:
+        recorded: the run's config.
+        words: as on the command line: ``task=wide``, ``episode.grasp=friction``.
+        command: whose keys are named beside the others where one is unknown.
+
+    Returns:
+        All settings; and the new values by their whole key, ``episode.grasp``.
+
+    Raises:
+        ValueError: an unknown key, option or value, or a key that may not be changed.
+    """
+    given = list(words)
+    tops = {_top(word) for word in given} - {own_folder.KEY}
+    for top in tops:
+        _check(top, recorded, command)
+    if not tops:
+        return dict(recorded), {}
+    task = recorded["task"]["name"]
+    rest, folders = composing.prepare(given, task, recorded.get("task_dir"))
+    composing.check_choice(rest)
+    groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
+    chosen = {_top(word): word for word in rest if re.split("=", word.lstrip("+"))[0] in groups}
+    base = dict(recorded)
+    if tops - {*base}:
+        # A run from before there was such a setting has it as it is by default.
+        default = composing.compose((), "env")
+        base |= {top: default[top] for top in tops - {*base}}
+    # Beside what is changed, only what options' files refer to, such as ${cams}: no text of the
+    # run's is read as a reference.
+    plain = {k: v for k, v in base.items() if not isinstance(v, Mapping) and "${" not in str(v)}
+    kept = {**plain, **{top: base[top] for top in tops}}
+    node = {key: value for key, value in kept.items() if key not in chosen}
+    defaults = [*({group: None} for group in chosen), "_self_"]
+    ConfigStore.instance().store(name=RECORDED, node={"defaults": defaults, **node})
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        found = composing.compose_here([*rest, *own_folder.search_path(folders)], RECORDED)
+    if "task" in chosen and found["task"].get("name") != task:
+        valid = ", ".join(task_options.variants(task, [CONF, *folders]))
+        raise ValueError(
+            f"{chosen['task']} is another task than the run's, {task}; choose from {valid}"
+        )
+    values = {**recorded, **{top: found[top] for top in tops}}
+    before = dict(_leaves(base))
+    return values, {
+        key: new
+        for key, new in _leaves({top: values[top] for top in tops - _NO_EFFECT})
+        if key not in before or before[key] != new
+    }
+
+
+def setting(word: str) -> tuple[str, str]:
+    """A word's key, and its value as Hydra writes it."""
+    (parsed,) = OverridesParser.create().parse_overrides([word])
+    return parsed.key_or_group, parsed.get_value_element_as_str()
+
+
+def _top(word: str) -> str:
+    """The first part of a word's key."""
+    return re.split(r"[=.]", word.lstrip("+"), maxsplit=1)[0]
+
+
+def _check(top: str, recorded: Mapping[str, Any], command: str | None) -> None:
+    """Raises ``ValueError`` for a top-level key that may not be changed."""
+    own = read_yaml(CONF / "env.yaml")
+    listed: list[Any] = own.pop("defaults")
+    groups = [key for entry in listed if isinstance(entry, Mapping) for key in entry]
+    valid = sorted({"views", "renderings", *groups, *own} - _NO_CONDITIONS)
+    if top in valid:
+        return
+    choose = f"choose from {', '.join(valid)}"
+    if top in _SEEN:
+        raise ValueError(
+            f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))}, and"
+            f" nothing else; {choose}"
+        )
+    if top in recorded or top in _NO_CONDITIONS:
+        raise ValueError(f"{top}: it is no condition under which a trained agent acts; {choose}")
+    keys = {*read_yaml(CONF / f"{command}.yaml")} - {"defaults"} if command else set()
+    raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted({*keys, *valid}))}")
+
+
+def _leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value

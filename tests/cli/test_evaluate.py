@@ -1,0 +1,279 @@
+"""``needlehoop evaluate``: a run's own evaluation, and those beside it."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from io import StringIO
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from strength import FUZZ_CASES
+from tiny_runs import PLACE, TINY, refusal, run_train, table
+
+import needlehoop
+from needlehoop.cli.main import main
+from needlehoop.config.changing import changed
+from needlehoop.learning import evaluate as evaluating
+from needlehoop.runs.shipped import CONF
+
+
+@pytest.fixture
+def run(tiny_run, tmp_path) -> Path:
+    return shutil.copytree(tiny_run, tmp_path / "seed0")
+
+
+def files(run: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(run)): p.read_bytes() for p in run.rglob("*") if p.is_file()}
+
+
+def evaluated(run: Path, *words: str, capsys) -> dict:
+    assert main(["evaluate", str(run), *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "changed"),
+    [
+        (["episodes=2"], "episodes-2", None),
+        (["seed=7"], "seed-7", None),
+        (["policy=best"], "policy-best", None),
+        (["as=mine"], "mine", None),
+        (["episode.grasp=friction"], "episode.grasp-friction", {"episode.grasp": "friction"}),
+        (["disturb.robot.lost=0.5"], "disturb.robot.lost-0.5", {"disturb.robot.lost": 0.5}),
+        (["views.front.azimuth=5"], "views.front.azimuth-5", {"views.front.azimuth": 5}),
+        (
+            ["task.hoop_opening=0.01", "episodes=2", "as=a b"],
+            "a b",
+            {"task.hoop_opening": 0.01},
+        ),
+        (["reward.success=2", "seed=7"], "reward.success-2+seed-7", {"reward.success": 2}),
+    ],
+)
+def test_another_evaluation_has_a_folder_of_its_own(run, capsys, words, name, changed):
+    before = files(run)
+    found = evaluated(run, *words, capsys=capsys)
+    assert found.get("changed") == changed
+    after = files(run)
+    place = f"evaluations/{name}/evaluation.json"
+    assert json.loads(after.pop(place)) == found
+    assert after == before
+    assert main(["evaluate", str(run), *words]) == 0
+    said = capsys.readouterr().out
+    assert f"written      {run / place}" in said
+    assert ("changed      " in said) == bool(changed)
+    # The same again leaves the same.
+    del before, after
+    assert sorted(path.name for path in (run / place).parent.iterdir()) == ["evaluation.json"]
+
+
+def test_a_variant_of_the_task_is_what_it_is_in_training(run, capsys):
+    found = evaluated(run, "task=wide", capsys=capsys)
+    options = yaml.safe_load((CONF / "task/wide.yaml").read_text())
+    keys = {key for key in options if key != "defaults"}
+    assert {key.removeprefix("task.") for key in found["changed"]} == keys
+    graded = evaluated(run, "disturb=mild", capsys=capsys)["changed"]
+    assert graded["disturb.robot.lost"] > 0
+    # What a run has already changes nothing.
+    assert "changed" not in evaluated(run, "task=standard", "engine.threads=2", capsys=capsys)
+    assert not (run / "evaluations/task-standard").exists()
+
+
+def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
+    before = files(run)
+    assert main(["evaluate", str(run)]) == 0
+    assert f"the same as  {run / 'evaluation.json'}" in capsys.readouterr().out
+    assert files(run) == before
+    # Of the same agent and the same episodes: a simulator has changed since, say.
+    other = {**json.loads(before["evaluation.json"]), "return": 7.0}
+    (run / "evaluation.json").write_text(json.dumps(other))
+    found = evaluated(run, capsys=capsys)
+    assert json.loads((run / "evaluation.json").read_text()) == other
+    assert json.loads((run / "evaluations/again/evaluation.json").read_text()) == found
+    # A run that was trained on since has a new one; a run that has none, its first.
+    (run / "evaluation.json").write_text(json.dumps({**other, "steps_trained": 8}))
+    assert evaluated(run, capsys=capsys) == json.loads((run / "evaluation.json").read_text())
+    assert json.loads((run / "evaluation.1.json").read_text())["steps_trained"] == 8
+    (run / "evaluation.json").unlink()
+    assert evaluated(run, capsys=capsys) == json.loads((run / "evaluation.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("cams=[rgb_front]", "cams: the agent's networks take what the run sees, []"),
+        ("obs.proprio=true", "obs: the agent's networks take what the run sees"),
+        ("image_size=32", "image_size: the agent's networks take what the run sees, 64"),
+        ("episode.control=pose", "episode.control: the agent's networks were made for control"),
+        ("steps=5", "steps: it is no condition under which a trained agent acts; choose from"),
+        ("encoder=resnet", "encoder: it is no condition under which"),
+        ("task=reach", "is another task than the run's, needle_hoop; choose from near, standard"),
+        ("task=nowhere", "task/nowhere"),
+        ("episode.graps=weld", "episode.graps: unknown key 'graps'"),
+        ("episodse=3", "episodse: unknown key; choose from as, device"),
+        ("policy=worst", "policy: 'worst' is unknown; choose from last, best"),
+        ("as=a/b", "as: 'a/b' is no name for a folder"),
+        ("~task", "~task: unknown key"),
+    ],
+)
+def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, said):
+    before = files(run)
+    for command in ("evaluate", "watch") if not word.startswith("as") else ("evaluate",):
+        assert main([command, str(run), word]) == 2
+        told = capsys.readouterr().err
+        assert said in told or command == "watch"
+        assert told.count("\n") == 1
+    assert files(run) == before
+
+
+def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run, monkeypatch):
+    """A run from before there was such a group is as it is by default."""
+    recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
+    without = {key: value for key, value in recorded.items() if key != "picture"}
+    values, found = changed(without, ["picture.azimuth=7"])
+    assert values["picture"] == {**recorded["picture"], "azimuth": 7}
+    assert found == {}
+    without = {key: value for key, value in recorded.items() if key != "episode"}
+    values, found = changed(without, ["episode.grasp=friction"])
+    assert found == {"episode.grasp": "friction"}
+    assert values["episode"]["max_steps"] == 100
+
+
+def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
+    monkeypatch.setenv("SECRET", "42")
+    recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
+    recorded["study"] = "${oc.env:SECRET}"
+    values, _ = changed(recorded, ["episode.grasp=friction"])
+    assert values["study"] == "${oc.env:SECRET}"
+
+
+def test_any_value_for_any_condition(tiny_run, monkeypatch, tmp_path):
+    from test_fuzz import VALUES, Understood, check_refusal
+
+    def understood(*_, **__):
+        raise Understood
+
+    monkeypatch.setattr(evaluating, "load_agent", understood)
+    recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
+    keys = [key for top in ("task", "episode", "reward") for key in recorded[top]]
+    tops = {key: top for top in ("task", "episode", "reward") for key in recorded[top]}
+    words = [f"{tops[key]}.{key}={value}" for key in keys for value in VALUES]
+    words += [f"{top}={value}" for top in recorded for value in VALUES[:8]]
+    before = files(tiny_run)
+    for word in random.Random(0).sample(words, max(20, FUZZ_CASES // 20)):
+        told = StringIO()
+        with monkeypatch.context() as patch:
+            patch.setattr("sys.stderr", told)
+            try:
+                assert main(["evaluate", str(tiny_run), word]) == 2
+            except Understood:
+                continue
+        check_refusal(told.getvalue(), word.partition("=")[0], word)
+    assert files(tiny_run) == before
+
+
+def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    before = files(run)
+    words = ["episode.max_steps=2", "episodes=1", "video_episodes=1", "window=false"]
+    assert main(["watch", str(run), *words, "policy=best"]) == 0
+    said = capsys.readouterr().out
+    assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in said
+    assert "length       2 steps" in said
+    assert files(run) == before
+
+
+def test_environments_and_policies_of_a_run(run):
+    own, wide = (
+        needlehoop.make_env_of(run, num_envs=2, overrides=words)
+        for words in ((), ["task=wide", "episode.max_steps=2"])
+    )
+    assert own.settings.episode.max_steps == 3
+    assert wide.settings.episode.max_steps == 2
+    assert wide.settings.task.needle_yaw_range > own.settings.task.needle_yaw_range
+    with pytest.raises(ValueError, match="image_size: the agent's networks"):
+        needlehoop.make_env_of(run, overrides=["image_size=32"])
+    last, best = (needlehoop.load_policy(run, policy=name) for name in ("last", "best"))
+    assert last.origin == f"last, after 24 steps, of {run}"
+    assert repr(best) == f"Policy(best, after 16 steps, of {run})"
+    seen = own.reset()
+    assert not torch.equal(last(seen), best(seen))
+    assert torch.equal(last(seen), needlehoop.load_policy(run)(seen))
+    alone = needlehoop.load_policy(run / "best.safetensors")
+    assert torch.equal(alone(seen), best(seen))
+    with pytest.raises(ValueError, match="is a policy already"):
+        needlehoop.load_policy(run / "best.safetensors", policy="best")
+
+
+def test_the_best_policy_is_that_of_the_best_evaluation(tmp_path, monkeypatch):
+    """Success first, then the return, then the later."""
+    marks = iter([(0.5, 1.0), (0.5, 2.0), (0.4, 9.0), (0.5, 2.0), (0.5, 1.9)])
+    real = evaluating.on_the_way
+
+    def told(job, agent):
+        success, value = next(marks)
+        return {**real(job, agent), "success": success, "return": value}
+
+    monkeypatch.setattr("needlehoop.training.loop.on_the_way", told)
+    monkeypatch.chdir(tmp_path)
+    words = [*TINY, "steps=40", "evaluation.every=1"]
+    run_train(*words)
+    run = Path("results") / PLACE
+    assert [row["success"] for row in table(run / "evaluations.csv")][3] == "0.5"
+    assert evaluating.which_policy(evaluating.Run(run), "best") == ("best", 32)
+
+
+@pytest.mark.parametrize(
+    ("keep", "kept", "flown"),
+    [
+        ("last", {"policy"}, "last"),
+        ("best", {"best"}, "best"),
+        ("both", {"best", "policy"}, "last"),
+    ],
+)
+def test_which_policies_are_kept(tmp_path, monkeypatch, capsys, keep, kept, flown):
+    monkeypatch.chdir(tmp_path)
+    run_train(*TINY, f"keep={keep}")
+    run = Path("results") / PLACE
+    assert {path.stem for path in run.glob("*.safetensors")} == kept
+    assert json.loads((run / "evaluation.json").read_text())["policy"] == "last"
+    # As it is copied to others.
+    (run / "checkpoint.pt").unlink()
+    capsys.readouterr()
+    assert evaluated(run, "episodes=1", capsys=capsys)["policy"] == flown
+    assert needlehoop.load_policy(run).origin.startswith(flown)
+    if keep == "last":
+        assert main(["evaluate", str(run), "policy=best"]) == 2
+        assert "has no best.safetensors" in capsys.readouterr().err
+
+
+def test_no_best_without_an_evaluation(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "keep: there is no best" in refusal(*TINY, "keep=best", "evaluation.every=4")
+    assert "keep: 'some' is unknown; choose from last, best, both" in refusal(*TINY, "keep=some")
+
+
+def test_evaluations_say_how_the_sampled_policy_does(tiny_run):
+    """Drawn with the policy's own deviation, from numbers that no other environment changes."""
+    from dataclasses import replace
+
+    from needlehoop.learning.job import typed_job
+    from needlehoop.runs.run import Run
+
+    run = Run.open(tiny_run)
+    job = typed_job(run.config())
+    agent = evaluating.load_agent(run, job, torch.device("cpu"))
+    own = replace(job.env, seed=7)
+    few, many = (evaluating.evaluate(own, agent, n, sampled=True) for n in (2, 4))
+    assert torch.equal(few.potential, many.potential[:2])
+    mean = evaluating.evaluate(own, agent, 2)
+    assert not torch.equal(few.human, mean.human)
+    with torch.no_grad():
+        agent.gaussian.log_sigma.fill_(-30.0)
+    assert torch.allclose(evaluating.evaluate(own, agent, 2, sampled=True).human, mean.human)
+    rows = table(tiny_run / "evaluations.csv")
+    assert all(0 <= float(row["success_sampled"]) <= 1 for row in rows)
+    assert "success_sampled" in json.loads((tiny_run / "evaluation.json").read_text())

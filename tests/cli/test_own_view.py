@@ -1,0 +1,116 @@
+"""A run of a view of one's own: its config is enough for whatever takes a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from tiny_runs import run_train
+
+import needlehoop
+from needlehoop.cli.main import main
+from needlehoop.runs.shipped import CONF
+
+TINY = ["cams=rgb_wrist", "steps=64", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
+TINY += ["image_size=16", "episode.max_steps=6", "evaluation.every=1", "evaluation.episodes=1"]
+TINY += ["evaluation.final_episodes=2", "evaluation.video_episodes=0", "engine.threads=1"]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Path:
+    """A folder with ``conf/`` and the results of a run that was paused and resumed."""
+    place = tmp_path_factory.mktemp("own")
+    view = yaml.safe_load((CONF / "view/front.yaml").read_text())
+    (place / "conf/view").mkdir(parents=True)
+    (place / "conf/view/wrist.yaml").write_text(yaml.safe_dump({**view, "azimuth": 20.0}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        run_train("conf_dir=conf", *TINY, "until=32")
+        run_train("resume=results/main/rgb_wrist/human/seed0")
+    return place
+
+
+RUN = "results/main/rgb_wrist/human/seed0"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["evaluate", RUN], "the same as"),
+        (["evaluate", RUN, "views.wrist.azimuth=25"], "changed      views.wrist.azimuth=25"),
+        (["evaluate", RUN, "reward=sparse", "policy=best"], "policy       best, after"),
+        (["watch", RUN, "episodes=1", "video_episodes=1", "window=false"], "watch.mp4"),
+        (["plot", "results/main"], "results.csv"),
+        (["report", "results/main"], "report.html"),
+        (["export", "what=policy", f"run={RUN}"], "MB, last, after 64 steps"),
+        (["status", "results/main", "conf_dir=conf", "cams=rgb_wrist", "steps=64"], "1 done"),
+        (
+            ["demonstrations", f"demonstrator={RUN}", "episodes=2", "out=d", "format=lerobot"],
+            "d: 2 episodes (seed 1000003)",
+        ),
+        (
+            [
+                *("demonstrations", f"demonstrator={RUN}", "episodes=1", "out=e", "format=lerobot"),
+                *("episode.max_steps=2", "seed=3"),
+            ],
+            "e: 1 episodes (seed 3), 2 steps",
+        ),
+    ],
+    ids=lambda words: " ".join(words)[:60] if isinstance(words, list) else "",
+)
+def test_a_command_takes_its_run(place, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(place)
+    assert main(words) == 0, capsys.readouterr().err
+    assert said in capsys.readouterr().out
+
+
+def test_python_takes_it(place, monkeypatch):
+    monkeypatch.chdir(place)
+    assert json.loads(Path(RUN, "manifest.json").read_text())["finished"]
+    env = needlehoop.make_env_of(RUN, num_envs=1, overrides=["views.wrist.azimuth=25"])
+    assert env.settings.views["wrist"].azimuth == 25
+    assert needlehoop.load_policy(RUN)(env.reset()).shape == (1, 5)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["episodes=1"], "out: give a folder for the dataset, such as out=demos/smooth-v0"),
+        (["out=f-v0", "seed=0"], "seed: the run was trained on 0; choose another"),
+        (["out=f-v0", "cams=[rgb_front]"], "cams: the agent's networks take what the run sees"),
+        (["out=f-v0", "epsodes=1"], "epsodes: unknown key; choose from"),
+    ],
+)
+def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(place)
+    assert main(["demonstrations", f"demonstrator={RUN}", *words]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert not Path("f-v0").exists()
+
+
+def test_the_command_that_trains_a_finished_run_on_is_one(place, monkeypatch, capsys):
+    monkeypatch.chdir(place)
+    with pytest.raises(SystemExit) as refused:
+        run_train(f"resume={RUN}", "steps=96")
+    command = str(refused.value).partition("python train.py ")[2].split()
+    assert command[-3:] == ["steps=96", f"init={RUN}", "label=more"]
+    assert "until=32" not in command
+    assert command[0] == "conf_dir=conf"
+    run_train(*command)
+    more = Path(RUN.replace("human", "human+more"))
+    manifest, config = (
+        yaml.safe_load((more / name).read_text()) for name in ("manifest.json", "config.yaml")
+    )
+    assert (manifest["steps"], config["init"], config["label"]) == (96, RUN, "more")
+    # A schedule of its own: a third of the way down after each buffer; gently, once it moves.
+    rates = [float(line.split(",")[i]) for line, i in _column(more, "learning_rate")]
+    assert rates == pytest.approx([3e-4, 2e-4, 1e-4])
+
+
+def _column(run: Path, name: str) -> list[tuple[str, int]]:
+    header, *rows = (run / "metrics.csv").read_text().splitlines()
+    return [(row, header.split(",").index(name)) for row in rows]
