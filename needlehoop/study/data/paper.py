@@ -1,9 +1,8 @@
-"""The paper's published numbers and answers, and how it names camera sets, rewards and lists."""
+"""The paper's published numbers and answers, and names of rewards and lists."""
 
 from __future__ import annotations
 
 import csv
-import re
 from dataclasses import dataclass
 
 from needlehoop.runs.files import EXPERT
@@ -32,16 +31,6 @@ LISTS = {
     "dep_seg": "Depth and segmentation",
 }
 """The paper's three lists of camera sets, in its order."""
-
-_CAMERA = re.compile(r"([a-z0-9]+)_([a-z0-9])\w*")
-
-
-def label(cameras: str) -> str:
-    """``dep_front+seg_side`` as the paper writes it: ``DEP (F) + SEG (S)``."""
-    return " + ".join(
-        f"{found[1].upper()} ({found[2].upper()})" if (found := _CAMERA.fullmatch(name)) else name
-        for name in cameras.split("+")
-    )
 
 
 def reward_label(reward: str) -> str:

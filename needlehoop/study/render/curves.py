@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
+from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.style import (
     COLOURS,
     DASHES,
-    explain_views,
     label_ends,
     new_figure,
     short,
@@ -56,10 +55,9 @@ def learning_curves(findings: StudyFindings) -> Figure:
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
     colours = _colours([[result.cameras for result in own] for _, own in panels])
     shown = [
-        (title, [(short(label(r.cameras)), r.runs, colours[r.cameras]) for r in own])
+        (title, [(short(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
-    explain_views(figure)
     ends = _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in training")
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
@@ -101,7 +99,7 @@ def reward_comparison(findings: StudyFindings) -> Figure:
         rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
         if len(rivals) > 1:
             rivals.sort(key=lambda r: reward_order(r.reward))
-            panels.append((short(label(result.cameras)), rivals))
+            panels.append((short(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no camera set with learning curves for two rewards")
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)

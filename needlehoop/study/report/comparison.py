@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.curves import MissingDataError, draw_line, name_ends
 from needlehoop.study.render.style import new_figure, short
@@ -89,7 +89,7 @@ def progress(found: Sequence[Comparison]) -> Table:
             for run in runs:
                 rows.append(
                     (
-                        label(one.cameras),
+                        one.cameras,
                         reward_label(one.reward),
                         study,
                         run.place.seed,
@@ -147,7 +147,7 @@ def comparison_chart(one: Comparison) -> Figure:
             curves = np.array([smooth(run, column, steps) for run in own])
             lines.append(draw_line(axes, steps, number, short(study), curves))
         ends.append(lines)
-    grid[0, 0].set_title(short(f"{label(one.cameras)}, {reward_label(one.reward)}"))
+    grid[0, 0].set_title(short(f"{one.cameras}, {reward_label(one.reward)}"))
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, longest)
     return figure

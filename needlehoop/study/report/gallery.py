@@ -12,7 +12,7 @@ from typing import Any
 
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data.contents import check_picture
-from needlehoop.study.data.paper import label, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.render.table import Column
 from needlehoop.study.report.tables import reached
 from needlehoop.study.stats.findings import Result, StudyFindings
@@ -144,7 +144,7 @@ def _rows(
         rows.append(
             {
                 "place": number + 1,
-                "cameras": label(result.cameras),
+                "cameras": result.cameras,
                 "tiles": [
                     {"name": name, "image": images[name]}
                     for name in result.cameras.split("+")

@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from needlehoop.runs import files
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.study.data.answers import Answers, Ranking
-from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
@@ -172,7 +172,7 @@ def _lead(findings: StudyFindings) -> list[str]:
 
 def _outcome(result: Result) -> str:
     interval = _RETURN.text(result.value.interval_or_why)
-    found = f"{label(result.cameras)}, return {result.value.value:.2f} ({interval})"
+    found = f"{result.cameras}, return {result.value.value:.2f} ({interval})"
     if result.success is not None:
         found += f", success {100 * result.success.value:.0f} %"
     return found
@@ -215,7 +215,7 @@ def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dic
             happened = f"Measured: place {place} of {len(values)}, {outcome}."
         places.append(
             {
-                "cameras": label(cameras),
+                "cameras": cameras,
                 "predicted": f"{predicted:g}",
                 "reason": ranking.reasons.get(cameras, ""),
                 "happened": happened,

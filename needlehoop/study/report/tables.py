@@ -14,7 +14,7 @@ from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers
-from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
+from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.render.table import Cell, Column, Estimated, Of, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
 from needlehoop.study.stats.findings import Result, StudyFindings
@@ -87,7 +87,7 @@ def results(findings: StudyFindings) -> Table:
         rows.append(
             (
                 places[result.reward],
-                label(result.cameras),
+                result.cameras,
                 result.value.value,
                 result.value.interval_or_why,
                 result.middle(TRAINING),
@@ -208,7 +208,7 @@ def phases(findings: StudyFindings) -> Table:
     facts = dict.fromkeys(fact for one in known.values() for fact in one.shares)
     rows = [
         (
-            label(cameras),
+            cameras,
             *map(one.shares.get, facts),
             one.fails_in,
             reward_label(reward),
@@ -245,7 +245,7 @@ def rewards(findings: StudyFindings) -> Table:
                 theirs = published.get((cameras, result.reward))
                 rows.append(
                     (
-                        *_rewarded(label(cameras), [result]),
+                        *_rewarded(cameras, [result]),
                         _times(result),
                         (theirs and theirs.value) or "not published",
                         theirs.remark if theirs else None,
@@ -361,7 +361,7 @@ def table_2(findings: StudyFindings) -> Table:
             rows.append(
                 (
                     LISTS.get(name, name),
-                    label(cameras),
+                    cameras,
                     _place(own, cameras, len(members)),
                     result and result.value.value,
                     result.value.interval_or_why if result else "not run",
@@ -420,7 +420,7 @@ def rankings(findings: StudyFindings) -> Table:
         rows += [
             (
                 LISTS.get(name, name),
-                label(cameras),
+                cameras,
                 *(_place(own, cameras, len(members)) for own in places),
             )
             for cameras in findings.in_order(members)
@@ -478,7 +478,7 @@ def list_name(members: frozenset[str]) -> str:
     for name, own in paper.lists().items():
         if frozenset(own) == members:
             return LISTS[name]
-    return ", ".join(label(cameras) for cameras in sorted(members))
+    return ", ".join(sorted(members))
 
 
 def improvements(findings: StudyFindings) -> Table:
@@ -487,7 +487,7 @@ def improvements(findings: StudyFindings) -> Table:
     if findings.seeds < ENOUGH or len(found) < 2:
         none = no_interval(findings.seeds)
         return Table("improvement", "Probability of improvement", (), (), none)
-    values = {label(one.cameras): [final.value for final in one.finals] for one in found}
+    values = {one.cameras: [final.value for final in one.finals] for one in found}
     rows = []
     for name, own in values.items():
         chances = [None if other is own else improvement(own, other) for other in values.values()]

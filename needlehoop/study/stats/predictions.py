@@ -13,7 +13,6 @@ from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers, read_answers
-from needlehoop.study.data.paper import label
 from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import Final, final
 from needlehoop.study.stats.statistics import estimate, rate
@@ -168,4 +167,4 @@ def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:
     except (KeyError, TypeError, ValueError) as error:
         raise UnreadableError("is no ranking of a probe") from error
     names = {name for members in lists for name in members}
-    return {name: scores[label(name)] for name in names if label(name) in scores}
+    return {name: scores[name] for name in names if name in scores}
