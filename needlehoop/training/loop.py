@@ -18,7 +18,8 @@ from tqdm import tqdm
 from needlehoop.learning.evaluate import assess, evaluate, film, load_agent, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
-from needlehoop.learning.metrics import Logger, build_logger, episode_columns, peak_memory
+from needlehoop.learning.loggers import Logger, build_logger
+from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
@@ -130,7 +131,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
         job, run = session.job, session.run
         if session.is_finished:
             return "done before"
-        logger = build_logger(job.logger, job.place, session.values, run.folder)
+        logger = build_logger(job, session.values, run.folder, session.steps)
         try:
             if session.is_trained:
                 end = "done"

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from needlehoop.config import strict
 from needlehoop.config.strict import Range, shown
 from needlehoop.learning.job import Job, typed_job
+from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig
 from needlehoop.vlm.providers.contract import config_of
@@ -53,7 +54,9 @@ def check_options(values: Mapping[str, Any]) -> Options:
     strict.as_type(values["gates"], Gates, "gates")
     if options.resume is None:
         written = not isinstance(values["reward"], Mapping) or "program" in values["reward"]
-        check_memory(typed_job({**values, **({"reward": NONE} if written else {})}))
+        job = typed_job({**values, **({"reward": NONE} if written else {})})
+        check_memory(job)
+        check_installed(job)
     return options
 
 
