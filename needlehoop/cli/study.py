@@ -1,4 +1,4 @@
-"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``: no simulator, no torch."""
+"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def add_commands(commands: Any) -> None:
             type=Path,
             metavar="FOLDER",
             help="where to write (the study's folder; for the paper's numbers, results/paper;"
-            " for several studies, the folder that they are in)",
+            " for several studies, a folder beside the first that has all their names)",
         )
         command.set_defaults(run=run, overrides=[])
     summary = "Set studies with other settings beside each other, cameras by cameras."
@@ -104,7 +104,9 @@ def _report(options: argparse.Namespace) -> None:
         titles = [findings.title for findings, _ in opened]
         if len({*titles}) < len(titles):
             raise ValueError(f"studies: {', '.join(titles)} are not different names")
-        out = options.out or _beside([folder for _, folder in opened])
+        out = options.out or opened[0][1].parent / "_and_".join(titles)
+    for findings, _ in opened:
+        _draw_cameras(findings)
     parts = []
     for findings, _ in opened:
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
@@ -114,6 +116,38 @@ def _report(options: argparse.Namespace) -> None:
     print(page)
     for findings, _ in opened:
         _say_left_out(findings)
+
+
+def _draw_cameras(findings: StudyFindings) -> None:
+    """Draw what a study's cameras see where there is no picture yet, from its runs' settings."""
+    from needlehoop.study.report.gallery import CAMERAS, undrawn
+
+    study = findings.study
+    for folder, cams in undrawn(study).items() if study else ():
+        try:
+            images = _seen(folder, cams)
+        except (ValueError, RuntimeError, KeyError) as error:
+            why = f"{folder} has settings without {error}" if type(error) is KeyError else error
+            print(f"no picture of {', '.join(cams)}: {why}")
+            continue
+        for name, image in images.items():
+            path = study.folder / CAMERAS / f"{name}.png"
+            path.parent.mkdir(exist_ok=True)
+            image.save(path)
+            print(path)
+
+
+def _seen(folder: Path, cams: list[str]) -> dict[str, Any]:
+    """Pictures by camera, from a run's own settings."""
+    from needlehoop.envs.settings import recall_task
+    from needlehoop.learning.job import checked_job
+    from needlehoop.pictures.stills import tiles
+    from needlehoop.rewards import NONE
+    from needlehoop.runs.run import Run
+
+    values = Run.open(folder).config()
+    recall_task(values, trust=False)
+    return tiles(replace(checked_job(values).env, reward=NONE), cams)
 
 
 def _compare(options: argparse.Namespace) -> None:

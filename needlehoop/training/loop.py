@@ -21,8 +21,9 @@ from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger, build_logger
 from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
-from needlehoop.runs.files import EVALUATIONS, METRICS, VIDEO
+from needlehoop.runs.files import EVALUATION, EVALUATIONS, METRICS, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
+from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
 
@@ -115,7 +116,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     print(f"{report(job.env.definition, found)}\nrun          {run.folder}")
 
 
-def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
+def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
     """Do what a composed config asks for: a new run, or the rest of one.
 
     Args:
@@ -124,13 +125,14 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Returns:
-        ``done``, ``done before``, ``paused`` or ``stopped``.
+        ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is
+        done, NaN of another.
     """
-    until = values["until"]
+    until, objective = values["until"], values["objective"]
     with open_session(values, overrides, command) as session:
         job, run = session.job, session.run
         if session.is_finished:
-            return "done before"
+            return "done before", _achieved(run, objective)
         logger = build_logger(job, session.values, run.folder, session.steps)
         try:
             if session.is_trained:
@@ -144,11 +146,16 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
                 try:
                     with terminable():
                         finish(job, run, logger)
-                    return end
+                    return end, _achieved(run, objective)
                 except KeyboardInterrupt:
                     run.note(stopped=True)
                     end = "stopped"
             print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
-            return end
+            return end, math.nan
         finally:
             logger.close()
+
+
+def _achieved(run: Run, objective: str) -> float:
+    """A number of a finished run's evaluation."""
+    return float(read_json(run.folder / EVALUATION)[objective])

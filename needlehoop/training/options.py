@@ -31,6 +31,8 @@ class Options:
     """Environment steps after which a run pauses."""
     trust: bool
     """Whether Python code that the files of ``resume`` name as its reward may run."""
+    objective: str
+    """The number of a finished run's evaluation that a search for settings makes high."""
 
     def __post_init__(self) -> None:
         if self.existing not in EXISTING:
@@ -55,6 +57,10 @@ def check_options(values: Mapping[str, Any]) -> Options:
     if options.resume is None:
         written = not isinstance(values["reward"], Mapping) or "program" in values["reward"]
         job = typed_job({**values, **({"reward": NONE} if written else {})})
+        measured = (*job.env.definition.columns, "return", "return_human")
+        if options.objective not in measured:
+            valid = ", ".join(measured)
+            raise ValueError(f"objective: {options.objective!r} is unknown; choose from {valid}")
         check_memory(job)
         check_installed(job)
     return options

@@ -25,7 +25,7 @@ from needlehoop.training.options import check_options
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger", "wandb"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "objective"),
 )
 """Settings that may change when a run is resumed: they do not affect its results."""
 

@@ -6,7 +6,8 @@ import csv
 from dataclasses import dataclass
 
 from needlehoop.runs.files import EXPERT
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
 FOLDER = RECORDINGS / "paper"
@@ -53,6 +54,11 @@ class Reported:
     value: float | None
     """``None`` where there are words alone."""
     remark: str
+
+
+def task() -> str:
+    """The name of its task, which is the one that is chosen where none is named."""
+    return read_yaml(CONF / "task/standard.yaml")["name"]
 
 
 def measured() -> dict[str, float]:

@@ -146,6 +146,10 @@ class Study:
     runs: tuple[Record, ...]
     left_out: tuple[LeftOut, ...]
 
+    def is_of(self, task: str) -> bool:
+        """Whether all of its runs that say which task they are of are of this one."""
+        return {run.task.name for run in self.runs} <= {task, UNKNOWN.name}
+
 
 @dataclass
 class _Reading:

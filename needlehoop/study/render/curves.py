@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
@@ -71,7 +72,8 @@ def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
         panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
     listed = {cameras for members in paper.lists().values() for cameras in members}
     rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
-    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
+    others = "Others" if any(own for _, own in panels) else ""
+    panels += [(others, rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
     return [(title, own) for title, own in panels if own]
 
 
@@ -185,6 +187,7 @@ def name_ends(
         longest: environment steps that the axes show.
     """
     # Room for the names, then names: they need to know how tall the axes came out.
+    column[-1].xaxis.set_major_locator(MaxNLocator(4))
     layout: Any = figure.get_layout_engine()
     longest_name = max(len(name) for own in ends for name, *_ in own)
     layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))

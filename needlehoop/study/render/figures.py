@@ -62,7 +62,7 @@ def final_values(findings: StudyFindings) -> Figure:
         most_of = "at most " if len(seeds) > 1 else ""
         grid[0, 0].set_xlabel(f"final return\n({most_of}{no_interval(most)})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
-    if findings.study is not None and findings.main_reward == HUMAN:
+    if findings.study and findings.is_papers and findings.main_reward == HUMAN:
         known = paper.measured()
         own = [(known[r.cameras], y) for y, r in enumerate(results) if r.cameras in known]
         if own:
@@ -127,7 +127,7 @@ def ranking_chart(findings: StudyFindings) -> Figure:
     shown = findings.rankings
     blocks = {n: m for n, m in findings.lists.items() if any(one.places(m) for one in shown)}
     if not blocks:
-        raise MissingDataError("no rankings")
+        raise MissingDataError("nobody ranked these camera sets")
     height = 20 + sum(5 + _ROW * len(members) for members in blocks.values())
     figure, grid = new_figure(
         height, len(blocks), sharex=True, height_ratios=[len(m) for m in blocks.values()]
@@ -203,14 +203,14 @@ def _high(found: SeedEstimate) -> float:
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
-        "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
+        "Return over training: interquartile mean over seeds, with 95 %"
         " bootstrap intervals where there are three; each point is the mean over the last 4 % of"
         " the longest run. Thin: fewer seeds have come so far. Training samples its actions, so a"
         " curve ends below the final return, which is of the mean action.",
     ),
     "rewards": (
         reward_comparison,
-        "Rewards compared, as the paper's Figure 7. Left: each curve is in its own reward's points."
+        "Rewards compared. Left: each curve is in its own reward's points."
         " Right, what compares across rewards: the share of training episodes that succeed, of"
         " sampled actions, and of evaluations, of the mean action, which may stop short where"
         " noise still gets there.",
@@ -275,7 +275,7 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
 
 
 def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
-    caption = "Start and goal in every view and rendering, as the paper's Figure 2."
+    caption = "Start and goal in every view and rendering."
     if findings.study is None:
         return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
     source = findings.study.folder / CONTACT_SHEET

@@ -32,7 +32,7 @@ from needlehoop.study.stats.run import final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
 from needlehoop.study.stats.stress import SEVERITY, robustness
 
-_FIRST = ("final_values", "rankings")
+_FIRST = ("final_values",)
 """Figures before all others."""
 
 _FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
@@ -116,7 +116,7 @@ def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
 
 def _tiles(findings: StudyFindings) -> Tiles:
     study = findings.study
-    return Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
+    return Tiles({}, ()) if study is None else read_tiles(study)
 
 
 def _own(environment: Environment, name: str) -> str:
@@ -197,7 +197,7 @@ def _reasons(findings: StudyFindings) -> list[dict[str, Any]]:
     if findings.study is None:
         return []
     own = findings.answers
-    speakers = (own,) if own and own.rankings else recorded_answers()
+    speakers = (own,) if own and own.rankings else recorded_answers() if findings.is_papers else ()
     return [
         _ranking(findings, speaker, ranking) for speaker in speakers for ranking in speaker.rankings
     ]

@@ -238,6 +238,8 @@ def rewards(findings: StudyFindings) -> Table:
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
+    # The last two columns are the paper's.
+    own_columns = None if findings.is_papers else -2
     rows: list[tuple[Cell, ...]] = []
     for cameras in chosen:
         for result in by_reward:
@@ -271,7 +273,9 @@ def rewards(findings: StudyFindings) -> Table:
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
-    return Table("rewards", "Rewards: human, text, text + image", columns, tuple(rows), note)
+    shown = tuple(row[:own_columns] for row in rows)
+    title = "Rewards: human, text, text + image"
+    return Table("rewards", title, columns[:own_columns], shown, note)
 
 
 def _rewarded(name: str, found: Sequence[Result]) -> tuple[Cell, ...]:
@@ -334,11 +338,15 @@ def _unit(task: str) -> float | None:
 
 def table_1(findings: StudyFindings) -> Table:
     """What the VLM answered, beside the shipped recordings' models and the paper's."""
-    shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
+    shown = []
+    if findings.is_papers:
+        shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
     if findings.study is not None and findings.answers and findings.answers.questions:
         shown.insert(0, findings.answers)
     said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
-    asked = said[-1] if findings.study is None else {q: None for one in said for q in one}
+    asked: Mapping[str, Any] = (
+        said[-1] if findings.study is None else {q: None for one in said for q in one}
+    )
     rows = tuple((question, *(one.get(question) for one in said)) for question in asked)
     columns = (Column("question"), *(Column(one.source) for one in shown))
     return Table("table_1", "Table I: what the VLM answered", columns, rows)
@@ -379,14 +387,13 @@ def table_2(findings: StudyFindings) -> Table:
         Column("the paper's place"), Column("the paper's return", **_POINTS),
         Column("the paper's VLM's place"), Column("better there than its VLM said"),
     )  # fmt: skip
-    title = "Table II: measured and predicted"
+    title = f"{'Table II: m' if findings.is_papers else 'M'}easured and predicted"
+    keep = range(len(columns)) if findings.is_papers else range(7)
     if findings.study is None:
         # Its own numbers are in the columns that say so.
-        keep = (0, 1, 7, 8, 9, 10)
-        columns = tuple(columns[i] for i in keep)
-        rows = [tuple(row[i] for i in keep) for row in rows]
-        title = "Table II, as published in the paper"
-    return Table("table_2", title, columns, tuple(rows))
+        keep, title = (0, 1, 7, 8, 9, 10), "Table II, as published in the paper"
+    shown = tuple(tuple(row[i] for i in keep) for row in rows)
+    return Table("table_2", title, tuple(columns[i] for i in keep), shown)
 
 
 def _predicted(answers: Answers | None) -> dict[frozenset[str], Mapping[str, float]]:
