@@ -210,7 +210,7 @@ def study_findings(folder: Path) -> StudyFindings:
             else:
                 pairs.append((run, found))
         if pairs:
-            results.append(_result(cameras, reward, pairs))
+            results.append(result_of(cameras, reward, pairs))
     return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
 
 
@@ -242,7 +242,8 @@ def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
     return tuple(sorted(results, key=lambda one: (-one.value.value, one.cameras, one.reward)))
 
 
-def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+def result_of(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+    """The result of runs with one camera set and one reward, and their final values."""
     finals = tuple(found for _, found in pairs)
     episodes = [found.episodes for found in finals]
     cheats = [found.cheat for found in finals if found.cheat is not None]
