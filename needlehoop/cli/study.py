@@ -132,7 +132,9 @@ def _draw_cameras(findings: StudyFindings) -> None:
     from needlehoop.study.report.gallery import CAMERAS, undrawn
 
     study = findings.study
-    for folder, cams in undrawn(study).items() if study else ():
+    if study is None:
+        return
+    for folder, cams in undrawn(study).items():
         try:
             images = _seen(folder, cams)
         except (ValueError, RuntimeError, KeyError) as error:
