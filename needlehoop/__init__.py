@@ -126,6 +126,7 @@ def load_policy(run: str | Path | None = None, device: str = "auto") -> Policy:
 
     Args:
         run: the run's folder, or a ``policy.safetensors`` alone; by default the shipped agent's.
+            Or cameras, ``dep_front+rgb_side``: a released agent that was unpacked into ``agents/``.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
 
     Raises:

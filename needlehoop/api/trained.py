@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from needlehoop.api.released import released
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent
 from needlehoop.learning.job import Job, checked_job, pick_device
@@ -59,14 +60,15 @@ def actor_in(run: str | Path, device: str, precision: str | None = None) -> tupl
     """A run's policy and what it sees, from ``policy.safetensors`` or else from its checkpoint.
 
     Args:
-        run: its folder; or a ``policy.safetensors``, which needs nothing beside it.
+        run: its folder; or a ``policy.safetensors``, which needs nothing beside it; or cameras, of
+            which ``agents/`` has a released agent.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
         precision: of the convolutions; ``None``: the run's.
 
     Raises:
         ValueError: neither of them there, or a damaged one.
     """
-    where, chosen = Path(run), pick_device(device)
+    where, chosen = Path(released(run)), pick_device(device)
     weights = where / POLICY if where.is_dir() else where
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)

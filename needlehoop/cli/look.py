@@ -36,8 +36,8 @@ def add_commands(commands: Any) -> None:
         "expert",
         _expert,
         "Run a scripted controller and print what came of it.",
-        "episodes=200 controller=expert|smooth|cheat|random grasps=… (both, or that of episode.grasp=) video_episodes=3"
-        " overwrite=false",
+        "episodes=200 controller=expert|smooth|cheat|random grasps=[weld,friction]"
+        " (or episode.grasp=…) video_episodes=3 overwrite=false",
     )
     run.add_argument("--json", action="store_true", help="print one line of JSON")
     run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
