@@ -31,7 +31,7 @@ def test_a_search_finds_the_trial_with_the_highest_objective(tmp_path, more):
     results = tmp_path / "results"
     (found,) = results.glob(".sweeps/*/optimization_results.yaml")
     trials = {}
-    for folder in results.glob("trial*/signals/sparse/seed0"):
+    for folder in results.glob("trial*/signals/*/seed0"):
         rate = yaml.safe_load((folder / "config.yaml").read_text())["algo"]["learning_rate"]
         trials[rate] = json.loads((folder / "evaluation.json").read_text())["return_human"]
     assert len(trials) == 2
