@@ -17,7 +17,6 @@ from analysis.comparisons import TRAITS, claims, difference, effects, writers
 from analysis.predictions import Fit, Held, cost_and_regret, held
 from analysis.seeds import apart, luck
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import label
 from needlehoop.study.render.style import save, styled
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.report.tables import rewards
@@ -103,7 +102,7 @@ def _results() -> Table:
         end = longer.get(cameras)
         rows.append(
             (
-                label(cameras),
+                cameras,
                 one.success and one.success.value,
                 [final.success for final in one.finals],
                 one.value.value,
@@ -250,7 +249,7 @@ def _rewards() -> Table:
     found = {(row["cameras"], row["reward"]): row for row in table.records()}
     rows = [
         {"reward": name}
-        | {column: [found[label(one), name][column] for one in _REWARDED] for column in _BY_SET}
+        | {column: [found[one, name][column] for one in _REWARDED] for column in _BY_SET}
         for name in dict.fromkeys(reward for _, reward in found)
     ]
     return _picked(table.columns, rows, ("reward", *_BY_SET))

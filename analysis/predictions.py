@@ -40,9 +40,9 @@ _MINUTE, _LONGEST = 1.0, 1e5
 _ASKED = 0.25
 
 _TITLES = {
-    MEASURED: "of final returns here",
-    TRAINING.name: "of returns over training here",
-    PAPERS_MEASURED: "of the paper's returns",
+    MEASURED: "Regret by our final returns",
+    TRAINING.name: "Regret by our returns over training",
+    PAPERS_MEASURED: "Regret by the paper's returns",
 }
 
 _NAME = 1.8

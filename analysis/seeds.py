@@ -10,7 +10,6 @@ import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import f_oneway, tukey_hsd
 
-from needlehoop.study.data.paper import label
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.agreement import Agreement, agreement
 from needlehoop.study.stats.findings import StudyFindings
@@ -73,7 +72,7 @@ def apart(findings: StudyFindings) -> Table:
     found = [_from_the_best(findings, measure) for measure in measures]
     rows = [
         (
-            label(one.cameras),
+            one.cameras,
             *(cell for own in found for cell in own.get(one.cameras, (None, None, None))),
             len(one.finals),
         )

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from needlehoop.api.released import released
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device
@@ -64,7 +65,8 @@ def actor_in(
     It is read from its file, and the last one from the checkpoint where it has no file.
 
     Args:
-        run: its folder; or a policy's file, which needs nothing beside it.
+        run: its folder; or a policy's file, which needs nothing beside it; or cameras, of
+            which ``agents/`` has a released agent.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
         policy: ``last``, ``best`` or ``None``, as in ``which_policy``.
         precision: of the convolutions; ``None``: the run's.
@@ -72,7 +74,7 @@ def actor_in(
     Raises:
         ValueError: nothing there, a damaged file, or as in ``which_policy``.
     """
-    where, chosen = Path(run), pick_device(device)
+    where, chosen = Path(released(run)), pick_device(device)
     weights, origin = where, str(where)
     if where.is_dir():
         which, steps = which_policy(Run(where), policy)

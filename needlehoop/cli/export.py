@@ -1,4 +1,4 @@
-"""``needlehoop export``: the arm or the scene as plain MJCF, a policy as ONNX."""
+"""``needlehoop export`` and ``pack``: the arm or the scene as MJCF, policies for others."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from needlehoop.cli.command import add_command
 
 
 def add_commands(commands: Any) -> None:
-    """Add the command to the subparsers of ``needlehoop``."""
+    """Add the commands to the subparsers of ``needlehoop``."""
     add_command(
         commands,
         "export",
@@ -20,6 +20,30 @@ def add_commands(commands: Any) -> None:
         "what=arm|scene out=psm overwrite=false psm=parallelogram|serial; what=policy format=onnx"
         " run=<folder; the shipped agent's if none> out=policy.onnx",
     )
+    summary = "Pack the trained agents of a study, one of each camera set, as files for a release."
+    packed = commands.add_parser(
+        "pack",
+        help=summary,
+        description=summary,
+        epilog="A file of each: <cameras>.safetensors.xz, in bfloat16, 2 MiB at most. agents.csv"
+        " says how often each succeeds, and SHA256SUMS is for sha256sum -c. After xz --decompress"
+        " agents/*.xz, needlehoop.load_policy('dep_front+rgb_side') finds one.",
+    )
+    packed.add_argument("study", type=Path, metavar="STUDY", help="a study's folder, with policies")
+    packed.add_argument(
+        "--out", type=Path, metavar="FOLDER", default=Path("agents"), help="a new one (agents)"
+    )
+    packed.set_defaults(run=_pack, overrides=[])
+
+
+def _pack(options: argparse.Namespace) -> None:
+    if options.overrides:
+        raise ValueError(f"{options.overrides[0]!r} is not understood; it takes a study")
+    from needlehoop.api.released import pack
+
+    files = pack(options.study, options.out)
+    for path in files:
+        print(f"{path}: {path.stat().st_size:,} bytes")
 
 
 def _export(options: argparse.Namespace) -> None:

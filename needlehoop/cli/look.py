@@ -36,8 +36,8 @@ def add_commands(commands: Any) -> None:
         "expert",
         _expert,
         "Run a scripted controller and print what came of it.",
-        "episodes=200 controller=expert|smooth|cheat|random grasps=[weld,friction] video_episodes=3"
-        " overwrite=false",
+        "episodes=200 controller=expert|smooth|cheat|random grasps=[weld,friction]"
+        " (or episode.grasp=…) video_episodes=3 overwrite=false",
     )
     run.add_argument("--json", action="store_true", help="print one line of JSON")
     run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
@@ -127,7 +127,7 @@ def _expert(options: argparse.Namespace) -> None:
 
     settings, who = settings_from(values), strict.value(values, "controller", str)
     episodes = strict.value(values, "episodes", Count)
-    filmed, grasps = strict.value(values, "video_episodes", Count), _grasps(values)
+    filmed, grasps = strict.value(values, "video_episodes", Count), _grasps(values, options)
     if options.video is not None:
         if options.video.suffix.lower() != ".mp4":
             raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
@@ -175,9 +175,15 @@ def _view(options: argparse.Namespace) -> None:
     view(settings, who)
 
 
-def _grasps(values: dict[str, Any]) -> tuple[str, ...]:
+def _grasps(values: dict[str, Any], options: argparse.Namespace) -> tuple[str, ...]:
+    """Those that ``grasps`` names; by default all, or the one of ``episode.grasp=``."""
     from needlehoop.tasks.episode import GRASPS
 
+    typed = [word for word in options.overrides if word.startswith("episode.grasp=")]
+    if values["grasps"] is None:
+        return (values["episode"]["grasp"],) if typed else GRASPS
+    if typed:
+        raise ValueError(f"grasps: {typed[0]} names one already; give only one of them")
     grasps = strict.value(values, "grasps", tuple[str, ...])
     for grasp in grasps:
         if grasp not in GRASPS:
@@ -202,5 +208,6 @@ def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None
     names = list(next(iter(columns.values())))
     print(" " * 12 + "".join(f"{column:>12}" for column in columns))
     for name in names:
-        cells = "".join(f"{column[name]:12.3f}" for column in columns.values())
+        form = "12d" if isinstance(next(iter(columns.values()))[name], int) else "12.3f"
+        cells = "".join(f"{column[name]:{form}}" for column in columns.values())
         print(f"{name:12}{cells}")

@@ -1,16 +1,22 @@
-"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``: no simulator, no torch."""
+"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``."""
 
 from __future__ import annotations
 
 import argparse
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from needlehoop.runs.files import CONFIG
 
 if TYPE_CHECKING:
     from needlehoop.study.stats.findings import StudyFindings
 
 PAPER = "paper"
+
+_LONGEST = 100
+"""Letters of a folder's name."""
 
 _TOP = 3
 """Camera sets that the paper gave other rewards."""
@@ -35,23 +41,26 @@ def add_commands(commands: Any) -> None:
             type=Path,
             metavar="FOLDER",
             help="where to write (the study's folder; for the paper's numbers, results/paper;"
-            " for several studies, the folder that they are in)",
+            " for several studies, a folder beside the first that has all their names)",
         )
         command.set_defaults(run=run, overrides=[])
-    summary = "Set studies with other settings beside each other, cameras by cameras."
+    summary = "Set runs, or studies with other settings, beside each other."
     command = commands.add_parser(
         "compare",
         help=summary,
         description=summary,
-        epilog="Prints the settings that differ and how soon each run got how far, and draws"
-        " learning curves. Studies: folders with runs of the same cameras and reward.",
+        epilog="Prints the settings that differ, the evaluations with the difference and its"
+        " interval, and how soon each run got how far. Writes these, learning curves and the films"
+        " as one HTML page. Studies are compared where they have runs of the same cameras and"
+        " reward.",
     )
-    command.add_argument("study", metavar="STUDY", nargs="+", help="a study's folder")
+    help_ = "a run's folder, or a study's; two or more of one kind"
+    command.add_argument("study", metavar="FOLDER", nargs="+", help=help_)
     command.add_argument(
         "--out",
         type=Path,
         metavar="FOLDER",
-        help="where to write (comparison, in the folder that the studies are in)",
+        help="where to write (a folder beside the first that has all their names, as a_vs_b)",
     )
     command.set_defaults(run=_compare, overrides=[])
     summary = "Show what of a study is done, running, stopped, failed or missing."
@@ -104,7 +113,9 @@ def _report(options: argparse.Namespace) -> None:
         titles = [findings.title for findings, _ in opened]
         if len({*titles}) < len(titles):
             raise ValueError(f"studies: {', '.join(titles)} are not different names")
-        out = options.out or _beside([folder for _, folder in opened])
+        out = options.out or opened[0][1].parent / _joint(titles, "_and_")
+    for findings, _ in opened:
+        _draw_cameras(findings)
     parts = []
     for findings, _ in opened:
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
@@ -116,40 +127,85 @@ def _report(options: argparse.Namespace) -> None:
         _say_left_out(findings)
 
 
+def _draw_cameras(findings: StudyFindings) -> None:
+    """Draw what a study's cameras see where there is no picture yet, from its runs' settings."""
+    from needlehoop.study.report.gallery import CAMERAS, undrawn
+
+    study = findings.study
+    if study is None:
+        return
+    for folder, cams in undrawn(study).items():
+        try:
+            images = _seen(folder, cams)
+        except (ValueError, RuntimeError, KeyError) as error:
+            why = f"{folder} has settings without {error}" if type(error) is KeyError else error
+            print(f"no picture of {', '.join(cams)}: {why}")
+            continue
+        for name, image in images.items():
+            path = study.folder / CAMERAS / f"{name}.png"
+            path.parent.mkdir(exist_ok=True)
+            image.save(path)
+            print(path)
+
+
+def _seen(folder: Path, cams: list[str]) -> dict[str, Any]:
+    """Pictures by camera, from a run's own settings."""
+    from needlehoop.envs.settings import recall_task
+    from needlehoop.learning.job import checked_job
+    from needlehoop.pictures.stills import tiles
+    from needlehoop.rewards import NONE
+    from needlehoop.runs.run import Run
+
+    values = Run.open(folder).config()
+    recall_task(values, trust=False)
+    return tiles(replace(checked_job(values).env, reward=NONE), cams)
+
+
 def _compare(options: argparse.Namespace) -> None:
-    from needlehoop.study.data.records import read_study
+    from needlehoop.study.data.records import read_run, read_study
+    from needlehoop.study.render.figures import Drawn
     from needlehoop.study.render.style import save, styled
-    from needlehoop.study.report.comparison import (
-        comparison_chart,
-        comparisons,
-        differences,
-        progress,
-    )
+    from needlehoop.study.report import comparison
 
     _no_more(options)
-    studies = [read_study(Path(_word(study))) for study in options.study]
-    found = comparisons(studies)
-    out = options.out or _beside([study.folder for study in studies]) / "comparison"
-    for table in (differences(found), progress(found)):
+    folders = [Path(_word(study)) for study in options.study]
+    runs = [folder for folder in folders if (folder / CONFIG).is_file()]
+    if runs and len(runs) < len(folders):
+        raise ValueError(f"{runs[0]} is a run, and others are studies; name one kind of them")
+    if runs:
+        of, read = "run", [read_run(folder) for folder in runs]
+        found = [comparison.compared_runs([run for run, _ in read])]
+        left_out = [f"{run.folder}/{one}" for run, lost in read for one in lost]
+        beside = Path(os.path.relpath(os.path.commonpath([*map(os.path.abspath, folders)])))
+    else:
+        of, studies = "study", [read_study(folder) for folder in folders]
+        found = comparison.comparisons(studies)
+        left_out = [f"{study.folder}/{one}" for study in studies for one in study.left_out]
+        beside = folders[0].parent
+    names = [*dict.fromkeys(name for one in found for name in one.runs)]
+    out = options.out or beside / _joint([name.replace("/", "-") for name in names], "_vs_")
+    tables = [comparison.differences(found, of), comparison.outcomes(found, of),
+              comparison.progress(found, of)]  # fmt: skip
+    for table in tables:
         print(table.text())
-        for path in table.write(out):
-            print(path)
-        print()
+        table.write(out)
+    charts = []
     for one in found:
         with styled():
-            for path in save(comparison_chart(one), out / f"{one.cameras}_{one.reward}"):
-                print(path)
-    for study in studies:
-        for left in study.left_out:
-            print(f"left out: {study.folder}/{left}")
+            files = save(comparison.comparison_chart(one), out / one.file)
+        charts.append(Drawn(one.file, f"{one.title}: learning curves.", tuple(files), None))
+    page = out / "comparison.html"
+    command = f"needlehoop compare {' '.join(options.study)}"
+    comparison.write_comparison(found, tables, charts, page, command)
+    print(f"{page}; its tables and charts are beside it")
+    for one in left_out:
+        print(f"left out: {one}")
 
 
-def _beside(folders: list[Path]) -> Path:
-    """The folder that all of these are in."""
-    if len({folder.resolve().parent for folder in folders}) > 1:
-        names = ", ".join(map(str, folders))
-        raise ValueError(f"studies: {names} are not beside each other; give --out")
-    return folders[0].parent
+def _joint(names: list[str], word: str) -> str:
+    """A folder's name from several."""
+    joint = word.join(names)
+    return joint if len(joint) <= _LONGEST else f"{names[0]}{word}{len(names) - 1}_others"
 
 
 def _word(study: str) -> str:

@@ -6,6 +6,7 @@ most command lines before the simulator and the agent are imported.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -49,14 +50,14 @@ def run(words: Sequence[str], command: str) -> None:
         print(f"{name}: {said}", file=sys.stderr)
 
     # A closure: the process of a launcher has another command line.
-    def job(composed: DictConfig) -> None:
+    def job(composed: DictConfig) -> float:
         composing.allow_variables(given)
         # Hydra has folders of one's own in its search path, and not among a run's words.
         own = [word for word in words if word.startswith(f"{own_folder.KEY}=")]
-        _run_one(composed, command, given, own)
+        return _run_one(composed, command, given, own)
 
     # Hydra's parser takes settings in one piece, with nothing between them.
-    asked = [*own_folder.search_path(folders), *given]
+    asked = [*own_folder.search_path(folders), *given, *sweep_checks.direction(given)]
     sys.argv[1:] = sorted(asked, key=lambda word: word not in sweep_checks.MULTIRUN)
     # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -99,7 +100,7 @@ def in_a_line(error: BaseException) -> str:
 def _check(words: Sequence[str], typed: Sequence[str]) -> None:
     """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
     for word in words:
-        sweep_checks.check_launcher(word)
+        sweep_checks.check_plugin(word)
     flags = {word for word in words if word.startswith("-")}
     if flags and flags <= sweep_checks.MULTIRUN:
         composing.check_choice(word for word in words if word not in flags)
@@ -109,32 +110,39 @@ def _check(words: Sequence[str], typed: Sequence[str]) -> None:
 
 def _run_one(
     composed: DictConfig, command: str, typed: Sequence[str], folders: Sequence[str]
-) -> None:
-    """One run; under ``-m`` called once for each."""
+) -> float:
+    """One run; under ``-m`` called once for each.
+
+    Returns:
+        Its objective, for a sweeper that searches; NaN where the run failed or is not done.
+    """
     values, own = composing.plain(composed), HydraConfig.get()
     overrides = [*folders, *own.overrides.task]
     if own.mode != RunMode.MULTIRUN:
         # Hydra would print all settings before it passed an error on.
         with _in_a_line(command.removeprefix("python ")):
-            begin(values, overrides, command)
-        return
+            return begin(values, overrides, command)[1]
+    objective = math.nan
 
     words = [word for word in typed if not word.startswith("-")]
     values["label"] = sweep.label_of(values, words, own.sweeper.params or {}, own.overrides.task)
 
     def share() -> str:
+        nonlocal objective
         from needlehoop.training.options import check_options
 
         check_options(values)
         values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
         if values["existing"] == "auto":
             values["existing"] = "resume"
-        return begin(values, overrides, command)
+        end, objective = begin(values, overrides, command)
+        return end
 
     sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
+    return objective
 
 
-def begin(values: dict[str, Any], overrides: list[str], command: str) -> str:
+def begin(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
     from needlehoop.training.options import check_options
 
     check_options(values)

@@ -26,7 +26,7 @@ from needlehoop.runs.files import (
     seen,
 )
 
-LOGGERS = ("csv", "wandb")
+LOGGERS = ("csv", "tensorboard", "wandb")
 WEIGHTS = ("float32", "bfloat16")
 BOTH = "both"
 
@@ -52,24 +52,18 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class LoggerConfig:
-    """Values in ``conf/logger``; the CSV files are always written."""
+class WandbConfig:
+    """Where Weights & Biases shows a run."""
 
-    kind: str
     project: str
     entity: str | None
     mode: str
     """``auto``: online where there is a login, offline elsewhere."""
 
     def __post_init__(self) -> None:
-        for key, value, valid in (
-            ("kind", self.kind, LOGGERS),
-            ("mode", self.mode, ("auto", "online", "offline", "disabled")),
-        ):
-            if value not in valid:
-                raise ValueError(
-                    f"logger.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
-                )
+        valid = ("auto", "online", "offline", "disabled")
+        if self.mode not in valid:
+            raise ValueError(f"mode: {self.mode!r} is unknown; choose from {', '.join(valid)}")
 
 
 @dataclass(frozen=True)
@@ -79,7 +73,9 @@ class Job:
     env: Settings
     algo: PpoConfig | DaggerConfig
     encoder: EncoderConfig
-    logger: LoggerConfig
+    logger: tuple[str, ...]
+    """Where the run is shown; its own CSV files are always written."""
+    wandb: WandbConfig
     evaluation: Evaluation
     results: str
     """Folder of all studies."""
@@ -102,6 +98,7 @@ class Job:
     ``both``."""
 
     def __post_init__(self) -> None:
+        check_names("logger", self.logger, LOGGERS)
         told = self.algo.network.told
         if told is not None:
             check_names("algo.network.told", told, self.env.definition.all_facts)
@@ -239,7 +236,16 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         for kind in (Job, Settings)
     )
     try:
-        return strict.structure({**own, "env": with_task(environment)}, Job)
+        return strict.structure({**own, **_loggers(own), "env": with_task(environment)}, Job)
     except ValueError as error:
         # The environment's keys are below ``env`` in a job, and not in the YAML.
         raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error
+
+
+def _loggers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The loggers of a run of before there could be several: one, with wandb's settings in it."""
+    given = values.get("logger")
+    if not isinstance(given, Mapping):
+        return {}
+    settings = {key: value for key, value in given.items() if key != "kind"}
+    return {"logger": [given.get("kind")], "wandb": settings}

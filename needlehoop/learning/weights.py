@@ -145,6 +145,22 @@ def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
     return actor.to(device)
 
 
+def as_bfloat16(path: Path) -> bytes:
+    """A policy's file with half of its bytes: its float32 weights as bfloat16.
+
+    Raises:
+        ValueError: as in ``read_senses``.
+    """
+    read_actor(path, read_senses(path), torch.device("cpu"))
+    with _reading(path), safe_open(path, framework="pt") as file:
+        notes = file.metadata()
+    kept = {
+        name: one.to(torch.bfloat16) if one.dtype == torch.float32 else one
+        for name, one in load_file(path).items()
+    }
+    return save(kept, notes)
+
+
 def read_weights(path: Path, actor: Actor) -> None:
     """Put a file's weights into a policy of its run; errors as in ``read_senses``."""
     check_weights(path, actor)

@@ -90,18 +90,19 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
 
 
-def tiles(settings: Settings) -> dict[str, Image.Image]:
+def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image]:
     """What an agent sees through each camera, start and goal side by side, by camera.
 
     Args:
         settings: environment; its cameras are ignored.
+        cams: which; by default every rendering of every view.
 
     Raises:
         RuntimeError: the expert did not reach the goal state.
     """
-    cams = _cameras(settings)
-    seen = stages(replace(settings, cams=cams), "start", "goal").values()
-    depths = {name: settings.renderings[name.partition("_")[0]].depth for name in cams}
+    shown = tuple(cams) or _cameras(settings)
+    seen = stages(replace(settings, cams=shown), "start", "goal").values()
+    depths = {name: settings.renderings[name.partition("_")[0]].depth for name in shown}
     return {
         name: Image.fromarray(np.hstack([to_rgb(images[name], depth) for images in seen]))
         for name, depth in depths.items()

@@ -15,7 +15,7 @@ from needlehoop.probe.scores import Interval as Scored
 from needlehoop.runs.shipped import CONF
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, label
+from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.agreement import agreement
@@ -41,7 +41,7 @@ def _ranking(results: ProbeResults) -> Table:
         rows.append(
             (
                 None if place is None else _place(*place),
-                _BASELINES.get(name, label(name)),
+                _BASELINES.get(name, name),
                 score.value,
                 _interval(score),
                 *(
@@ -72,7 +72,7 @@ def _phases(results: ProbeResults) -> Table:
     asked = results.asked
     rows = [
         (
-            _BASELINES.get(name, label(name)),
+            _BASELINES.get(name, name),
             phase,
             quantity,
             found.value,
@@ -168,7 +168,7 @@ def ranking_figure(results: ProbeResults) -> Figure:
         found = results.scores[name]
         left.plot([found.low, found.high], [y, y], color=COLOURS[0], linewidth=1.6)
         left.plot(found.value, y, "o", color=COLOURS[0], markersize=3)
-    left.set_yticks(range(len(names)), [label(name) for name in names])
+    left.set_yticks(range(len(names)), names)
     left.set_ylim(len(names) - 0.4, -0.6)
     left.tick_params(axis="y", length=0)
     left.grid(axis="both", linewidth=0.3)

@@ -20,10 +20,12 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
-from needlehoop.learning.metrics import Logger, build_logger, episode_columns, peak_memory
+from needlehoop.learning.loggers import Logger, build_logger
+from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
+from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
 
@@ -137,7 +139,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     print(f"{report(job.env.definition, found)}\nrun          {run.folder}")
 
 
-def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
+def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
     """Do what a composed config asks for: a new run, or the rest of one.
 
     Args:
@@ -146,14 +148,15 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Returns:
-        ``done``, ``done before``, ``paused`` or ``stopped``.
+        ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is
+        done, NaN of another.
     """
-    until = values["until"]
+    until, objective = values["until"], values["objective"]
     with open_session(values, overrides, command) as session:
         job, run = session.job, session.run
         if session.is_finished:
-            return "done before"
-        logger = build_logger(job.logger, job.place, session.values, run.folder)
+            return "done before", _achieved(run, objective)
+        logger = build_logger(job, session.values, run.folder, session.steps)
         try:
             if session.is_trained:
                 end = "done"
@@ -166,11 +169,16 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> str:
                 try:
                     with terminable():
                         finish(job, run, logger)
-                    return end
+                    return end, _achieved(run, objective)
                 except KeyboardInterrupt:
                     run.note(stopped=True)
                     end = "stopped"
             print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
-            return end
+            return end, math.nan
         finally:
             logger.close()
+
+
+def _achieved(run: Run, objective: str) -> float:
+    """A number of a finished run's evaluation."""
+    return float(read_json(run.folder / EVALUATION)[objective])

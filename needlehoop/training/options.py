@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from needlehoop.config import strict
 from needlehoop.config.strict import Range, shown
 from needlehoop.learning.job import Job, typed_job
+from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig
 from needlehoop.vlm.providers.contract import config_of
@@ -30,6 +31,8 @@ class Options:
     """Environment steps after which a run pauses."""
     trust: bool
     """Whether Python code that the files of ``resume`` name as its reward may run."""
+    objective: str
+    """The number of a finished run's evaluation that a search for settings makes high."""
 
     def __post_init__(self) -> None:
         if self.existing not in EXISTING:
@@ -53,7 +56,13 @@ def check_options(values: Mapping[str, Any]) -> Options:
     strict.as_type(values["gates"], Gates, "gates")
     if options.resume is None:
         written = not isinstance(values["reward"], Mapping) or "program" in values["reward"]
-        check_memory(typed_job({**values, **({"reward": NONE} if written else {})}))
+        job = typed_job({**values, **({"reward": NONE} if written else {})})
+        measured = (*job.env.definition.columns, "return", "return_human")
+        if options.objective not in measured:
+            valid = ", ".join(measured)
+            raise ValueError(f"objective: {options.objective!r} is unknown; choose from {valid}")
+        check_memory(job)
+        check_installed(job)
     return options
 
 

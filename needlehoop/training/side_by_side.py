@@ -6,6 +6,7 @@ outlive a parent that is killed.
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -13,6 +14,7 @@ import threading
 from collections.abc import Callable
 from functools import partial
 from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection
 from typing import Any
 
 import cloudpickle
@@ -63,11 +65,14 @@ class OwnProcesses(ThreadingBackend):
     def _run(self, call: Callable[[], Any]) -> list[JobReturn]:
         # The process inherits the mask: at a terminal Ctrl-C is not for it, but for its parent.
         signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-        process = self._context.Process(target=_work, args=(cloudpickle.dumps(call),))
+        receiver, sender = self._context.Pipe(duplex=False)
+        process = self._context.Process(target=_work, args=(cloudpickle.dumps(call), sender))
         with self._lock:
             if self._is_stopping:
                 return []
             process.start()
+            # Its own end alone is left: what is read ends with the process.
+            sender.close()
             self._running.add(process)
         process.join()
         with self._lock:
@@ -76,8 +81,12 @@ class OwnProcesses(ThreadingBackend):
             raise KeyboardInterrupt
         if process.exitcode and process.exitcode > 0:
             raise ChildProcessError("a run of the sweep could not begin; its error is above")
-        # A killed process left its note as it was: the summary names the run.
-        return [JobReturn(status=JobStatus.COMPLETED)]
+        try:
+            objective = receiver.recv()
+        except EOFError:
+            # A killed process left its note as it was: the summary names the run.
+            objective = math.nan
+        return [JobReturn(status=JobStatus.COMPLETED, _return_value=objective)]
 
     def _ask_to_stop(self) -> None:
         with self._lock:
@@ -94,15 +103,15 @@ class OwnProcesses(ThreadingBackend):
                 threading.Event().wait(0.05)
 
 
-def _work(call: bytes) -> None:
-    """The process of one run."""
+def _work(call: bytes, sender: Connection) -> None:
+    """The process of one run; sends what the run returns."""
     with terminable():
         try:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
             threading.Thread(target=_stop_with_parent, daemon=True).start()
             (done,) = cloudpickle.loads(call)()
             # Raises what Hydra caught.
-            _ = done.return_value
+            sender.send(done.return_value)
         except KeyboardInterrupt:
             sys.exit(_STOPPED)
         except Exception as error:

@@ -39,6 +39,9 @@ FAILED, HELD = "failed", "under way elsewhere"
 UNDER_WAY = "under way"
 """What a note says until its run has ended: for good, where the process was killed."""
 
+_FOUND = "optimization_results.yaml"
+"""What Optuna's sweeper writes: the best settings."""
+
 _LOG = "error.log"
 """In a failed job's folder: where in the source it failed."""
 
@@ -142,6 +145,9 @@ class Summary(Callback):
         """Called by Hydra where the sweep was started."""
         lines, undone = summary(Path(config.hydra.sweep.dir))
         print("\n".join(lines))
+        found = Path(config.hydra.sweep.dir) / _FOUND
+        if found.exists():
+            print(f"{found}:\n{found.read_text()}", end="")
         if undone:
             print(rest(config.existing, config.overwrite))
             sys.exit(1)

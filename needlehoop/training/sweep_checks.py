@@ -19,22 +19,29 @@ MULTIRUN = {"-m", "--multirun"}
 _BASIC = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
 
 
-_LAUNCHERS = {"joblib": "joblib", "ray": "ray", "slurm": "submitit"}
-"""Packages of launchers, ``hydra_plugins.hydra_<name>_launcher``, by the extra that brings them."""
+_SEARCH, _DIRECTION = "hydra/sweeper=optuna", "hydra.sweeper.direction="
+
+_PLUGINS = {
+    "hydra/launcher=joblib": "joblib_launcher",
+    "hydra/launcher=ray": "ray_launcher",
+    "hydra/launcher=slurm": "submitit_launcher",
+    _SEARCH: "optuna_sweeper",
+}
+"""Packages, ``hydra_plugins.hydra_<name>``, by what is typed; its value is the extra's name."""
 
 
-def check_launcher(word: str) -> None:
-    """Raises ``ValueError`` for ``hydra/launcher=`` with one that is not installed."""
-    key, _, name = word.partition("=")
-    package = _LAUNCHERS.get(name)
-    if key != "hydra/launcher" or package is None:
+def check_plugin(word: str) -> None:
+    """Raises ``ValueError`` for a launcher or a sweeper of Hydra's that is not installed."""
+    if word not in _PLUGINS:
         return
     try:
-        found = find_spec(f"hydra_plugins.hydra_{package}_launcher")
+        found = find_spec(f"hydra_plugins.hydra_{_PLUGINS[word]}")
     except ModuleNotFoundError:
         found = None
     if found is None:
-        raise ValueError(f"{word} is not installed: pip install 'needlehoop[{name}]'")
+        raise ValueError(
+            f"{word} is not installed: pip install 'needlehoop[{word.partition('=')[2]}]'"
+        )
 
 
 def reminder(words: Sequence[str]) -> str | None:
@@ -58,6 +65,12 @@ def reminder(words: Sequence[str]) -> str | None:
                 f" 'cams=[{','.join(names)}]'"
             )
     return None
+
+
+def direction(words: Sequence[str]) -> list[str]:
+    """What a search is told beside what was typed: to make its objective high, not low."""
+    is_told = any(word.startswith(_DIRECTION) for word in words)
+    return [f"{_DIRECTION}maximize"] if _SEARCH in words and not is_told else []
 
 
 class Programs(Callback):

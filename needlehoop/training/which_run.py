@@ -25,8 +25,8 @@ from needlehoop.training.missing_reward import ask_where_missing, objections
 from needlehoop.training.options import check_options
 
 _OF_NO_CONSEQUENCE = (
-    *("resume", "overwrite", "existing", "until", "results", "engine", "logger"),
-    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep"),
+    *("resume", "overwrite", "existing", "until", "results", "engine", "logger", "wandb"),
+    *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep", "objective"),
 )
 """Settings that may change when a run is resumed: they do not affect its results."""
 

@@ -10,7 +10,6 @@ from scipy.stats import kendalltau
 
 from analysis import findings as analysis
 from analysis.seeds import apart, luck
-from needlehoop.study.data.paper import label
 from needlehoop.study.render.table import Table
 from needlehoop.study.report.tables import phases, results, rewards
 from needlehoop.study.stats.run import TRAINING, steps_to_share
@@ -80,7 +79,7 @@ def test_success_by_seed_is_what_evaluations_say():
     seeds: dict[str, list[str]] = {}
     for path in sorted((ROOT / "results" / "fast").glob("*/*/*/evaluation.json")):
         share = json.loads(path.read_text())["success"]
-        seeds.setdefault(label(path.parts[-4]), []).append(f"{100 * share:.0f}")
+        seeds.setdefault(path.parts[-4], []).append(f"{100 * share:.0f}")
     assert shown == {cameras: ", ".join(own) for cameras, own in seeds.items()}
 
 
@@ -142,7 +141,7 @@ def listed(cells: list[str]) -> str:
     return " and ".join([", ".join(cells[:-1]), cells[-1]])
 
 
-REWARDED = ("DEP (F) + SEG (S)", "DEP (F) + RGB (S)", "RGB (F) + SEG (S)")
+REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
 
 def test_sentences_on_rewards_have_the_runs_numbers():

@@ -22,8 +22,10 @@ def studies(tmp_path_factory):
         config = run / "config.yaml"
         config.write_text(config.read_text() + "engine: {threads: 1}\n")
     (root / "probe").mkdir()
-    rows = [f"{name},1" for name in ("RGB (D)", "RGB (D) + DEP (D)", "RGB (F) + RGB (S)")]
-    rows += [f"{name},2" for name in ("RGB (F) + DEP (S)", "DEP (F) + RGB (S)")]
+    rows = [
+        f"{name},1" for name in ("rgb_default", "rgb_default+dep_default", "rgb_front+rgb_side")
+    ]
+    rows += [f"{name},2" for name in ("rgb_front+dep_side", "dep_front+rgb_side")]
     (root / "probe" / "ranking.csv").write_text("\n".join(["cameras,score", *rows]) + "\n")
     (root / "probe" / "manifest.json").write_text('{"wall_time": 600.0, "cpus": 4}')
     (root / "probe" / "config.yaml").write_text("engine: {threads: 0}\n")
@@ -118,9 +120,9 @@ def test_what_was_measured_there_foretells_nothing(studies):
 def test_cost_and_regret_are_drawn_for_each_measurement(studies, tmp_path):
     figure = cost_and_regret(study_findings(studies / "main"))
     assert [axes.get_title() for axes in figure.axes] == [
-        "of final returns here",
-        "of returns over training here",
-        "of the paper's returns",
+        "Regret by our final returns",
+        "Regret by our returns over training",
+        "Regret by the paper's returns",
     ]
     said = {text.get_text() for text in figure.axes[0].texts}
     assert {"probe", "fast protocol", "paper's VLM", "chosen blindly"} <= said

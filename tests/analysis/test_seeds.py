@@ -9,7 +9,6 @@ from scipy.stats import f_oneway
 from study_files import BUFFER, PAIRS, write_run, write_study
 
 from analysis.seeds import BEST, LEVEL, WORSE, apart, by_seed, luck, repeat, spread
-from needlehoop.study.data.paper import label
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.agreement import pooled
 from needlehoop.study.stats.findings import paper_findings, study_findings
@@ -97,10 +96,10 @@ def test_differences_from_the_best_are_tukeys(tmp_path):
     for column, over in (("return", ""), ("training", "over training: ")):
         table = apart(study_of(tmp_path / column, groups, column=column))
         rows = {row["cameras"]: row for row in table.records()}
-        said = [rows[label(name)][f"{over}which is"] for name in NAMES]
+        said = [rows[name][f"{over}which is"] for name in NAMES]
         assert said == [BEST, LEVEL, WORSE, LEVEL]
         for name, own in zip(NAMES[1:], groups[1:], strict=True):
-            cell = rows[label(name)][f"{over}from the best, 95 %"]
+            cell = rows[name][f"{over}from the best, 95 %"]
             assert isinstance(cell, Estimated)
             assert isinstance(cell.interval, Interval)
             difference = np.mean(own) - np.mean(groups[0])

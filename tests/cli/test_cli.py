@@ -241,3 +241,19 @@ def test_another_pipe_that_breaks_is_an_error(monkeypatch, capfd):
     monkeypatch.setattr(look, "_signals", broken)
     assert main(["signals"]) == 2
     assert "Broken pipe" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "columns"),
+    [([], ["weld", "friction"]), (["episode.grasp=friction"], ["friction"])],
+)
+def test_the_expert_grasps_as_it_is_told(capsys, words, columns):
+    assert main(["expert", "episodes=2", "task=near", *words]) == 0
+    _, heads, episodes, *_ = capsys.readouterr().out.splitlines()
+    assert heads.split() == columns
+    assert episodes.split() == ["episodes", *["2"] * len(columns)]
+
+
+def test_the_expert_is_told_its_grasp_once(capsys):
+    assert main(["expert", "grasps=[weld]", "episode.grasp=friction"]) == 2
+    assert "grasps: episode.grasp=friction names one already" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """Where a run is shown besides its own files."""
 
+import json
 import os
 import re
 from collections.abc import Iterator
@@ -7,11 +8,14 @@ from pathlib import Path
 
 import pytest
 import wandb
+from tiny_runs import PLACE as TINY_PLACE
+from tiny_runs import TINY, composed, run_composed, run_train
 
-from needlehoop.learning.job import LoggerConfig
-from needlehoop.learning.metrics import build_logger
+from needlehoop.learning.job import checked_job
+from needlehoop.learning.loggers import build_logger
+from needlehoop.runs.run import Run
 
-PLACE = "main/dep_front+seg_side/human/seed0"
+PLACE = "main/signals/sparse/seed0"
 NOBODY = "http://127.0.0.1:9"
 """A port on which nothing listens."""
 
@@ -41,9 +45,10 @@ def stranger(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     wandb.teardown()
 
 
-def build(folder: Path, kind: str = "wandb", mode: str = "auto"):
-    config = LoggerConfig(kind=kind, project="needlehoop", entity=None, mode=mode)
-    return build_logger(config, PLACE, {"steps": 512, "cams": ["dep_front"]}, folder)
+def build(folder: Path, *loggers: str, mode: str = "auto", steps: int = 0):
+    values = composed(*TINY)
+    values |= {"logger": list(loggers) or ["wandb"], "wandb": {**values["wandb"], "mode": mode}}
+    return build_logger(checked_job(values), values, folder, steps)
 
 
 def offline_run(folder: Path) -> Path:
@@ -59,7 +64,7 @@ def curves(folder: Path) -> bytes:
 
 
 def test_the_csv_logger_does_nothing_besides(folder):
-    logger = build(folder, kind="csv")
+    logger = build(folder, "csv")
     logger.log("train", {"step": 512, "return": 0.5})
     logger.video(folder / "missing.mp4")
     logger.close()
@@ -115,3 +120,77 @@ def test_wandb_with_a_login_but_no_service_goes_on_offline(folder, monkeypatch, 
     logger.log("train", {"step": 512, "return": 0.4375})
     logger.close()
     assert b"0.4375" in curves(folder)
+
+
+@pytest.mark.usefixtures("stranger")
+def test_wandb_says_how_an_offline_run_is_sent(folder, capsys):
+    logger = build(folder, mode="offline")
+    logger.close()
+    assert f"offline; send it with: wandb sync {offline_run(folder)}" in capsys.readouterr().out
+
+
+def test_a_run_of_one_logger_still_opens():
+    """Before there could be several, wandb's settings were the logger's."""
+    values = composed(*TINY)
+    former = {"kind": "wandb", "project": "mine", "entity": "me", "mode": "offline"}
+    del values["wandb"]
+    job = checked_job({**values, "logger": former})
+    assert job.logger == ("wandb",)
+    assert (job.wandb.project, job.wandb.entity, job.wandb.mode) == ("mine", "me", "offline")
+
+
+def points(folder: Path) -> dict[str, list[tuple[int, float]]]:
+    """What TensorBoard shows: steps and values by curve."""
+    reading = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    events = reading.EventAccumulator(str(folder / "tensorboard"))
+    events.Reload()
+    return {
+        tag: [(one.step, one.value) for one in events.Scalars(tag)]
+        for tag in events.Tags()["scalars"]
+    }
+
+
+def test_tensorboard_shows_curves_without_empty_numbers(folder):
+    pytest.importorskip("tensorboard")
+    logger = build(folder, "csv", "tensorboard")
+    logger.log("train", {"step": 8, "return": 0.5, "success": float("nan")})
+    logger.log("train", {"step": 16, "return": 0.75, "success": 0.25})
+    logger.log("evaluation", {"step": 16, "return": 1.0})
+    logger.video(folder / "missing.mp4")
+    logger.close()
+    found = points(folder)
+    assert found["train/return"] == [(8, 0.5), (16, 0.75)]
+    assert found["train/success"] == [(16, 0.25)]
+    assert found["evaluation/return"] == [(16, 1.0)]
+
+
+def test_a_resumed_run_has_each_point_once(tmp_path, monkeypatch):
+    """Also those after the last checkpoint, which are made again."""
+    pytest.importorskip("tensorboard")
+    monkeypatch.chdir(tmp_path)
+    words = [*TINY, "checkpoint_every=2", "evaluation.every=1", "logger=[csv,tensorboard]"]
+    killed = Run.append
+
+    def kill(run: Run, table: str, row: dict) -> None:
+        if row["update"] == 2 and table == "evaluations.csv":
+            raise RuntimeError("the machine is gone")
+        killed(run, table, row)
+
+    run_composed(composed(*words, "until=8"))
+    monkeypatch.setattr(Run, "append", kill)
+    with pytest.raises(RuntimeError, match="gone"):
+        run_train(f"resume=results/{TINY_PLACE}")
+    monkeypatch.setattr(Run, "append", killed)
+    run_train(f"resume=results/{TINY_PLACE}")
+    folder = tmp_path / "results" / TINY_PLACE
+    assert json.loads((folder / "manifest.json").read_text())["finished"] is True
+    for curve in ("train/length", "evaluation/success"):
+        assert [step for step, _ in points(folder)[curve]] == [8, 16, 24], curve
+
+
+def test_a_package_that_is_not_there_is_named_before_anything_is_made(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("needlehoop.learning.loggers.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"logger: tensorboard is not .* 'needlehoop\[tensorb"):
+        run_composed(composed(*TINY, "logger=[csv,tensorboard]"))
+    assert list(tmp_path.iterdir()) == []

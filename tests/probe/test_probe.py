@@ -321,7 +321,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
     assert _run(tmp_path, "cams=rgb_default,dep_front+seg_side") == 0
     out = capsys.readouterr().out
-    assert "DEP (F) + SEG (S)" in out
+    assert "dep_front+seg_side" in out
     assert "true state" in out
     assert "seed 0  seed 1" in out
     folder = tmp_path / "probe"
@@ -384,7 +384,7 @@ def test_more_combinations_are_added_and_nothing_is_done_twice(tmp_path, monkeyp
     assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
     folder = tmp_path / "probe"
     assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
-    assert {"RGB (D)", "SEG (S)"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
+    assert {"rgb_default", "seg_side"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
     done = (folder / "manifest.json").read_bytes()
     monkeypatch.setattr(measuring, "collect", None)
     assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0, "all there: nothing to collect"
@@ -497,10 +497,10 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     # As the paper's VLM agrees with the paper's own measurements.
     assert [row[3] for row in vlm] == ["0.60", "0.60", "0.60"]
     first = tables["ranking"].texts[0]
-    assert first[1] == "DEP (F) + SEG (S)"
+    assert first[1] == "dep_front+seg_side"
     assert tables["ranking"].texts[-1][1] == "constant"
     axes = ranking_figure(found).axes
-    assert axes[0].get_yticklabels()[0].get_text() == "DEP (F) + SEG (S)"
+    assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
     elsewhere = replace(found, asked=replace(ASKED, task="reach"))
     assert "agreement" not in {table.name for table in all_tables(elsewhere)}, "another task's"
     assert len(tables["phases"].rows) == 16 * len(ASKED.phases) * len(ASKED.names)

@@ -1,5 +1,8 @@
-"""Studies with other settings beside each other."""
+"""Studies with other settings, and single runs, beside each other."""
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +12,15 @@ from matplotlib.colors import to_hex
 from study_files import BUFFER, write_run
 
 from needlehoop.cli import main as cli
-from needlehoop.study.data.records import read_study
-from needlehoop.study.report.comparison import comparison_chart, comparisons, differences, progress
+from needlehoop.study.data.records import Place, read_run, read_study
+from needlehoop.study.report.comparison import (
+    compared_runs,
+    comparison_chart,
+    comparisons,
+    differences,
+    outcomes,
+    progress,
+)
 
 
 def learnt(study: Path, seed: int, begins: int, buffers: int) -> Path:
@@ -47,7 +57,7 @@ def opened(*folders: Path) -> list:
 
 def test_progress_says_when_each_run_got_how_far(two):
     (found,) = opened(*two)
-    assert (found.cameras, found.reward, list(found.runs)) == ("rgb_default", "human", ["a", "b"])
+    assert (found.title, list(found.runs)) == ("rgb_default, human", ["a", "b"])
     assert found.steps == 30 * BUFFER
     rows = progress([found]).texts_by_heading()
     assert [(row["study"], row["seed"]) for row in rows] == [("a", "0"), ("a", "1"), ("b", "0")]
@@ -98,9 +108,12 @@ def test_the_command_writes_tables_and_figures_beside_the_studies(two, capsys):
     out = capsys.readouterr().out
     assert "What differs" in out
     assert "Progress in training" in out
-    folder = a.parent / "comparison"
+    folder = a.parent / "a_vs_b"
+    tables = ("settings", "evaluations", "progress")
+    assert str(folder / "comparison.html") in out
     assert {path.name for path in folder.iterdir()} == {
-        *(f"{name}.{kind}" for name in ("settings", "progress") for kind in ("csv", "md", "tex")),
+        *(f"{name}.{kind}" for name in tables for kind in ("csv", "md", "tex")),
+        "comparison.html",
         "rgb_default_human.png",
         "rgb_default_human.svg",
     }
@@ -116,8 +129,77 @@ def test_what_cannot_be_compared_is_said(two, capsys, monkeypatch):
         (["a", "nowhere"], "nowhere: no such folder"),
         (["a", "other"], "no cameras and reward that two of them have\n  rgb_default/human: a"),
         (["a", "seed=1"], "'seed=1' is not understood"),
-        (["a", "deep/c"], "not beside each other; give --out"),
+        (["a/rgb_default/human/seed0"], "name two or more, each once"),
+        (["a/rgb_default/human/seed0", "b"], "seed0 is a run, and others are studies"),
     ):
         assert cli.main(["compare", *words]) == 2
         assert said in capsys.readouterr().err
-        assert not Path("comparison").exists()
+        assert not list(Path().rglob("*.html"))
+
+
+def evaluated(run: Path, **values: object) -> None:
+    """Write a run's long evaluation anew."""
+    path = run / "evaluation.json"
+    found = json.loads(path.read_text()) if path.exists() else {}
+    facts = dict.fromkeys(("cheat", "grasped", "lifted", "threaded", "diverged"), 0.0)
+    path.write_text(json.dumps({**found, "episodes": 100, **facts, "return": 1.0, **values}))
+    manifest = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps({**manifest, "finished": True}))
+
+
+@pytest.fixture
+def runs(tmp_path) -> tuple[Path, Path]:
+    """Two runs of one study: 90 and 70 of 100 episodes succeed."""
+    study = tmp_path / "main"
+    first, second = learnt(study, 0, 20, 40), learnt(study, 1, 30, 40)
+    evaluated(first, success=0.9, return_sd=2.0, **{"return": 8.0})
+    evaluated(second, success=0.7, return_sd=1.0, **{"return": 7.0})
+    return first, second
+
+
+def test_runs_differ_by_an_interval_over_their_episodes(runs):
+    found = compared_runs([read_run(run)[0] for run in runs])
+    assert list(found.runs) == ["seed0", "seed1"]
+    first, second = outcomes([found], "run").texts_by_heading()
+    assert first["success, %"] == "90 (83 to 94)"
+    assert (first["difference of success, %"], first["difference of return"]) == ("", "")
+    # Newcombe's of 90 and 70 of 100: -0.20 (-0.31 to -0.09).
+    assert second["difference of success, %"] == "-20 (-31 to -9)"
+    # 1.96 * sqrt(2 ** 2 / 100 + 1 ** 2 / 100).
+    assert second["difference of return"] == "-1.00 (-1.44 to -0.56)"
+    assert second["intervals"] == "over episodes"
+    assert differences([found], "run").texts_by_heading() == [
+        {"setting": "seed", "seed0": "0", "seed1": "1"}
+    ]
+
+
+def test_returns_of_another_reward_are_not_compared(runs):
+    (other, _), (second, _) = read_run(runs[0]), read_run(runs[1])
+    other = replace(other, place=Place("rgb_default", "sparse", 0))
+    _, row = outcomes([compared_runs([other, second])], "run").texts_by_heading()
+    assert row["difference of return"] == ""
+    assert row["difference of success, %"] != ""
+
+
+def test_the_difference_of_three_seeds_is_over_seeds(tmp_path):
+    for name, shares in (("a", (0.8, 0.9, 1.0)), ("b", (0.1, 0.2, 0.3))):
+        for seed, share in enumerate(shares):
+            evaluated(learnt(tmp_path / name, seed, 20, 40), success=share)
+    _, row = outcomes(opened(tmp_path / "a", tmp_path / "b"), "study").texts_by_heading()
+    assert row["difference of success, %"].startswith("-70 (")
+    assert row["intervals"] == "over seeds"
+
+
+def test_runs_are_compared_on_a_page_that_needs_nothing_else(runs, capsys):
+    (runs[1] / "video.mp4").write_bytes(
+        b"".join((8).to_bytes(4, "big") + name for name in (b"ftyp", b"moov"))
+    )
+    assert cli.main(["compare", *map(str, runs)]) == 0
+    page = runs[0].parent / "seed0_vs_seed1" / "comparison.html"
+    assert str(page.name) in capsys.readouterr().out
+    text = page.read_text()
+    assert "-20 (-31 to -9)" in text
+    assert text.count("data:image/svg+xml;base64,") == 1
+    assert text.count("data:video/mp4;base64,") == 1
+    assert "seed=1  # seed1" in text
+    assert not re.search(r'(?:src|href)="(?!data:)', text)

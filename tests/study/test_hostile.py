@@ -229,7 +229,7 @@ def test_numbers_and_names_without_end_end_neither_plot_nor_report(study, tmp_pa
         assert "not drawn, V" not in said
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<script>alert" not in page
-    assert "RGB (D)" in page
+    assert "rgb_default" in page
 
 
 def test_a_figure_that_cannot_be_drawn_is_a_line(study, tmp_path, monkeypatch, capsys):

@@ -14,8 +14,11 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from study_files import REWARDED, write_answers, write_run, write_study
+from tiny_runs import TINY, composed, run_composed
 
 from needlehoop.cli.main import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "conf"
 
 _FLAGS = (
     "--headless",
@@ -133,13 +136,13 @@ def test_the_page_sorts_plays_and_asks_for_nothing(browser, study):
     assert [float(cell) for cell in column(browser, "results", 3)] == sorted(returns)
     heads[2].click()
     assert [float(cell) for cell in column(browser, "results", 3)] == sorted(returns)[::-1]
-    assert column(browser, "results", 2)[0] != "DEP (D)"
+    assert column(browser, "results", 2)[0] != "dep_default"
     heads[1].click()
     names = column(browser, "results", 2)
     assert names == sorted(names)
-    assert names[0] == "DEP (D)"
+    assert names[0] == "dep_default"
     images = browser.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 6
+    assert len(images) == 5
     assert all(image.get_property("naturalWidth") > 100 for image in images)
     browser.set_script_timeout(20)
     assert browser.execute_async_script(_PLAY) == "played"
@@ -174,7 +177,7 @@ def test_several_studies_have_a_switch(browser, study, tmp_path):
         Image.new("RGB", (128, 64), "red").save(tiles / f"{name}.png")
     (tiles / "seg_side.png").write_text("torn")
     assert main(["report", str(root / "main"), str(root / "other")]) == 0
-    page = root / "report.html"
+    page = root / "main_and_other" / "report.html"
     open_page(browser, page, 1400)
     assert browser.execute_script(_SHOWN, ".part") == ["main"]
     # The study's three rewards have a switch of their own.
@@ -190,7 +193,7 @@ def test_several_studies_have_a_switch(browser, study, tmp_path):
     assert "seg_side.png is no picture, or cut off" in page.read_text()
     marks = re.findall(r' id="([^"]+)"', page.read_text())
     assert len(set(marks)) == len(marks)
-    assert (root / "figures" / "other" / "final_values.png").exists()
+    assert (page.parent / "figures" / "other" / "final_values.png").exists()
 
 
 def test_studies_of_one_name_have_no_page_together(tmp_path, capsys):
@@ -203,16 +206,57 @@ def test_studies_of_one_name_have_no_page_together(tmp_path, capsys):
     assert not list(tmp_path.rglob("*.html"))
 
 
-def test_studies_in_two_folders_need_a_place_for_their_page(tmp_path, capsys):
-    words = ["report"]
-    for where in ("a", "b"):
-        write_run(tmp_path / where / where, "rgb_default")
-        words.append(str(tmp_path / where / where))
-    assert main(words) == 2
-    assert "not beside each other; give --out" in capsys.readouterr().err
-    assert not list(tmp_path.rglob("*.html"))
-    assert main([*words, "--out", str(tmp_path / "c")]) == 0
-    assert [page.parent.name for page in tmp_path.rglob("*.html")] == ["c"]
+def test_a_page_of_several_studies_is_beside_the_first_and_replaces_no_other(tmp_path, capsys):
+    for name in ("a", "b", "c"):
+        write_run(tmp_path / name / name, "rgb_default")
+    a, b, c = (str(tmp_path / name / name) for name in ("a", "b", "c"))
+    (tmp_path / "a" / "report.html").write_text("of all studies")
+    assert main(["report", a, b]) == 0
+    assert main(["report", a, c]) == 0
+    assert (tmp_path / "a" / "report.html").read_text() == "of all studies"
+    pages = [tmp_path / "a" / name / "report.html" for name in ("a_and_b", "a_and_c")]
+    said = capsys.readouterr().out.splitlines()
+    assert all(str(page) in said and page.exists() for page in pages)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "task"), [("rgb_top", "needle_hoop"), ("rgb_default", "reach")]
+)
+def test_a_study_of_ones_own_says_nothing_of_the_paper(tmp_path, cameras, task):
+    study = tmp_path / "mine"
+    for name in (cameras, "rgb_top+dep_low"):
+        path = write_run(study, name) / "manifest.json"
+        manifest = json.loads(path.read_text())
+        path.write_text(json.dumps(manifest | {"task": {**manifest["task"], "name": task}}))
+    assert main(["report", str(study)]) == 0
+    page = (study / "report.html").read_text()
+    # Its figure of final values, then its own ranking.
+    ranking = page.index("<h2>Ranking</h2>")
+    assert page.index('id="figure_final_values"') < ranking
+    assert "1. rgb_" in page[ranking:]
+    for theirs in ("the paper&#39;s", "regret", "claude", "Table II", "RGB and depth"):
+        assert theirs not in page, theirs
+
+
+def test_cameras_without_a_picture_are_drawn_from_a_runs_own_settings(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    # Signals and episodes too short for the expert.
+    tiny = [word for word in TINY if not word.startswith(("obs", "episode"))]
+    own = ["cams=[rgb_top]", f"conf_dir={EXAMPLES}", "image_size=16"]
+    run_composed(composed(*tiny, *own))
+    study = tmp_path / "results" / "main"
+    assert main(["report", str(study)]) == 0
+    with Image.open(study / "cameras" / "rgb_top.png") as image:
+        assert image.size == (32, 16)
+        assert len(image.getcolors()) > 3
+    page = (study / "report.html").read_text()
+    assert 'alt="rgb_top, start and goal"' in page
+    assert "no picture of" not in page
+    drawn = (study / "cameras" / "rgb_top.png").stat().st_mtime_ns
+    assert main(["report", str(study)]) == 0
+    assert (study / "cameras" / "rgb_top.png").stat().st_mtime_ns == drawn
 
 
 def test_the_papers_page_says_whose_numbers_it_shows(browser, tmp_path):
@@ -255,7 +299,7 @@ def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(tmp_p
     [
         ([], ("rewards", "success_and_cheats"), ("final_values", "rankings")),
         # With it a list has two sets to rank.
-        (["rgb_front+rgb_side"], ("final_values", "rankings"), ("rewards", "success_and_cheats")),
+        (["rgb_front+rgb_side"], ("final_values",), ("rewards", "success_and_cheats")),
     ],
 )
 def test_a_study_of_rewards_begins_with_them(more, first, later, tmp_path):
@@ -304,9 +348,9 @@ def test_films_are_in_the_page_while_there_is_room(tmp_path):
     page = (study / "report.html").read_text()
     assert len(page) < 10_000_000
     linked = re.findall(r'href="([a-z_]+)/human/seed0/video.mp4"', page)
-    ranked = re.findall(r'class="cameras"><b>\d+\. ([A-Z]+) \(D\)', page)
+    ranked = re.findall(r'class="cameras"><b>\d+\. ([a-z]+)_default', page)
     # The best and the worst are there.
-    assert {name.partition("_")[0].upper() for name in linked} == {*ranked[1:-1]}
+    assert {name.partition("_")[0] for name in linked} == {*ranked[1:-1]}
 
 
 def test_films_of_several_studies_take_turns(tmp_path):
@@ -322,8 +366,8 @@ def test_films_of_several_studies_take_turns(tmp_path):
     assert 9_000_000 < len(page) < 10_000_000
     linked = re.findall(r'href="\.\./(\w+)/([a-z]+)_default/human/seed0/video.mp4"', page)
     # Four find room: both ends of both rankings.
-    ranked = re.findall(r'class="cameras"><b>\d+\. ([A-Z]+) \(D\)', page)
-    middle = ranked[1].lower()
+    ranked = re.findall(r'class="cameras"><b>\d+\. ([a-z]+)_default', page)
+    middle = ranked[1]
     assert sorted(linked) == [("first", middle), ("second", middle)]
     assert page.count("data:video/mp4;base64,") == 4
 

@@ -15,7 +15,7 @@ from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
 from needlehoop.rewards import reference_reward
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.paper import reward_label
 from needlehoop.study.render.table import Column, Estimated, Of, Table
 from needlehoop.study.report.tables import (
     agreements,
@@ -58,7 +58,7 @@ def test_table_2_sets_ours_beside_the_papers(findings):
     rows = dicts(table_2(findings))
     assert len(rows) == 16
     first = rows[0]
-    assert (first["list"], first["cameras"]) == ("RGB and depth", "DEP (F) + RGB (S)")
+    assert (first["list"], first["cameras"]) == ("RGB and depth", "dep_front+rgb_side")
     assert (first["place"], first["VLM's place"], first["the paper's place"]) == ("1", "1", "1")
     assert (first["the paper's return"], first["the paper's VLM's place"]) == ("8.92", "1")
     ours = {r.cameras: r.value.value for r in findings.ranked}
@@ -98,8 +98,9 @@ def said_of(row) -> tuple[str, str]:
 
 
 PROBE = (
-    "place,cameras,score\n1,RGB (F) + DEP (S),0.8\n2 to 3,RGB (F) + RGB (S),0.7\n"
-    "2 to 3,DEP (F) + RGB (S),0.7\n4,RGB (D) + DEP (D),0.6\n5,RGB (D),0.5\n,constant,0.0\n"
+    "place,cameras,score\n1,rgb_front+dep_side,0.8\n2 to 3,rgb_front+rgb_side,0.7\n"
+    "2 to 3,dep_front+rgb_side,0.7\n4,rgb_default+dep_default,0.6\n"
+    "5,rgb_default,0.5\n,constant,0.0\n"
 )
 
 
@@ -113,12 +114,12 @@ def test_rankings_stand_side_by_side(tmp_path):
     assert table.header == ("list", "cameras", *who)
     rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
     assert len(rows) == 16
-    best = rows["RGB and depth", "DEP (F) + RGB (S)"]
+    best = rows["RGB and depth", "dep_front+rgb_side"]
     # Claude's first is the paper's second; the probe's tie shares its mean place.
     assert [best[name] for name in who] == ["1", "2", "2.5", "", "", "1"]
-    assert rows["RGB and depth", "RGB (D)"]["measured"] == "1 of 1"
+    assert rows["RGB and depth", "rgb_default"]["measured"] == "1 of 1"
     # The probe has not seen all of the other lists.
-    assert rows["Depth and segmentation", "DEP (F) + SEG (S)"]["probe"] == ""
+    assert rows["Depth and segmentation", "dep_front+seg_side"]["probe"] == ""
     said = {*map(said_of, dicts(agreements(study_findings(study))))}
     assert {(one, "the paper's measured") for one in who[:3]} <= said
     assert "probe" not in rankings(paper_findings(NOWHERE)).header
@@ -154,7 +155,7 @@ def test_what_was_not_run_is_said(tmp_path):
     found = study_findings(tmp_path)
     rows = dicts(table_2(found))
     assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
-    assert {row["place"] for row in rows if row["cameras"] == "RGB (D)"} == {"1 of 1"}
+    assert {row["place"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
     assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
     assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
     assert "improvement" not in {table.name for table in all_tables(found)}
@@ -168,10 +169,10 @@ def test_the_papers_own_tables(findings):
     assert "place" not in rows[0]
     # Its text says of which it was surprised: depth from the side, and segmentation.
     assert [row["cameras"] for row in rows if row["better there than its VLM said"] == "yes"] == [
-        "RGB (F) + DEP (S)",
-        "RGB (D) + SEG (D)",
-        "SEG (F) + SEG (S)",
-        "SEG (D)",
+        "rgb_front+dep_side",
+        "rgb_default+seg_default",
+        "seg_front+seg_side",
+        "seg_default",
     ]
     said = {row["question"]: row for row in dicts(table_1(findings))}
     assert said["Best view for subtask 2"] == {
@@ -214,7 +215,7 @@ def test_rewards_stand_together_with_the_papers(findings):
         assert float(rows[11][column]) > float(rows[10][column])
     assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
-    assert (cheat["cameras"], cheat["reward"]) == ("RGB (F) + SEG (S)", "VLM, text")
+    assert (cheat["cameras"], cheat["reward"]) == ("rgb_front+seg_side", "VLM, text")
     assert cheat["cheat, %"] == "60"
 
 
@@ -240,7 +241,7 @@ def test_rewards_say_what_was_learnt_and_lost_again(tmp_path):
 def test_rewards_say_how_soon_each_seed_threads(findings):
     rows = {(row["cameras"], row["reward"]): row for row in dicts(rewards(findings))}
     for result in findings.results:
-        if (row := rows.get((label(result.cameras), reward_label(result.reward)))) is None:
+        if (row := rows.get((result.cameras, reward_label(result.reward)))) is None:
             continue
         for run, said in zip(result.runs, row["M steps to 90 %"].split(", "), strict=True):
             assert run.metrics is not None
@@ -454,7 +455,7 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     assert dicts(results(found))[0]["cheat, %"] == ""
     (row,) = dicts(phases(found))
     assert row == {
-        "cameras": "DEP (D)",
+        "cameras": "dep_default",
         "held, %": "90",
         "on spot, %": "40",
         "fails in": "put down",
@@ -464,8 +465,8 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     # Beside another task each has its own columns; seeds of two tasks have no mean.
     write_run(study, "rgb_default")
     rows = {row["cameras"]: row for row in dicts(phases(study_findings(study)))}
-    assert (rows["RGB (D)"]["held, %"], rows["DEP (D)"]["threaded, %"]) == ("", "")
-    assert rows["RGB (D)"]["threaded, %"] != ""
+    assert (rows["rgb_default"]["held, %"], rows["dep_default"]["threaded, %"]) == ("", "")
+    assert rows["rgb_default"]["threaded, %"] != ""
     assert study_findings(study).goal == "success"
     write_run(study, "dep_default", seed=1)
-    assert [row["cameras"] for row in dicts(phases(study_findings(study)))] == ["RGB (D)"]
+    assert [row["cameras"] for row in dicts(phases(study_findings(study)))] == ["rgb_default"]

@@ -114,7 +114,7 @@ def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
 def test_a_launcher_that_is_not_installed_names_its_extra(name, monkeypatch):
     words = ["-m", "cams=[seg_side]", f"hydra/launcher={name}"]
     for word in words:
-        sweep_checks.check_launcher(word)
+        sweep_checks.check_plugin(word)
     monkeypatch.setattr(sweep_checks, "find_spec", lambda _: None)
     with pytest.raises(SystemExit) as refused:
         run_train(*words)

@@ -1,13 +1,13 @@
-"""The paper's published numbers and answers, and how it names camera sets, rewards and lists."""
+"""The paper's published numbers and answers, and names of rewards and lists."""
 
 from __future__ import annotations
 
 import csv
-import re
 from dataclasses import dataclass
 
 from needlehoop.runs.files import EXPERT
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
 FOLDER = RECORDINGS / "paper"
@@ -33,16 +33,6 @@ LISTS = {
 }
 """The paper's three lists of camera sets, in its order."""
 
-_CAMERA = re.compile(r"([a-z0-9]+)_([a-z0-9])\w*")
-
-
-def label(cameras: str) -> str:
-    """``dep_front+seg_side`` as the paper writes it: ``DEP (F) + SEG (S)``."""
-    return " + ".join(
-        f"{found[1].upper()} ({found[2].upper()})" if (found := _CAMERA.fullmatch(name)) else name
-        for name in cameras.split("+")
-    )
-
 
 def reward_label(reward: str) -> str:
     """A reward's name for people; after a comma, the label of runs that have one."""
@@ -65,6 +55,11 @@ class Reported:
     value: float | None
     """``None`` where there are words alone."""
     remark: str
+
+
+def task() -> str:
+    """The name of its task, which is the one that is chosen where none is named."""
+    return read_yaml(CONF / "task/standard.yaml")["name"]
 
 
 def measured() -> dict[str, float]:

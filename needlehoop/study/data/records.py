@@ -147,6 +147,10 @@ class Study:
     runs: tuple[Record, ...]
     left_out: tuple[LeftOut, ...]
 
+    def is_of(self, task: str) -> bool:
+        """Whether all of its runs that say which task they are of are of this one."""
+        return {run.task.name for run in self.runs} <= {task, UNKNOWN.name}
+
 
 @dataclass
 class _Reading:
@@ -205,6 +209,20 @@ def read_study(folder: Path) -> Study:
     return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
 
 
+def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
+    """One run, whatever its folder is called, and what of it was left out.
+
+    Raises:
+        ValueError: no run that can be read.
+    """
+    reading = _Reading(folder)
+    try:
+        config = _config(folder / files.CONFIG, folder)
+    except UnreadableError as error:
+        raise ValueError(f"{folder} is no run: its {files.CONFIG} {error}") from error
+    return _record(folder, config, reading), tuple(reading.left_out)
+
+
 def _visible(folder: Path) -> list[str]:
     """Names of the files in a folder, without hidden ones."""
     return [path.name for path in folder.iterdir() if not path.is_dir() and path.name[0] != "."]
@@ -223,14 +241,23 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     except UnreadableError as error:
         reading.leave(folder, f"no run: its {files.CONFIG} {error}")
         return
-    cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
-    place = Place(cameras, folder.parent.name, config["seed"])
+    place = _place(folder, config)
     if folder.name != f"seed{place.seed}":
         reading.leave(folder, f"its config has seed {place.seed}")
         return
     if place in reading.runs:
         reading.leave(folder, f"is {place}, as is {reading.runs[place].folder}")
         return
+    reading.runs[place] = _record(folder, config, reading)
+
+
+def _place(folder: Path, config: Mapping[str, Any]) -> Place:
+    cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
+    return Place(cameras, folder.parent.name, config["seed"])
+
+
+def _record(folder: Path, config: Mapping[str, Any], reading: _Reading) -> Record:
+    """A run whose config can be read."""
     root = reading.root
     if not os.path.lexists(folder / files.MANIFEST):
         reading.leave(folder / files.MANIFEST, "is missing")
@@ -240,8 +267,8 @@ def _read_run(folder: Path, reading: _Reading) -> None:
         task = reading.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
     outcome = _outcome(task)
     reading.read(folder / files.REWARD, lambda path: read_text(path, within=root))
-    reading.runs[place] = Record(
-        place,
+    return Record(
+        _place(folder, config),
         folder,
         config,
         manifest or {},

@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
+from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.style import (
     COLOURS,
     DASHES,
-    explain_views,
     label_ends,
     new_figure,
     short,
@@ -56,10 +56,9 @@ def learning_curves(findings: StudyFindings) -> Figure:
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
     colours = _colours([[result.cameras for result in own] for _, own in panels])
     shown = [
-        (title, [(short(label(r.cameras)), r.runs, colours[r.cameras]) for r in own])
+        (title, [(short(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
-    explain_views(figure)
     ends = _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in training")
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
@@ -73,7 +72,8 @@ def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
         panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
     listed = {cameras for members in paper.lists().values() for cameras in members}
     rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
-    panels += [("Others", rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
+    others = "Others" if any(own for _, own in panels) else ""
+    panels += [(others, rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]
     return [(title, own) for title, own in panels if own]
 
 
@@ -101,7 +101,7 @@ def reward_comparison(findings: StudyFindings) -> Figure:
         rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
         if len(rivals) > 1:
             rivals.sort(key=lambda r: reward_order(r.reward))
-            panels.append((short(label(result.cameras)), rivals))
+            panels.append((short(result.cameras), rivals))
     if not panels:
         raise MissingDataError("no camera set with learning curves for two rewards")
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
@@ -187,6 +187,7 @@ def name_ends(
         longest: environment steps that the axes show.
     """
     # Room for the names, then names: they need to know how tall the axes came out.
+    column[-1].xaxis.set_major_locator(MaxNLocator(4))
     layout: Any = figure.get_layout_engine()
     longest_name = max(len(name) for own in ends for name, *_ in own)
     layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
 from needlehoop.study.data.contents import check_picture
-from needlehoop.study.data.paper import HUMAN, LISTS, label, reward_label
+from needlehoop.study.data.paper import HUMAN, LISTS, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.render.stress import stress_figure
 from needlehoop.study.render.style import (
@@ -24,7 +24,6 @@ from needlehoop.study.render.style import (
     FAINT,
     INK,
     SUCCESS,
-    explain_views,
     new_figure,
     save,
     short,
@@ -52,8 +51,7 @@ def final_values(findings: StudyFindings) -> Figure:
     successes = [result.success for result in results if result.success is not None]
     columns = 2 if successes else 1
     figure, grid = new_figure(26 + _ROW * len(results), 1, columns, sharey=True)
-    _rows(grid[0, 0], [label(result.cameras) for result in results])
-    explain_views(figure)
+    _rows(grid[0, 0], [result.cameras for result in results])
     _bars(grid[0, 0], [result.value for result in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
     grid[0, 0].set_xlabel("final return")
     if findings.study is None:
@@ -64,7 +62,7 @@ def final_values(findings: StudyFindings) -> Figure:
         most_of = "at most " if len(seeds) > 1 else ""
         grid[0, 0].set_xlabel(f"final return\n({most_of}{no_interval(most)})")
     # The paper's numbers are of the human reward; on its own data they are the bars.
-    if findings.study is not None and findings.main_reward == HUMAN:
+    if findings.study and findings.is_papers and findings.main_reward == HUMAN:
         known = paper.measured()
         own = [(known[r.cameras], y) for y, r in enumerate(results) if r.cameras in known]
         if own:
@@ -95,7 +93,6 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     figure, grid = new_figure(17 + _ROW * len(results))
     axes = grid[0, 0]
     _rows(axes, [_name(result, findings) for result in results])
-    explain_views(figure)
     for estimates, sign, colour in (
         ([r.success for r in results], 1, SUCCESS),
         ([r.cheat for r in results], -1, CHEAT),
@@ -112,8 +109,9 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     axes.axvline(0, color=INK, linewidth=0.6)
     axes.spines["left"].set_visible(False)
     # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
-    axes.set_xlim(-1.7, 1.7)
+    axes.set_xlim(-2.1, 1.9)
     axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
+    axes.spines["bottom"].set_bounds(-1.0, 1.0)
     axes.set_xlabel("share of episodes")
     axes.set_title("◂ cheated", color=CHEAT, loc="left")
     axes.set_title(f"{findings.goal} ▸", color=SUCCESS, loc="right", fontweight="bold")
@@ -129,7 +127,7 @@ def ranking_chart(findings: StudyFindings) -> Figure:
     shown = findings.rankings
     blocks = {n: m for n, m in findings.lists.items() if any(one.places(m) for one in shown)}
     if not blocks:
-        raise MissingDataError("no rankings")
+        raise MissingDataError("nobody ranked these camera sets")
     height = 20 + sum(5 + _ROW * len(members) for members in blocks.values())
     figure, grid = new_figure(
         height, len(blocks), sharex=True, height_ratios=[len(m) for m in blocks.values()]
@@ -139,7 +137,7 @@ def ranking_chart(findings: StudyFindings) -> Figure:
         axes.set_xlim(-0.5, len(shown) - 0.5)
         for x, one in enumerate(shown):
             _shades(axes, x, one.places(members), ordered)
-        _rows(axes, [label(cameras) for cameras in ordered])
+        _rows(axes, ordered)
         axes.set_ylim(len(ordered) - 0.5, -0.5)
         axes.set_title(LISTS.get(name, name))
         axes.tick_params(length=0)
@@ -190,9 +188,8 @@ def _bars(
 
 
 def _name(result: Result, findings: StudyFindings) -> str:
-    name = label(result.cameras)
     own = result.reward == findings.main_reward
-    return name if own else f"{name}: {reward_label(result.reward)}"
+    return result.cameras if own else f"{result.cameras}: {reward_label(result.reward)}"
 
 
 def _value(found: SeedEstimate | None) -> float:
@@ -206,14 +203,14 @@ def _high(found: SeedEstimate) -> float:
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
-        "Return over training, as the paper's Figure 6: interquartile mean over seeds, with 95 %"
+        "Return over training: interquartile mean over seeds, with 95 %"
         " bootstrap intervals where there are three; each point is the mean over the last 4 % of"
         " the longest run. Thin: fewer seeds have come so far. Training samples its actions, so a"
         " curve ends below the final return, which is of the mean action.",
     ),
     "rewards": (
         reward_comparison,
-        "Rewards compared, as the paper's Figure 7. Left: each curve is in its own reward's points."
+        "Rewards compared. Left: each curve is in its own reward's points."
         " Right, what compares across rewards: the share of training episodes that succeed, of"
         " sampled actions, and of evaluations, of the mean action, which may stop short where"
         " noise still gets there.",
@@ -278,7 +275,7 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
 
 
 def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
-    caption = "Start and goal in every view and rendering, as the paper's Figure 2."
+    caption = "Start and goal in every view and rendering."
     if findings.study is None:
         return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
     source = findings.study.folder / CONTACT_SHEET

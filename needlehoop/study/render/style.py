@@ -64,13 +64,6 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def explain_views(figure: Figure) -> None:
-    """What the letters behind a camera's rendering mean, at the figure's foot."""
-    figure.supxlabel(
-        "(D) default, (F) front, (S) side view", x=0.02, ha="left", fontsize=6, color=FAINT
-    )
-
-
 def short(name: str) -> str:
     """A name for which a figure has room."""
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"

@@ -1,25 +1,39 @@
-"""Studies beside each other: the same cameras and reward under other settings."""
+"""Studies, or single runs, beside each other: what differs, how far each came, their films."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.curves import MissingDataError, draw_line, name_ends
+from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import new_figure, short
-from needlehoop.study.render.table import Column, Table
+from needlehoop.study.render.table import Cell, Column, Estimated, Table
+from needlehoop.study.report.gallery import Films
+from needlehoop.study.report.page import render, shown_figure, write_with_films
+from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
     BUFFERS,
+    final,
     grid_of,
     has_curve,
     share_at,
     smooth,
     steps_to_share,
+)
+from needlehoop.study.stats.statistics import (
+    OVER_EPISODES,
+    OVER_SEEDS,
+    Interval,
+    SeedEstimate,
+    difference,
 )
 
 _HALF = {"half": 0.5}
@@ -29,23 +43,44 @@ _MILESTONES = {"a tenth": 0.1, **_HALF, "95 %": 0.95}
 _PANELS = 2
 """Facts in a chart: those that end the last phases."""
 
-_WHICH = ("study", "seed", "results", "until", "existing", "overwrite", "resume", "engine.threads")
+_WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, not what was trained."""
+
+_SD = "return_sd"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs with the same cameras and reward."""
+    """Studies' runs with the same cameras and reward; or single runs with any."""
 
-    cameras: str
-    reward: str
     runs: Mapping[str, tuple[Record, ...]]
-    """By study, in the order in which they were named."""
+    """By study or run, in the order in which they were named."""
+
+    @property
+    def every(self) -> list[Record]:
+        """All of them."""
+        return [run for runs in self.runs.values() for run in runs]
+
+    @property
+    def title(self) -> str:
+        """Their cameras and rewards."""
+        cameras = " / ".join(dict.fromkeys(run.place.cameras for run in self.every))
+        return f"{cameras}, {' / '.join(dict.fromkeys(reward_label(r) for r in self._rewards))}"
+
+    @property
+    def file(self) -> str:
+        """The same, for the name of a file."""
+        cameras = dict.fromkeys(run.place.cameras for run in self.every)
+        return f"{'_vs_'.join(cameras)}_{'_vs_'.join(self._rewards)}"
 
     @property
     def steps(self) -> int:
         """Environment steps that all runs have."""
-        return min(run.steps for runs in self.runs.values() for run in runs)
+        return min(run.steps for run in self.every)
+
+    @property
+    def _rewards(self) -> list[str]:
+        return [*dict.fromkeys(run.place.reward for run in self.every)]
 
 
 def comparisons(studies: Sequence[Study]) -> list[Comparison]:
@@ -54,7 +89,7 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
     Raises:
         ValueError: fewer than two studies, two of one name, or nothing in common.
     """
-    names = [_name(study) for study in studies]
+    names = [study.folder.resolve().name for study in studies]
     if len(studies) < 2:
         raise ValueError(f"studies: {', '.join(names)} alone; name two or more")
     if len({*names}) < len(names):
@@ -65,7 +100,7 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
             if has_curve(run):
                 own = found.setdefault((run.place.cameras, run.place.reward), {})
                 own[name] = (*own.get(name, ()), run)
-    shared = [Comparison(*place, found[place]) for place in sorted(found) if len(found[place]) > 1]
+    shared = [Comparison(found[place]) for place in sorted(found) if len(found[place]) > 1]
     if not shared:
         trained = "".join(
             f"\n  {'/'.join(place)}: {', '.join(own)}" for place, own in found.items()
@@ -74,9 +109,78 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
     return shared
 
 
-def progress(found: Sequence[Comparison]) -> Table:
+def compared_runs(runs: Sequence[Record]) -> Comparison:
+    """Runs beside each other, named by what differs in their paths.
+
+    Raises:
+        ValueError: fewer than two, one twice, or one without a learning curve.
+    """
+    places = [run.folder.resolve() for run in runs]
+    if len({*places}) < max(len(places), 2):
+        raise ValueError(f"runs: {', '.join(map(str, places))}; name two or more, each once")
+    for run in runs:
+        if not has_curve(run):
+            raise ValueError(f"{run.folder}: no episode has ended yet")
+    rows = [place.parts for place in places]
+    if len({*map(len, rows)}) == 1:
+        odd = [i for i, parts in enumerate(zip(*rows, strict=True)) if len({*parts}) > 1]
+        rows = [tuple(row[i] for i in odd) for row in rows]
+    names = ("/".join(row) for row in rows)
+    return Comparison({name: (run,) for name, run in zip(names, runs, strict=True)})
+
+
+def outcomes(found: Sequence[Comparison], of: str) -> Table:
+    """Final values, and how far each is from the first named.
+
+    Args:
+        found: what is compared.
+        of: what stands beside each other, ``study`` or ``run``.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    for one in found:
+        first = None
+        for name, runs in one.runs.items():
+            pairs = [(run, end) for run in runs if (end := final(run)) is not None]
+            place = runs[0].place
+            said = (place.cameras, reward_label(place.reward), name)
+            if not pairs:
+                rows.append((*said, *[None] * 8))
+                continue
+            result = result_of(place.cameras, place.reward, pairs)
+            values = (_success(result), _over_episodes(result))
+            first = first or values
+            beyond = [
+                None if own is base else _shown(own.value - base.value, difference(base, own))
+                for base, own in zip(first, values, strict=True)
+            ]
+            if place.reward != one.every[0].place.reward:
+                # Points of another reward.
+                beyond[1] = None
+            cheat = result.cheat and result.cheat.value
+            episodes = sum(end.episodes for end in result.finals)
+            success, returned = (_shown(own.value, own.interval) for own in values)
+            over = values[0].interval and values[0].interval.over
+            numbers = (success, beyond[0], cheat, returned, beyond[1], over)
+            rows.append((*said, len(pairs), episodes, *numbers))
+    percent = {"unit": "%", "form": "+.0f", "scale": 100.0}
+    columns = (
+        *map(Column, ("cameras", "reward", of, "runs", "episodes")),
+        Column.share("success"), Column("difference of success", **percent), Column.share("cheat"),
+        Column("return", form=".2f"), Column("difference of return", form="+.2f"),
+        Column("intervals"),
+    )  # fmt: skip
+    note = (
+        f"Differences are from the {of} that stands first for these cameras and this reward, in"
+        " points of percent and of return, with 95 % intervals; returns of another reward are not"
+        " compared. An interval without 0 is a difference. One over episodes says nothing of"
+        " what another seed would give."
+    )
+    return Table("evaluations", "Evaluations", columns, tuple(rows), note)
+
+
+def progress(found: Sequence[Comparison], of: str = "study") -> Table:
     """How soon each run got how far, and where all were after the same steps."""
-    every = [run for one in found for runs in one.runs.values() for run in runs]
+    every = [run for one in found for run in one.every]
     goals, facts = {run.task.goal for run in every}, _facts(every)
     milestones = {
         f"{said} {fact}": (fact, share)
@@ -89,8 +193,8 @@ def progress(found: Sequence[Comparison]) -> Table:
             for run in runs:
                 rows.append(
                     (
-                        label(one.cameras),
-                        reward_label(one.reward),
+                        run.place.cameras,
+                        reward_label(run.place.reward),
                         study,
                         run.place.seed,
                         *(_steps_to(run, *stone) for stone in milestones.values()),
@@ -100,7 +204,7 @@ def progress(found: Sequence[Comparison]) -> Table:
                 )
     millions = {"unit": "M steps", "form": ".2f", "scale": 1e-6}
     columns = (
-        *map(Column, ("cameras", "reward", "study", "seed")),
+        *map(Column, ("cameras", "reward", of, "seed")),
         *(Column(name, **millions) for name in (*milestones, "compared after")),
         *map(Column.share, facts),
         Column("return", form=".2f"),
@@ -113,23 +217,75 @@ def progress(found: Sequence[Comparison]) -> Table:
     return Table("progress", "Progress in training", columns, tuple(rows), note)
 
 
-def differences(found: Sequence[Comparison]) -> Table:
-    """Settings and commits in which the studies differ."""
+def differences(found: Sequence[Comparison], of: str = "study") -> Table:
+    """Settings and commits in which the studies or runs differ; seeds where they are runs."""
     runs: dict[str, list[Record]] = {}
     for one in found:
         for study, own in one.runs.items():
             runs.setdefault(study, []).extend(own)
-    values = {study: _values(own) for study, own in runs.items()}
+    hidden = {*_WHICH, *(["seed"] if of == "study" else [])}
+    values = {study: _values(own, hidden) for study, own in runs.items()}
     keys = sorted({key for own in values.values() for key in own})
     lines = [(key, *(own.get(key) for own in values.values())) for key in keys]
-    rows = tuple(line for line in lines if len({*line[1:]}) > 1)
+    rows = tuple(tuple(map(_brief, line)) for line in lines if len({*line[1:]}) > 1)
     note = "Empty: a setting that did not exist when the run was made."
     return Table("settings", "What differs", tuple(map(Column, ("setting", *values))), rows, note)
 
 
+def write_comparison(
+    found: Sequence[Comparison],
+    tables: Sequence[Table],
+    charts: Sequence[Drawn],
+    out: Path,
+    made: str,
+) -> None:
+    """Write one page: tables, then for each comparison its chart and films beside each other.
+
+    Args:
+        found: what is compared.
+        tables: as they are shown.
+        charts: of each comparison; the page holds copies.
+        out: an HTML file; films for which it has no room are linked to from its folder.
+        made: the command that makes this page, for the record.
+    """
+    filmed = [
+        {name: film for name, runs in one.runs.items() if (film := _film(runs))} for one in found
+    ]
+    names = [*dict.fromkeys(name for one in found for name in one.runs)]
+
+    def page(films: Films) -> str:
+        return render(
+            "comparison.html",
+            title=" and ".join(names),
+            tables=tables,
+            shown=[
+                {
+                    "title": one.title,
+                    "figures": [shown_figure(chart)],
+                    "films": [{"who": name, **films.shown(film)} for name, film in own.items()],
+                }
+                for one, chart, own in zip(found, charts, filmed, strict=True)
+            ],
+            commands=[
+                f"{run.command or '(command not on record)'}  # {name}"
+                for one in found
+                for name, runs in one.runs.items()
+                for run in runs
+            ],
+            made=made,
+        )
+
+    write_with_films(page, [[*own.values()] for own in filmed], out)
+
+
+def _film(runs: Sequence[Record]) -> Path | None:
+    """Of the first run that has one."""
+    return next((run.video for run in runs if run.video is not None), None)
+
+
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
-    runs = [run for own in one.runs.values() for run in own]
+    runs = one.every
     steps = grid_of(runs)
     longest = steps[-1]
     shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
@@ -142,19 +298,45 @@ def comparison_chart(one: Comparison) -> Figure:
         axes.set_ylabel(f"{text} in training")
         axes.grid(axis="y", linewidth=0.3)
         axes.set_xlim(0, longest / 1e6)
+        if column != "return":
+            axes.set_ylim(-0.03, 1.03)
+            axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
         lines = []
         for number, (study, own) in enumerate(one.runs.items()):
             curves = np.array([smooth(run, column, steps) for run in own])
             lines.append(draw_line(axes, steps, number, short(study), curves))
         ends.append(lines)
-    grid[0, 0].set_title(short(f"{label(one.cameras)}, {reward_label(one.reward)}"))
+    grid[0, 0].set_title(short(one.title))
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, longest)
     return figure
 
 
-def _name(study: Study) -> str:
-    return study.folder.resolve().name
+def _shown(value: float, interval: Interval | None) -> Estimated:
+    """What an interval is over stands in a column of its own."""
+    return Estimated(value, interval and replace(interval, over=OVER_SEEDS))
+
+
+def _success(result: Result) -> SeedEstimate:
+    """Every run says how often it succeeds."""
+    assert result.success is not None
+    return result.success
+
+
+def _over_episodes(result: Result) -> SeedEstimate:
+    """The final return; of one run, with an interval over its episodes."""
+    (run, *others), found = result.runs, result.value
+    spread = (run.evaluation or {}).get(_SD)
+    if others or not run.finished or not isinstance(spread, int | float):
+        return found
+    half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
+    ends = Interval(found.value - half, found.value + half, OVER_EPISODES)
+    return replace(found, interval=ends)
+
+
+def _brief(value: str | None) -> str | None:
+    """A setting, or of a program how long it is."""
+    return f"{value.count(chr(10))} lines" if value and "\n" in value else value
 
 
 def _facts(runs: Sequence[Record]) -> list[str]:
@@ -178,12 +360,12 @@ def _at(run: Record, column: str, steps: int) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _values(runs: Sequence[Record]) -> dict[str, str]:
+def _values(runs: Sequence[Record], hidden: Set[str]) -> dict[str, str]:
     """Each setting of a study's runs; where they differ among themselves, all its values."""
     found: dict[str, dict[str, None]] = {}
     for run in runs:
         settings = {**run.settings, "commit": str(run.manifest.get("commit", ""))}
         for key, value in settings.items():
-            if key not in _WHICH:
+            if key not in hidden:
                 found.setdefault(key, {})[value] = None
     return {key: " / ".join(own) for key, own in found.items()}

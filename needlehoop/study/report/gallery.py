@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.runs.reading import UnreadableError
+from needlehoop.study.data import paper
 from needlehoop.study.data.contents import check_picture
-from needlehoop.study.data.paper import label, reward_label, reward_order
+from needlehoop.study.data.paper import reward_label, reward_order
+from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.table import Column
 from needlehoop.study.report.tables import reached
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.statistics import OVER_EPISODES
 
 CAMERAS = "cameras"
-"""The folder beside the studies with what an agent sees through each camera."""
-
-HOW = f"needlehoop snapshot tiles=true out=results/{CAMERAS}"
+"""A study's folder with what an agent sees through each camera; for the paper's task, beside it."""
 
 _RETURN = Column("return", form=".2f")
 
@@ -91,19 +91,44 @@ class Tiles:
     """Why some are missing."""
 
 
-def read_tiles(studies: Path) -> Tiles:
-    """The whole images beside the studies."""
-    found, problems = {}, []
-    for path in sorted((studies / CAMERAS).glob("*.png")):
+def read_tiles(study: Study) -> Tiles:
+    """The whole images of a study's cameras."""
+    found: dict[str, str] = {}
+    problems = []
+    for name, _, path in _pictures(study):
         try:
-            check_picture(path)
+            if path is None:
+                problems.append(f"no picture of {name}")
+            else:
+                check_picture(path)
+                found[name] = inline(path)
         except UnreadableError as error:
-            problems.append(f"{path} {error}; write them anew: {HOW} overwrite=true")
-        else:
-            found[path.stem] = inline(path)
-    if not found:
-        problems.append(f"no images of the cameras: make them with {HOW}")
+            problems.append(f"{path} {error}; remove it, and it is drawn anew")
     return Tiles(found, tuple(problems))
+
+
+def undrawn(study: Study) -> dict[Path, list[str]]:
+    """Cameras without a picture, by the folder of a run that can draw them."""
+    found: dict[Path, list[str]] = {}
+    for name, run, path in _pictures(study):
+        if path is None:
+            found.setdefault(run.folder, []).append(name)
+    return found
+
+
+def _pictures(study: Study) -> list[tuple[str, Record, Path | None]]:
+    """Each camera of a study, the first run that has it, and its picture if there is one."""
+    first: dict[str, Record] = {}
+    for run in study.runs:
+        for name in run.config["cams"]:
+            first.setdefault(name, run)
+    home = study.folder.resolve()
+    places = [home, home.parent] if study.is_of(paper.task()) else [home]
+    found = []
+    for name, run in sorted(first.items()):
+        paths = (place / CAMERAS / f"{name}.png" for place in places)
+        found.append((name, run, next((path for path in paths if path.exists()), None)))
+    return found
 
 
 def galleries(findings: StudyFindings, films: Films, tiles: Tiles) -> list[dict[str, Any]]:
@@ -144,7 +169,7 @@ def _rows(
         rows.append(
             {
                 "place": number + 1,
-                "cameras": label(result.cameras),
+                "cameras": result.cameras,
                 "tiles": [
                     {"name": name, "image": images[name]}
                     for name in result.cameras.split("+")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from needlehoop.runs import files
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.study.data.answers import Answers, Ranking
-from needlehoop.study.data.paper import label, reward_label
+from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
@@ -32,7 +32,7 @@ from needlehoop.study.stats.run import final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
 from needlehoop.study.stats.stress import SEVERITY, robustness
 
-_FIRST = ("final_values", "rankings")
+_FIRST = ("final_values",)
 """Figures before all others."""
 
 _FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
@@ -63,38 +63,52 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
             and the worst of each ranking come first.
         command: that makes this page, for the record.
     """
-    environment = Environment(
-        loader=PackageLoader("needlehoop.study.report", "html"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    template = environment.get_template("report.html")
     tiles = [_tiles(part.findings) for part in parts]
     told = [_part(part, own, alone=len(parts) == 1) for part, own in zip(parts, tiles, strict=True)]
 
     def page(films: Films) -> str:
         ranked = [galleries(p.findings, films, own) for p, own in zip(parts, tiles, strict=True)]
-        return template.render(
+        return render(
+            "report.html",
             title=_title(parts),
-            css=_own(environment, "report.css"),
-            script=_own(environment, "report.js"),
             parts=[{**one, "galleries": own} for one, own in zip(told, ranked, strict=True)],
             made=command,
         )
 
+    write_with_films(page, [films for part in parts for films in films_of(part.findings)], out)
+
+
+def write_with_films(
+    page: Callable[[Films], str], wanted: Sequence[Sequence[Path]], out: Path
+) -> None:
+    """Write a page with as many films in it as there is room for, and links to the others.
+
+    Args:
+        page: as text.
+        wanted: films of each of its parts, the most wanted first.
+        out: an HTML file.
+    """
     # The page with links says how much room films have; a link is as long as a film's tags.
     room = _LONGEST - len(page(Films(out.parent)).encode())
-    wanted = [films for part in parts for films in films_of(part.findings)]
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(page(Films(out.parent, fitting(wanted, room))), encoding="utf-8")
+
+
+def render(template: str, **values: Any) -> str:
+    """A page of ``html/``, with its style and script in it."""
+    loader = PackageLoader("needlehoop.study.report", "html")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+    )
+    css, script = (loader.get_source(environment, f"report.{kind}")[0] for kind in ("css", "js"))
+    return environment.get_template(template).render(css=css, script=script, **values)
 
 
 def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
     """What the page shows of a study, beside its rankings."""
     findings = part.findings
     study = findings.study
-    figures = [_figure(drawn) for drawn in part.figures]
+    figures = [shown_figure(drawn) for drawn in part.figures]
     ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
     return {
         "name": findings.title,
@@ -116,13 +130,7 @@ def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
 
 def _tiles(findings: StudyFindings) -> Tiles:
     study = findings.study
-    return Tiles({}, ()) if study is None else read_tiles(study.folder.resolve().parent)
-
-
-def _own(environment: Environment, name: str) -> str:
-    """A file of ours that goes into the page as it is."""
-    assert environment.loader is not None
-    return environment.loader.get_source(environment, name)[0]
+    return Tiles({}, ()) if study is None else read_tiles(study)
 
 
 def _title(parts: Sequence[Part]) -> str:
@@ -172,13 +180,13 @@ def _lead(findings: StudyFindings) -> list[str]:
 
 def _outcome(result: Result) -> str:
     interval = _RETURN.text(result.value.interval_or_why)
-    found = f"{label(result.cameras)}, return {result.value.value:.2f} ({interval})"
+    found = f"{result.cameras}, return {result.value.value:.2f} ({interval})"
     if result.success is not None:
         found += f", success {100 * result.success.value:.0f} %"
     return found
 
 
-def _figure(drawn: Drawn) -> dict[str, str | None]:
+def shown_figure(drawn: Drawn) -> dict[str, str | None]:
     """The sharpest file of a figure, inline."""
     best = sorted(drawn.files, key=lambda path: path.suffix != ".svg")
     return {
@@ -197,7 +205,7 @@ def _reasons(findings: StudyFindings) -> list[dict[str, Any]]:
     if findings.study is None:
         return []
     own = findings.answers
-    speakers = (own,) if own and own.rankings else recorded_answers()
+    speakers = (own,) if own and own.rankings else recorded_answers() if findings.is_papers else ()
     return [
         _ranking(findings, speaker, ranking) for speaker in speakers for ranking in speaker.rankings
     ]
@@ -215,7 +223,7 @@ def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dic
             happened = f"Measured: place {place} of {len(values)}, {outcome}."
         places.append(
             {
-                "cameras": label(cameras),
+                "cameras": cameras,
                 "predicted": f"{predicted:g}",
                 "reason": ranking.reasons.get(cameras, ""),
                 "happened": happened,

@@ -14,7 +14,7 @@ from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers
-from needlehoop.study.data.paper import LISTS, label, reward_label, reward_order
+from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.render.table import Cell, Column, Estimated, Of, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
 from needlehoop.study.stats.findings import Result, StudyFindings
@@ -87,7 +87,7 @@ def results(findings: StudyFindings) -> Table:
         rows.append(
             (
                 places[result.reward],
-                label(result.cameras),
+                result.cameras,
                 result.value.value,
                 result.value.interval_or_why,
                 result.middle(TRAINING),
@@ -208,7 +208,7 @@ def phases(findings: StudyFindings) -> Table:
     facts = dict.fromkeys(fact for one in known.values() for fact in one.shares)
     rows = [
         (
-            label(cameras),
+            cameras,
             *map(one.shares.get, facts),
             one.fails_in,
             reward_label(reward),
@@ -238,6 +238,8 @@ def rewards(findings: StudyFindings) -> Table:
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
+    # The last two columns are the paper's.
+    own_columns = None if findings.is_papers else -2
     rows: list[tuple[Cell, ...]] = []
     for cameras in chosen:
         for result in by_reward:
@@ -245,7 +247,7 @@ def rewards(findings: StudyFindings) -> Table:
                 theirs = published.get((cameras, result.reward))
                 rows.append(
                     (
-                        *_rewarded(label(cameras), [result]),
+                        *_rewarded(cameras, [result]),
                         _times(result),
                         (theirs and theirs.value) or "not published",
                         theirs.remark if theirs else None,
@@ -271,7 +273,9 @@ def rewards(findings: StudyFindings) -> Table:
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
-    return Table("rewards", "Rewards: human, text, text + image", columns, tuple(rows), note)
+    shown = tuple(row[:own_columns] for row in rows)
+    title = "Rewards: human, text, text + image"
+    return Table("rewards", title, columns[:own_columns], shown, note)
 
 
 def _rewarded(name: str, found: Sequence[Result]) -> tuple[Cell, ...]:
@@ -334,11 +338,15 @@ def _unit(task: str) -> float | None:
 
 def table_1(findings: StudyFindings) -> Table:
     """What the VLM answered, beside the shipped recordings' models and the paper's."""
-    shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
+    shown = []
+    if findings.is_papers:
+        shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
     if findings.study is not None and findings.answers and findings.answers.questions:
         shown.insert(0, findings.answers)
     said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
-    asked = said[-1] if findings.study is None else {q: None for one in said for q in one}
+    asked: Mapping[str, Any] = (
+        said[-1] if findings.study is None else {q: None for one in said for q in one}
+    )
     rows = tuple((question, *(one.get(question) for one in said)) for question in asked)
     columns = (Column("question"), *(Column(one.source) for one in shown))
     return Table("table_1", "Table I: what the VLM answered", columns, rows)
@@ -361,7 +369,7 @@ def table_2(findings: StudyFindings) -> Table:
             rows.append(
                 (
                     LISTS.get(name, name),
-                    label(cameras),
+                    cameras,
                     _place(own, cameras, len(members)),
                     result and result.value.value,
                     result.value.interval_or_why if result else "not run",
@@ -379,14 +387,13 @@ def table_2(findings: StudyFindings) -> Table:
         Column("the paper's place"), Column("the paper's return", **_POINTS),
         Column("the paper's VLM's place"), Column("better there than its VLM said"),
     )  # fmt: skip
-    title = "Table II: measured and predicted"
+    title = f"{'Table II: m' if findings.is_papers else 'M'}easured and predicted"
+    keep = range(len(columns)) if findings.is_papers else range(7)
     if findings.study is None:
         # Its own numbers are in the columns that say so.
-        keep = (0, 1, 7, 8, 9, 10)
-        columns = tuple(columns[i] for i in keep)
-        rows = [tuple(row[i] for i in keep) for row in rows]
-        title = "Table II, as published in the paper"
-    return Table("table_2", title, columns, tuple(rows))
+        keep, title = (0, 1, 7, 8, 9, 10), "Table II, as published in the paper"
+    shown = tuple(tuple(row[i] for i in keep) for row in rows)
+    return Table("table_2", title, tuple(columns[i] for i in keep), shown)
 
 
 def _predicted(answers: Answers | None) -> dict[frozenset[str], Mapping[str, float]]:
@@ -420,7 +427,7 @@ def rankings(findings: StudyFindings) -> Table:
         rows += [
             (
                 LISTS.get(name, name),
-                label(cameras),
+                cameras,
                 *(_place(own, cameras, len(members)) for own in places),
             )
             for cameras in findings.in_order(members)
@@ -478,7 +485,7 @@ def list_name(members: frozenset[str]) -> str:
     for name, own in paper.lists().items():
         if frozenset(own) == members:
             return LISTS[name]
-    return ", ".join(label(cameras) for cameras in sorted(members))
+    return ", ".join(sorted(members))
 
 
 def improvements(findings: StudyFindings) -> Table:
@@ -487,7 +494,7 @@ def improvements(findings: StudyFindings) -> Table:
     if findings.seeds < ENOUGH or len(found) < 2:
         none = no_interval(findings.seeds)
         return Table("improvement", "Probability of improvement", (), (), none)
-    values = {label(one.cameras): [final.value for final in one.finals] for one in found}
+    values = {one.cameras: [final.value for final in one.finals] for one in found}
     rows = []
     for name, own in values.items():
         chances = [None if other is own else improvement(own, other) for other in values.values()]

@@ -76,6 +76,11 @@ class StudyFindings:
     left_out: tuple[LeftOut, ...]
 
     @property
+    def is_papers(self) -> bool:
+        """Whether the paper's numbers say something of it: its task, and one of its camera sets."""
+        return self.study is None or _is_papers(self.study)
+
+    @property
     def main_reward(self) -> str:
         """The reward under which cameras are compared: the human one, or the commonest."""
         counts = Counter(result.reward for result in self.results)
@@ -94,14 +99,18 @@ class StudyFindings:
 
     @property
     def lists(self) -> dict[str, tuple[str, ...]]:
-        """The paper's lists, then any others that the study's VLM ranked."""
-        return lists_of(self.answers)
+        """The paper's lists, where they are of this study, then others that its VLM ranked."""
+        return lists_of(self.answers, self.is_papers)
 
     @property
     def compares_rewards(self) -> bool:
-        """Whether its question is rewards, not cameras: no list has two camera sets to compare."""
+        """Whether its question is rewards, not cameras: no list has two camera sets to compare.
+
+        What is not the paper's is one list.
+        """
         sets = {result.cameras for result in self.ranked}
-        to_rank = any(len(sets.intersection(members)) > 1 for members in self.lists.values())
+        lists = self.lists.values() if self.is_papers else [sets]
+        to_rank = any(len(sets.intersection(members)) > 1 for members in lists)
         return not to_rank and len(sets) < len(self.results)
 
     @property
@@ -128,14 +137,16 @@ class StudyFindings:
 
     @property
     def rankings(self) -> tuple[Prediction, ...]:
-        """Predictions, then measurements; the paper's is always there."""
+        """Predictions, then measurements."""
         lists = self.lists.values()
         found = [*self.predictions]
         if self.study is not None:
             found.append(scored(MEASURED, self.measured, lists, whole=False))
             soon = scored(TRAINING.name, self.middles(TRAINING), lists, whole=False)
             found += [soon] if soon.lists else []
-        return (*found, scored(PAPERS_MEASURED, paper.measured(), lists))
+        if self.is_papers:
+            found.append(scored(PAPERS_MEASURED, paper.measured(), lists))
+        return tuple(found)
 
     @property
     def truths(self) -> dict[str, Mapping[str, float]]:
@@ -146,7 +157,8 @@ class StudyFindings:
         found: dict[str, Mapping[str, float]] = {}
         if self.study is not None:
             found |= {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
-        found[PAPERS_MEASURED] = paper.measured()
+        if self.is_papers:
+            found[PAPERS_MEASURED] = paper.measured()
         for one in self.predictions:
             if one.who == IMITATION:
                 found[IMITATION] = {
@@ -157,7 +169,7 @@ class StudyFindings:
     def predictions_of(self, truth: str) -> list[Prediction]:
         """Those that are held against one of ``truths``; the paper's returns against ours."""
         found = [one for one in self.predictions if one.who != truth]
-        if truth in (MEASURED, TRAINING.name):
+        if self.is_papers and truth in (MEASURED, TRAINING.name):
             found.append(scored(PAPERS_MEASURED, paper.measured(), paper.lists().values()))
         return found
 
@@ -182,9 +194,9 @@ def study_findings(folder: Path) -> StudyFindings:
     study = read_study(folder)
     answers, unread = read_answers(folder)
     home = folder.resolve()
-    foretold, unreadable = predictions(
-        answers, home.parent, [*lists_of(answers).values()], measured=home.name
-    )
+    papers = _is_papers(study)
+    lists = [*lists_of(answers, papers).values()]
+    foretold, unreadable = predictions(answers, home.parent, lists, home.name, papers)
     left_out = [*study.left_out, *unread, *unreadable]
     results = []
     for (cameras, reward), runs in groupby(
@@ -198,8 +210,13 @@ def study_findings(folder: Path) -> StudyFindings:
             else:
                 pairs.append((run, found))
         if pairs:
-            results.append(_result(cameras, reward, pairs))
+            results.append(result_of(cameras, reward, pairs))
     return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
+
+
+def _is_papers(study: Study) -> bool:
+    sets = {name for members in paper.lists().values() for name in members}
+    return study.is_of(paper.task()) and any(run.place.cameras in sets for run in study.runs)
 
 
 def paper_findings(results: Path) -> StudyFindings:
@@ -225,7 +242,8 @@ def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
     return tuple(sorted(results, key=lambda one: (-one.value.value, one.cameras, one.reward)))
 
 
-def _result(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+def result_of(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
+    """The result of runs with one camera set and one reward, and their final values."""
     finals = tuple(found for _, found in pairs)
     episodes = [found.episodes for found in finals]
     cheats = [found.cheat for found in finals if found.cheat is not None]

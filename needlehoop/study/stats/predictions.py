@@ -13,7 +13,6 @@ from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers, read_answers
-from needlehoop.study.data.paper import label
 from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import Final, final
 from needlehoop.study.stats.statistics import estimate, rate
@@ -68,7 +67,11 @@ def recorded_answers() -> tuple[Answers, ...]:
 
 
 def predictions(
-    own: Answers | None, results: Path, lists: Sequence[Iterable[str]], measured: str | None = None
+    own: Answers | None,
+    results: Path,
+    lists: Sequence[Iterable[str]],
+    measured: str | None = None,
+    papers: bool = True,
 ) -> tuple[tuple[Prediction, ...], list[LeftOut]]:
     """Every prediction that is there, in the order of the columns that show them.
 
@@ -77,18 +80,24 @@ def predictions(
         results: the folder of all studies, for the probe, imitation and short trainings.
         lists: to cut scores of single sets into.
         measured: the study that is to be foretold, which foretells nothing itself.
+        papers: whether it has the paper's task and camera sets, which all but its own model
+            speak of.
 
     Returns:
         The predictions, and what could not be read.
     """
-    found = [said(PAPERS_VLM, paper.answers())]
-    found += [said(answers.source, answers) for answers in recorded_answers()]
+    found = []
+    if papers:
+        found = [said(PAPERS_VLM, paper.answers())]
+        found += [said(answers.source, answers) for answers in recorded_answers()]
     if own is not None and own.rankings:
         mine = said(OWN_VLM, own)
         # A study that replays a recording says nothing that is not there already.
         if all(mine.lists != other.lists for other in found):
             found.append(mine)
     left_out = []
+    if not papers:
+        return tuple(found), left_out
     if (results / _PROBE).exists():
         try:
             found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
@@ -100,9 +109,9 @@ def predictions(
     return tuple(one for one in found if one.lists), left_out
 
 
-def lists_of(answers: Answers | None) -> dict[str, tuple[str, ...]]:
-    """The paper's lists, then any others that a model ranked, by name."""
-    lists = dict(paper.lists())
+def lists_of(answers: Answers | None, papers: bool = True) -> dict[str, tuple[str, ...]]:
+    """The paper's lists, if ``papers``, then any others that a model ranked, by name."""
+    lists = dict(paper.lists()) if papers else {}
     known = {frozenset(members) for members in lists.values()}
     for ranking in answers.rankings if answers else ():
         if frozenset(ranking.places) not in known:
@@ -171,4 +180,4 @@ def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:
     except (KeyError, TypeError, ValueError) as error:
         raise UnreadableError("is no ranking of a probe") from error
     names = {name for members in lists for name in members}
-    return {name: scores[label(name)] for name in names if label(name) in scores}
+    return {name: scores[name] for name in names if name in scores}

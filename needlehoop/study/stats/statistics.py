@@ -103,6 +103,22 @@ def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> See
     return SeedEstimate(hits / sum(episodes), interval, found.seeds)
 
 
+def difference(first: SeedEstimate, second: SeedEstimate) -> Interval | None:
+    """The 95 % interval of ``second`` less ``first``; ``None`` where one of them has none.
+
+    It is made of both intervals (MOVER; of two of Wilson's, it is Newcombe's), so neither has to be
+    as far to one side of its value as to the other.
+    """
+    a, b = first.interval, second.interval
+    if a is None or b is None:
+        return None
+    value = second.value - first.value
+    low = np.hypot(second.value - b.low, a.high - first.value)
+    high = np.hypot(b.high - second.value, first.value - a.low)
+    over = a.over if a.over == b.over else OVER_EPISODES
+    return Interval(float(value - low), float(value + high), over)
+
+
 def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> SeedEstimate:
     """The chance that a run of one camera set ends above a run of another; a tie is half.
 
