@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
 
 _SHARED = (
-    "vlm=replay|gemini|openai|manual study=main overwrite=false attempts=3 size=384 vlm.recording=…"
+    "vlm=replay|gemini|openai|manual vlm.told=full|names|nothing study=main overwrite=false"
+    " attempts=3 size=384 vlm.recording=claude"
 )
 
 _PROGRAM = "FILE, flavour, study, recording, sample, unit"
@@ -40,7 +41,7 @@ def add_commands(commands: Any) -> None:
     summary = "Ask which views and renderings suit the task's parts."
     add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
     summary = "Ask for rankings of camera sets."
-    own = "lists=[[rgb_default,dep_front+seg_side]] samples=1"
+    own = "lists=[[rgb_default,dep_front+seg_side]] samples=1 afresh=false"
     add("rank", _rank, summary, f"{own} {_SHARED}")
     summary = "Ask for a reward program for a camera set."
     own = "cams=[dep_front,seg_side]|[…],[…]|all flavour=image|text samples=1 gates.margin=2"
@@ -100,14 +101,14 @@ def _rank(options: argparse.Namespace) -> None:
 
     questions, lists = strict.as_type(values, Questions), strict.as_type(values, Lists)
     with _open(values) as inquiry:
-        found = inquiry.rank(questions, lists)
+        found, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
     for number, entry in enumerate(found["lists"], 1):
         for places in entry["rankings"]:
             print(f"list {number}: {' > '.join(place['name'] for place in places)}")
         if entry["agreement"]:
             agreed = entry["agreement"]
             print(f"  tau_b {agreed['tau_b']:.3f}, same top {agreed['same_top']:.2f}")
-    _report(inquiry, found["totals"], "rankings.csv", "agreement.csv")
+    _report(inquiry, found["totals"], f"rankings{how}.csv", f"agreement{how}.csv")
 
 
 def _reward(options: argparse.Namespace) -> None:

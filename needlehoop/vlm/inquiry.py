@@ -19,12 +19,21 @@ from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, mo
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
-from needlehoop.vlm.questions import Lists, Questions, question, rank
+from needlehoop.vlm.questions import Lists, Questions, question, rank, rank_afresh
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, reward_prompt, write_program
+from needlehoop.vlm.writing import (
+    ProgramAttempts,
+    ProgramRules,
+    guess_prompt,
+    reward_prompt,
+    write_program,
+)
 
 QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
+
+FULL = "full"
+"""Told all of the task, as the questions on cameras are."""
 
 
 class Rewards(NamedTuple):
@@ -56,7 +65,7 @@ class Inquiry(AbstractContextManager):
         asked = prompts.sha256(settings.definition)
         self._settings, self._config = settings, config
         self._files = Run(config.folder)
-        self._live = not isinstance(vlm, ReplayConfig)
+        self._live, self._told = not isinstance(vlm, ReplayConfig), vlm.told
         if not isinstance(vlm, ReplayConfig):
             provider = build_provider(vlm, config.folder)
             self.transcript = Transcript(config.folder)
@@ -91,6 +100,11 @@ class Inquiry(AbstractContextManager):
 
         Errors as in ``questions.question``.
         """
+        if self._told != FULL:
+            raise ValueError(
+                f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
+                f" the task, so they are asked with {FULL}"
+            )
         questions.check(self._settings)
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         conversation = self._begin("question")
@@ -100,15 +114,21 @@ class Inquiry(AbstractContextManager):
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
         """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
-        Each sample begins with the questions on cameras, which the totals count too. Errors as in
-        ``questions.rank``.
+        Each sample begins with the questions on cameras, which the totals count too. Lists that
+        are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
+        ``_nothing``) and so on. Errors as in ``questions.rank``.
         """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
-        self._clear("rank", files=(RANKINGS,))
-        album, held = self._album(), []
+        how, held = self.ranked(lists), []
+        self._clear(f"rank{how}", files=(f"rankings{how}.json",))
+        album = self._album()
 
-        def begin(sample: int) -> Conversation:
+        def fresh(number: int, sample: int) -> Conversation:
+            held.append(self._begin(f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"))
+            return held[-1]
+
+        def questioned(sample: int) -> Conversation:
             conversation = self._begin("question" if sample == 1 else f"rank/{sample}")
             held.append(conversation)
             answers = question(conversation, self._settings, album, questions)
@@ -117,12 +137,21 @@ class Inquiry(AbstractContextManager):
                 conversation.name = "rank"
             return conversation
 
-        ranked = rank(begin, lists)
+        if how:
+            ranked = rank_afresh(fresh, self._settings, album, lists, self._told)
+        else:
+            ranked = rank(questioned, lists)
         attempts = [attempt for conversation in held for attempt in conversation.attempts]
-        found = self._write(RANKINGS, {"lists": ranked}, attempts)
-        self._files.write("rankings.csv", tables.rankings_csv(ranked))
-        self._files.write("agreement.csv", tables.agreement_csv(ranked))
+        found = self._write(f"rankings{how}.json", {"lists": ranked}, attempts)
+        self._files.write(f"rankings{how}.csv", tables.rankings_csv(ranked))
+        self._files.write(f"agreement{how}.csv", tables.agreement_csv(ranked))
         return found
+
+    def ranked(self, lists: Lists) -> str:
+        """What names of files and conversations say of how lists are ranked."""
+        if self._told != FULL:
+            return f"_{self._told}"
+        return "_afresh" if lists.afresh else ""
 
     def reward(self, flavour: str, rules: ProgramRules, samples: int = FIRST) -> Rewards:
         """Ask for reward programs for the settings' cameras.
@@ -150,15 +179,20 @@ class Inquiry(AbstractContextManager):
         if self.has_rewards(flavour, samples) and not self._config.overwrite:
             path = self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
+        nothing = self._told == "nothing"
+        if nothing and flavour == "text":
+            raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
+        name += "" if self._told == FULL else f"/{self._told}"
         self._clear(name)
         album = self._album() if flavour == "image" else None
-        prompt = reward_prompt(self._settings, rules, flavour, album)
+        prompt = reward_prompt(self._settings, rules, flavour, album, self._told)
+        first = guess_prompt(self._settings, album) if nothing and album else []
         accepted, attempts, failed = {}, [], []
         for sample in range(FIRST, FIRST + samples):
             tried = ProgramAttempts(self._begin(name if sample == FIRST else f"{name}/{sample}"))
             try:
-                source = self._write_reward(tried, prompt, rules, flavour, sample)
+                source = self._write_reward(tried, [first, prompt], rules, flavour, sample)
                 accepted[sample] = tables.AcceptedProgram(tried.card, rules.values(source))
             except NoAnswerError as error:
                 failed.append(error)
@@ -185,7 +219,7 @@ class Inquiry(AbstractContextManager):
     def _write_reward(
         self,
         tried: ProgramAttempts,
-        prompt: list[Part],
+        asked: Sequence[list[Part]],
         rules: ProgramRules,
         flavour: str,
         sample: int,
@@ -194,7 +228,8 @@ class Inquiry(AbstractContextManager):
         path = self._reward_file(flavour, sample)
         place = path.parent.relative_to(self._files.folder)
         try:
-            program = write_program(tried, prompt, rules)
+            first, prompt = asked
+            program = write_program(tried, prompt, rules, first)
         finally:
             # Failed attempts are kept too.
             rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in tried.rows())

@@ -79,6 +79,31 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     return Trajectories(_join(moments), last, *_random_steps(blind, gates))
 
 
+_RANGED = 8
+"""Episodes of each controller over which the ranges of signals are told."""
+
+
+def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
+    """The least and the most of each signal, number by number.
+
+    Over whole episodes of the task's teacher and of a random policy: where they would end at
+    success, ranges would tell what success is.
+    """
+    episode = replace(settings.episode, end_on_success=False)
+    s = replace(settings, cams=(), num_envs=_RANGED, reward=NONE, episode=episode)
+    simulation, _ = build(s)
+    moments: list[Signals] = []
+    for who in (s.definition.teacher, "random"):
+        simulation.reseed(s.seed)
+        moments += [step.signals.clone() for step in rollout(simulation, controller(who, s))]
+    joined = _join(moments)
+    found = {}
+    for name in s.definition.signals:
+        values = getattr(joined, name).double().reshape(len(joined), -1)
+        found[name] = values.amin(0).tolist(), values.amax(0).tolist()
+    return found
+
+
 def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:
     """The moments before and after each step of episodes of uniformly random actions."""
     own = replace(settings, num_envs=gates.random_episodes)
