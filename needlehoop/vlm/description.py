@@ -62,8 +62,8 @@ def unexplained(settings: Settings) -> str:
     rows = [("name", "shape", "unit", "frame", "least", "most")]
     for name, row in vocabulary(settings.definition.signals).items():
         shape = "x".join(map(str, row.shape)) or "scalar"
-        ends = (", ".join(f"{round(v, 3) + 0.0:.3f}" for v in end) for end in reached[name])
-        rows.append((name, shape, row.unit, row.frame, *ends))
+        least, most = (", ".join(f"{round(v, 3) + 0.0:.3f}" for v in end) for end in reached[name])
+        rows.append((name, shape, row.unit, row.frame, least, most))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
     return fill("ranges", table="\n".join(lines))
