@@ -89,9 +89,13 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         size: pixels of a picture's side.
 
     Raises:
-        ValueError: the record shows another scene, or its index is damaged.
+        ValueError: disturbed cameras, the record shows another scene, or its index is damaged.
         RuntimeError: the teacher did not reach the goal state.
     """
+    if settings.disturb.amounts:
+        raise ValueError(
+            "disturb: a model is told that its pictures are free of noise; choose disturb=none"
+        )
     index, scene = transcript.folder / PICTURES, _scene(settings, size)
     if not index.exists():
         pictures = _take(settings, size)

@@ -106,9 +106,10 @@ class Inquiry(AbstractContextManager):
                 f" the task, so they are asked with {FULL}"
             )
         questions.check(self._settings)
+        album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         conversation = self._begin("question")
-        answers = question(conversation, self._settings, self._album(), questions)
+        answers = question(conversation, self._settings, album, questions)
         return self._answered(answers, conversation)
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
@@ -121,8 +122,8 @@ class Inquiry(AbstractContextManager):
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
         how, held = self.ranked(lists), []
-        self._clear(f"rank{how}", files=(f"rankings{how}.json",))
         album = self._album()
+        self._clear(f"rank{how}", files=(f"rankings{how}.json",))
 
         def fresh(number: int, sample: int) -> Conversation:
             held.append(self._begin(f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"))
@@ -184,8 +185,8 @@ class Inquiry(AbstractContextManager):
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
         name += "" if self._told == FULL else f"/{self._told}"
-        self._clear(name)
         album = self._album() if flavour == "image" else None
+        self._clear(name)
         prompt = reward_prompt(self._settings, rules, flavour, album, self._told)
         first = guess_prompt(self._settings, album) if nothing and album else []
         accepted, attempts, failed = {}, [], []

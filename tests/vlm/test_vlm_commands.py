@@ -489,6 +489,8 @@ def test_any_openai_compatible_server_can_be_asked(study, server):
         (["question", "vlm.told=little"], "vlm.told: 'little' is unknown; choose from full, names"),
         (["question", "vlm.told=names"], "vlm.told: 'names' is for rankings and rewards"),
         (["reward", CAMS, "flavour=text", "vlm.told=nothing"], "nothing goes with flavour=image"),
+        (["question", "size=16", "disturb=mild"], "disturb: a model is told that its pictures"),
+        (["reward", CAMS, "size=16", "disturb=mild"], "choose disturb=none"),
         (["question", "study=../x"], "study: '../x'"),
         (["question", "shown=[rgb,xray]"], "'xray' is unknown; choose from"),
         (["question", "attempts=0"], "attempts: 0"),
