@@ -113,6 +113,9 @@ class Robot:
     displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
     """From layout, rules, memory, the servos' commands and an offset ``(n, 3)`` in m, commands
     that put the tip so far beside where it was told to. ``None``: it cannot be disturbed so."""
+    opens: int | None = None
+    """Number of the action that lets go of what is held where it is 1. Actions of 0 hold still.
+    ``None``: nothing is ever held."""
 
 
 @dataclass(frozen=True)

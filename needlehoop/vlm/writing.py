@@ -68,9 +68,12 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         except ProgramError as error:
             return Verdict(False, str(error), {})
         found = card(program, settings, gates, trajectories)
-        # Naming the cheat would tell the model what success is.
-        cheating = settings.definition.cheating
-        reason = "; ".join(found.reasons).replace(cheating, "an episode that fails at the task")
+        # Naming the cheat, or where the teacher stopped, would tell the model what success is.
+        named = {settings.definition.cheating: "an episode that fails at the task"}
+        named |= {f"the teacher {how}": "an episode that stops short" for how in found.stopped}
+        reason = "; ".join(found.reasons)
+        for name, said in named.items():
+            reason = reason.replace(name, said)
         return Verdict(found.passed, reason, found.as_dict())
 
     def values(source: str) -> list[float]:
