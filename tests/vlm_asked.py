@@ -15,8 +15,16 @@ from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import stages_of
 from needlehoop.vlm.providers.contract import LiveConfig, Reply
-from needlehoop.vlm.questions import Lists, Questions, question, rank, rank_afresh
+from needlehoop.vlm.questions import (
+    Lists,
+    Questions,
+    question,
+    rank,
+    rank_afresh,
+    rank_pictures,
+)
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.revision import Trained
 from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import ProgramRules, Verdict, guess_prompt, reward_prompt
 
@@ -53,7 +61,10 @@ def album(settings: Settings) -> Album:
 
 
 def everything_said(settings: Settings, folder: Path) -> list[Request]:
-    """All requests of a questioning, rankings, and both kinds of reward; then with less told."""
+    """All requests of a questioning, rankings, and rewards; then with less told.
+
+    The last two are about a bench of one's own, and of a program revised.
+    """
     provider = Obliging()
     recorder = Recorder(Transcript(folder), provider, CONFIG)
     shown = album(settings)
@@ -77,6 +88,10 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     conversation = begin()
     conversation.ask(guess_prompt(seen, shown), Guess)
     conversation.ask(reward_prompt(seen, RULES, "image", shown, "nothing"), ProgramAnswer)
+    bench = {name: Png(name.encode()) for name in ("left", "right")}
+    rank_pictures(begin, bench, "", LISTS)
+    trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
+    begin().ask(trained.prompt(reward_prompt(seen, RULES, "image", shown)), ProgramAnswer)
     return provider.asked
 
 

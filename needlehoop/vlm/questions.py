@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain, combinations
+from typing import Annotated, Any
 
+from needlehoop.config.strict import Range
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
@@ -14,7 +16,8 @@ from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Subtasks, choice, choices, ranking
-from needlehoop.vlm.messages import Part
+from needlehoop.vlm.grouping import rank_groups
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.prompts import fill, questioned
 from needlehoop.vlm.tables import agreement
 
@@ -52,22 +55,33 @@ class Lists:
     """Conversations in which the lists are ranked."""
     afresh: bool
     """Rank each list in a conversation of its own, not after the questions on cameras."""
+    sets: tuple[tuple[str, ...], ...] = ()
+    """In place of the lists: lists of any length, ranked a few sets at a time."""
+    words: bool = True
+    """Whether ``sets`` come with the places of their cameras in words."""
+    group: Annotated[int, Range(2, 20)] = 5
+    """Of ``sets``, how many one question asks about, at most."""
+    rounds: Annotated[int, Range(1, 100)] = 4
+    """In how many questions each of ``sets`` is asked about, where there are more."""
 
     def __post_init__(self) -> None:
         if not self.lists:
             raise ValueError("lists: there is nothing to rank")
-        for sets in self.lists:
+        for key, sets in (
+            *(("lists", sets) for sets in self.lists),
+            *(("sets", sets) for sets in self.sets),
+        ):
             if len(sets) < 2 or len(set(sets)) < len(sets):
-                raise ValueError(f"lists: {list(sets)} must be two or more different sets")
+                raise ValueError(f"{key}: {list(sets)} must be two or more different sets")
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """Raises ``ValueError`` for a camera that the questions do not show."""
-        for sets in self.lists:
-            for name in sets:
-                try:
-                    parse_cameras(name.split("+"), settings.views, shown)
-                except ValueError as error:
-                    raise ValueError(f"lists: {name}: {error}") from error
+        key, valid = ("sets", settings.renderings) if self.sets else ("lists", shown)
+        for name in chain(*(self.sets or self.lists)):
+            try:
+                parse_cameras(name.split("+"), settings.views, valid)
+            except ValueError as error:
+                raise ValueError(f"{key}: {name}: {error}") from error
 
 
 def question(
@@ -180,15 +194,75 @@ _SHOWN = "Use what you saw in the pictures."
 _ANSWERED = "Use what you saw in the pictures and what you answered so far."
 
 
-def _afresh(settings: Settings, album: Album, sets: Sequence[str], told: str) -> list[Part]:
-    """The scene and the pictures of all cameras of a list."""
+def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Settings]:
+    """The cameras of a list, and settings with their views and renderings alone."""
     used = {camera for name in sets for camera in name.split("+")}
     cameras = [f"{r}_{v}" for r in settings.renderings for v in settings.views]
     cameras = [camera for camera in cameras if camera in used]
+    kinds, views = ({camera.split("_")[part] for camera in cameras} for part in (0, 1))
+    return cameras, replace(
+        settings,
+        cams=(),
+        views={name: view for name, view in settings.views.items() if name in views},
+        renderings={name: kind for name, kind in settings.renderings.items() if name in kinds},
+    )
+
+
+def rank_sets(
+    begin: Callable[[int, int], Conversation],
+    settings: Settings,
+    album: Album,
+    lists: Lists,
+    told: str,
+) -> list[dict[str, Any]]:
+    """Rank ``lists.sets``, a few of a list at a time; each as ``rank_groups``.
+
+    Each question shows the cameras of its sets alone, and says where these stand if ``words``.
+    ``begin`` gives a new conversation, for a list and a question that count from 1.
+    """
+
+    def asked(number: int, place: int, sets: Sequence[str]) -> dict[str, Any]:
+        own = seen_by(settings, sets)[1]
+        opening = _afresh(own, album, sets, told, lists.words)
+        return _order(begin(number, place), sets, opening, _SHOWN)
+
+    return [
+        rank_groups(partial(asked, number), sets, lists)
+        for number, sets in enumerate(lists.sets, 1)
+    ]
+
+
+def rank_pictures(
+    begin: Callable[[int], Conversation], pictures: Mapping[str, Png], about: str, lists: Lists
+) -> dict[str, Any]:
+    """Rank cameras by a picture of each, a few at a time; as ``rank_groups``.
+
+    Args:
+        begin: gives a new conversation, for a question that counts from 1.
+        pictures: by the camera's name.
+        about: what the task is; may be empty.
+        lists: ``group`` and ``rounds``.
+    """
+
+    def ask(number: int, names: Sequence[str]) -> dict[str, Any]:
+        shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
+        told = about or "You are not told what the task is."
+        listed = "\n".join(f"- {name}" for name in names)
+        prompt = fill("rank_pictures", told=told, cameras=listed, sure=_how_sure(names))
+        return begin(number).ask([*shown, prompt], ranking(names)).model_dump()
+
+    return rank_groups(ask, tuple(pictures), lists)
+
+
+def _afresh(
+    settings: Settings, album: Album, sets: Sequence[str], told: str, words: bool = True
+) -> list[Part]:
+    """The scene and the pictures of all cameras of a list."""
+    cameras, _ = seen_by(settings, sets)
     kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
     said = [
         description.scene(settings, told),
-        *([] if told == "nothing" else [description.cameras(settings, kinds)]),
+        *([] if told == "nothing" or not words else [description.cameras(settings, kinds)]),
         description.stages(settings, told),
     ]
     names = description.stage_names(settings, told)

@@ -9,6 +9,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import imageio.v2 as imageio
+import numpy as np
 import pytest
 import yaml
 from needle_task import load_reward, random_signals
@@ -450,6 +452,66 @@ def test_sets_can_be_listed_and_one_that_fails_is_named(study, words, server, ca
     assert main(["vlm", "reward", *words, "cams=[rgb_default],[rgb_top]"]) == 2
     assert "rgb_top" in capsys.readouterr().err
     assert len(server.requests) == 3
+
+
+def trained_run(folder: Path, tmp: Path) -> Path:
+    """A run's files: a program, two terms, a film."""
+    folder.mkdir(parents=True)
+    origin = str(tmp / "results/main/vlm/rewards/dep_front+seg_side/text.txt")
+    reward = {"kind": "vlm_text", "program": {"text": GOOD, "origin": origin}}
+    (folder / "config.yaml").write_text(yaml.safe_dump({"reward": reward}))
+    rows = [f"{n},{1000 * n},{n / 7},{n / 5},0.25,0.5" for n in range(1, 31)]
+    head = "update,step,return,term_near,success,threaded"
+    (folder / "metrics.csv").write_text("\n".join([head, *rows]) + "\n")
+    with imageio.get_writer(folder / "video.mp4", fps=10) as film:  # pyright: ignore
+        for number in range(30):
+            film.append_data(np.full((64, 96, 3), 8 * number, np.uint8))
+    return folder
+
+
+# imageio-ffmpeg leaves its pipes for the garbage collector to close.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, capsys):
+    run = trained_run(tmp_path / "run", tmp_path.resolve())
+    first = json.dumps({"explanation": "so", "program": GOOD})
+    better = json.dumps({"explanation": "more", "program": "reward = 9 if lifted else 0"})
+    server.script[:] = [first]
+    assert main(["vlm", "reward", CAMS, "flavour=text", *words]) == 0
+    server.script[:] = [better]
+    assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={run}", *words]) == 0
+    asked = json.dumps(server.requests[-1])
+    assert "reward = 9 if grasped else 0" in asked
+    assert "step, return, near, done" in asked
+    assert "1000, 0.143, 0.2, 0.25" in asked
+    assert "30000, 4.29, 6, 0.25" in asked
+    assert "threaded" not in asked
+    assert asked.count("image/png") == 6
+    place = study / "rewards/dep_front+seg_side"
+    assert "lifted" in (place / "text_2.txt").read_text()
+    assert (place / "text.txt").read_text() == GOOD
+    (origin,) = json.loads((place / "text_2.descent.json").read_text())["line"]
+    assert origin["run"] == str(run)
+    assert origin["program"].endswith("text.txt")
+    # The next in line names both.
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    config["reward"]["program"] = {"text": "reward = 3\n", "origin": str(place / "text_2.txt")}
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    (run / "video.mp4").unlink()
+    server.script[:] = [first]
+    assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={run}", *words]) == 0
+    assert "There is no film" in json.dumps(server.requests[-1])
+    line = json.loads((place / "text_3.descent.json").read_text())["line"]
+    assert [Path(one["program"]).name for one in line] == ["text.txt", "text_2.txt"]
+
+
+def test_only_a_run_that_a_program_paid_is_revised(study, words, server, tmp_path, capsys):
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "config.yaml").write_text("reward: {kind: human}\n")
+    for folder, said in ((run, "was trained on no program"), (tmp_path, "is no run")):
+        assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={folder}", *words]) == 2
+        assert said in capsys.readouterr().err
+    assert server.requests == []
 
 
 def test_a_refusal_is_said(study, words, server, capsys):

@@ -79,11 +79,12 @@ def test_one_conversation_shows_every_stage(asked):
     counts = [sum(isinstance(p, Png) for p in r.messages[-1].parts) for r in asked]
     # Seven questions and a list: one rendering at four stages, the others, and all as the agent
     # sees them. A reward from text and one from text and pictures. A list of three cameras
-    # afresh, told all, names, nothing. Rewards told names; the guess and its reward.
-    assert counts == [12, 24 + 9, *[0] * 6, 0, 2, *[12 + 3] * 3, 0, 2, 8, 0]
+    # afresh, told all, names, nothing. Rewards told names; the guess and its reward. A bench of
+    # two cameras; a revision.
+    assert counts == [12, 24 + 9, *[0] * 6, 0, 2, *[12 + 3] * 3, 0, 2, 8, 0, 2, 3]
     for before, after in pairwise(asked[:8]):
         assert after.messages[: len(before.messages)] == before.messages
-    assert [len(request.messages) for request in asked[8:]] == [1] * 8 + [3]
+    assert [len(request.messages) for request in asked[8:]] == [1] * 8 + [3, 1, 1]
 
 
 def test_pictures_come_after_a_line_that_names_them(asked):

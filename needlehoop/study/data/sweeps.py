@@ -78,9 +78,10 @@ def planned(words: Sequence[str]) -> list[Place]:
         ValueError: another key, an unknown experiment, camera or reward, or no cameras.
     """
     given = dict(_pair(word) for word in words)
-    own = {"cams": "", "reward": HUMAN, "seed": "0"}
+    own, views = {"cams": "", "reward": HUMAN, "seed": "0"}, ()
     if "experiment" in given:
-        own |= _experiment(given.pop("experiment"))
+        params, views = _experiment(given.pop("experiment"))
+        own |= params
     own |= given
     taught = own.pop("algo", None) == DAGGER
     seeds = [_seed(text) for text in own["seed"].split(",")]
@@ -90,7 +91,7 @@ def planned(words: Sequence[str]) -> list[Place]:
     else:
         rewards = [reward.strip() for reward in own["reward"].split(",")]
         pairs = [*product(_camera_sets(own["cams"]), rewards)]
-    _check(pairs)
+    _check(pairs, views)
     return sorted(
         {
             Place(seen(cams), EXPERT if taught else reward, seed)
@@ -107,14 +108,14 @@ def _pair(word: str) -> tuple[str, str]:
     return key, value
 
 
-def _experiment(name: str) -> dict[str, str]:
-    """What an experiment's file sweeps over."""
+def _experiment(name: str) -> tuple[dict[str, str], Iterable[str]]:
+    """What an experiment's file sweeps over, and its own views."""
     files = {
         option: read_yaml(CONF / f"experiment/{option}.yaml") for option in _options("experiment")
     }
     # Not every experiment is a sweep.
     valid = {
-        option: values["hydra"]["sweeper"]["params"]
+        option: (values["hydra"]["sweeper"]["params"], values.get("views", ()))
         for option, values in files.items()
         if "hydra" in values
     }
@@ -135,9 +136,9 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _check(pairs: Iterable[tuple[Sequence[str], str]]) -> None:
+def _check(pairs: Iterable[tuple[Sequence[str], str]], views: Iterable[str]) -> None:
     """Checks that cameras and rewards exist; a typing error would count as missing for ever."""
-    cameras = [f"{r}_{v}" for r, v in product(_options("rendering"), _options("view"))]
+    cameras = [f"{r}_{v}" for r, v in product(_options("rendering"), [*_options("view"), *views])]
     named = [*pairs]
     if not named:
         raise ValueError("cams: give experiment=… or cams=…, such as cams=[dep_front,seg_side]")
