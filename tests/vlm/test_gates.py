@@ -217,11 +217,15 @@ def test_the_papers_own_rewards_are_seen_through(judge):
 
 
 def test_the_recorded_models_rewards_pass(judge):
-    shipped = written.RECORDINGS / "claude" / "rewards"
-    found = {path.parent.name: judge(path.read_text()) for path in shipped.glob("*/*.txt")}
+    trained = written.RECORDINGS / "claude_8210a79" / "rewards"
+    found = {path.parent.name: judge(path.read_text()) for path in trained.glob("*/*.txt")}
     assert len(found) == 4
     assert all(card.passed and not card.flags for card in found.values())
     assert all(card.paid > 0.8 for card in found.values())
+    shipped = written.RECORDINGS / "claude" / "rewards"
+    newer = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
+    assert len(newer) == 5
+    assert all(card.passed and card.paid > 0.4 for card in newer)
 
 
 def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
