@@ -9,18 +9,27 @@ from pathlib import Path
 from vlm_server import by_schema
 
 from needlehoop.envs.settings import Settings
-from needlehoop.vlm.album import SEEN, Album, states
+from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import ProgramAnswer
+from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Png, Request
+from needlehoop.vlm.prompts import stages_of
 from needlehoop.vlm.providers.contract import LiveConfig, Reply
-from needlehoop.vlm.questions import Lists, Questions, question, rank
+from needlehoop.vlm.questions import (
+    Lists,
+    Questions,
+    question,
+    rank,
+    rank_afresh,
+    rank_pictures,
+)
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.revision import Trained
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramRules, Verdict, reward_prompt
+from needlehoop.vlm.writing import ProgramRules, Verdict, guess_prompt, reward_prompt
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
-LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1)
+LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)
 FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
 RULES = ProgramRules(
     FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
@@ -46,26 +55,43 @@ class Obliging:
 
 def album(settings: Settings) -> Album:
     names = [f"{r}_{view}" for r in settings.renderings for view in settings.views]
-    shown = (*states(settings.definition), SEEN)
+    shown = (*stages_of(settings.definition), SEEN)
     pictures = {s: {n: Png(f"{s} {n}".encode()) for n in names} for s in shown}
     return Album(pictures, settings.image_size)
 
 
 def everything_said(settings: Settings, folder: Path) -> list[Request]:
-    """All requests of a questioning, a ranking and both kinds of reward."""
+    """All requests of a questioning, rankings, and rewards; then with less told.
+
+    The last two are about a bench of one's own, and of a program revised.
+    """
     provider = Obliging()
     recorder = Recorder(Transcript(folder), provider, CONFIG)
+    shown = album(settings)
 
-    def begin(_: int) -> Conversation:
-        conversation = Conversation(recorder, "question", 1)
-        question(conversation, settings, album(settings), QUESTIONS)
+    def begin(*_: int) -> Conversation:
+        return Conversation(recorder, "any", 1)
+
+    def questioned(_: int) -> Conversation:
+        conversation = begin()
+        question(conversation, settings, shown, QUESTIONS)
         return conversation
 
-    rank(begin, LISTS)
+    rank(questioned, LISTS)
     seen = replace(settings, cams=("dep_front", "seg_side"))
     for flavour in ("text", "image"):
-        parts = reward_prompt(seen, RULES, flavour, album(seen))
-        Conversation(recorder, "reward", 1).ask(parts, ProgramAnswer)
+        begin().ask(reward_prompt(seen, RULES, flavour, shown), ProgramAnswer)
+    for told in ("full", "names", "nothing"):
+        rank_afresh(begin, settings, shown, LISTS, told)
+    for flavour in ("text", "image"):
+        begin().ask(reward_prompt(seen, RULES, flavour, shown, "names"), ProgramAnswer)
+    conversation = begin()
+    conversation.ask(guess_prompt(seen, shown), Guess)
+    conversation.ask(reward_prompt(seen, RULES, "image", shown, "nothing"), ProgramAnswer)
+    bench = {name: Png(name.encode()) for name in ("left", "right")}
+    rank_pictures(begin, bench, "", LISTS)
+    trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
+    begin().ask(trained.prompt(reward_prompt(seen, RULES, "image", shown)), ProgramAnswer)
     return provider.asked
 
 

@@ -101,6 +101,9 @@ def _value(schema: dict[str, Any], defs: dict[str, Any]) -> Any:
         return schema["enum"][0]
     if schema["type"] == "object":
         return {name: _value(inner, defs) for name, inner in schema["properties"].items()}
+    if schema["type"] == "array" and schema["items"].get("type") == "number":
+        (place,) = (one for one in defs.values() if "name" in one["properties"])
+        return [0.75] * (len(place["properties"]["name"]["enum"]) - 1)
     if schema["type"] == "array":
         place = defs[schema["items"]["$ref"].rpartition("/")[2]]
         names = place["properties"]["name"]["enum"]

@@ -62,4 +62,5 @@ ROBOT = Robot(
     materials={},
     body=f"{PREFIX}base",
     proprio=("tool", "grip", "grip_command"),
+    opens=3,
 )

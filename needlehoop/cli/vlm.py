@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
 
 _SHARED = (
-    "vlm=replay|gemini|openai|manual study=main overwrite=false attempts=3 size=384 vlm.recording=…"
+    "vlm=replay|gemini|openai|manual vlm.told=full|names|nothing study=main overwrite=false"
+    " attempts=3 size=384 vlm.recording=claude"
 )
 
 _PROGRAM = "FILE, flavour, study, recording, sample, unit"
@@ -40,10 +41,16 @@ def add_commands(commands: Any) -> None:
     summary = "Ask which views and renderings suit the task's parts."
     add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
     summary = "Ask for rankings of camera sets."
-    own = "lists=[[rgb_default,dep_front+seg_side]] samples=1"
+    own = (
+        "lists=[[rgb_default,dep_front+seg_side]] samples=1 afresh=false sets=[rgb_front,…]"
+        " words=true group=5 rounds=4 pictures=FOLDER about=…"
+    )
     add("rank", _rank, summary, f"{own} {_SHARED}")
     summary = "Ask for a reward program for a camera set."
-    own = "cams=[dep_front,seg_side]|[…],[…]|all flavour=image|text samples=1 gates.margin=2"
+    own = (
+        "cams=[dep_front,seg_side]|[…],[…]|all flavour=image|text samples=1 revise=RUN"
+        " gates.margin=2"
+    )
     add("reward", _reward, summary, f"{own} {_SHARED}")
     summary = "Compile a reward program, put it through the gates, print its card."
     check = below.add_parser(
@@ -96,18 +103,33 @@ def _rank(options: argparse.Namespace) -> None:
     from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, "vlm_rank")
+    from needlehoop.study.data.sweeps import planned
+    from needlehoop.vlm.photographs import read_folder
     from needlehoop.vlm.questions import Lists, Questions
 
+    chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
+    if chosen:
+        # One picture against two is no question.
+        named = dict.fromkeys(place.cameras for place in planned(chosen))
+        counts = sorted({name.count("+") for name in named})
+        values["sets"] = [[name for name in named if name.count("+") == n] for n in counts]
+    elif any(isinstance(one, str) for one in values["sets"] or ()):
+        values["sets"] = [values["sets"]]
+    folder, about = (strict.value(values, key, str | None) for key in ("pictures", "about"))
     questions, lists = strict.as_type(values, Questions), strict.as_type(values, Lists)
+    bench = None if folder is None else read_folder(Path(folder), about, values["size"])
     with _open(values) as inquiry:
-        found = inquiry.rank(questions, lists)
+        if bench is None:
+            found, how = inquiry.rank(questions, lists), inquiry.ranked(lists)
+        else:
+            found, how = inquiry.rank_pictures(*bench, lists), "_pictures"
     for number, entry in enumerate(found["lists"], 1):
         for places in entry["rankings"]:
             print(f"list {number}: {' > '.join(place['name'] for place in places)}")
         if entry["agreement"]:
             agreed = entry["agreement"]
             print(f"  tau_b {agreed['tau_b']:.3f}, same top {agreed['same_top']:.2f}")
-    _report(inquiry, found["totals"], "rankings.csv", "agreement.csv")
+    _report(inquiry, found["totals"], f"rankings{how}.csv", f"agreement{how}.csv")
 
 
 def _reward(options: argparse.Namespace) -> None:
@@ -118,13 +140,18 @@ def _reward(options: argparse.Namespace) -> None:
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
     flavour = strict.value(several[0], "flavour", str)
     samples = strict.value(several[0], "samples", Samples)
+    revised = strict.value(several[0], "revise", str | None)
     for values in several:
         strict.as_type(values["gates"], Gates, "gates")
         _understood(values)
     from needlehoop.training.missing_reward import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.recorder import RefusalError
+    from needlehoop.vlm.revision import read_run
 
+    if revised is not None and (samples > 1 or len(several) > 1):
+        raise ValueError("revise: one run for one camera set and one sample")
+    trained = None if revised is None else read_run(Path(revised), several[0]["size"])
     rules, failed = None, []
     for values in several:
         with _open(values) as inquiry:
@@ -136,7 +163,10 @@ def _reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                found = inquiry.reward(flavour, rules, samples)
+                if trained is None:
+                    found = inquiry.reward(flavour, rules, samples)
+                else:
+                    found = inquiry.revise(flavour, rules, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ def register(words: Sequence[str], *folders: Path) -> None:
         group: sorted(name for folder in folders for name in options(folder, group))
         for group in ("view", "rendering")
     }
+    own = _experiments(words, folders)
     defaults: list[Any] = [
         {f"{group}@{group}s.{name}": name} for group, names in found.items() for name in names
     ]
@@ -43,11 +45,11 @@ def register(words: Sequence[str], *folders: Path) -> None:
     # An earlier call may have registered another folder.
     store.repo.pop("cams", None)
     for rendering in found["rendering"]:
-        for view in found["view"]:
+        for view in [*found["view"], *chain(*(values.get("views", ()) for values in own))]:
             name = f"{rendering}_{view}"
             node = {"view": view, "rendering": rendering}
             store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
-    for name in _models(words, folders):
+    for name in _models(words, own):
         cameras, _, reward = name.rpartition(".")
         node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}
         store.store(group="model", name=name, node=node, package="_global_")
@@ -112,19 +114,33 @@ def options(folder: Path, group: str) -> list[str]:
     return sorted({*files, *made})
 
 
-def _models(words: Iterable[str], folders: Sequence[Path]) -> list[str]:
-    """Values of ``+model`` (cameras and reward in one word), typed or of a chosen experiment."""
-    found = [word.partition("=")[2] for word in words if word.startswith("+model=")]
+def _experiments(words: Iterable[str], folders: Sequence[Path]) -> list[Mapping[str, Any]]:
+    """The files of chosen experiments, read. One may have ``views`` of its own."""
     chosen = {word.partition("=")[2] for word in words if word.startswith("+experiment=")}
+    found = []
     for file in (folder / "experiment" / f"{name}.yaml" for folder in folders for name in chosen):
         if file.exists():
             try:
                 values: Any = read_yaml(file)
             except UnreadableError as error:
                 raise ValueError(f"experiment: {file} {error}") from error
-            # Not every experiment is a sweep.
-            for key in ("hydra", "sweeper", "params", "+model"):
-                values = values.get(key) if isinstance(values, Mapping) else None
-            found += [values] if isinstance(values, str) else []
+            found += [values] if isinstance(values, Mapping) else []
+    return found
+
+
+def _swept(experiments: Iterable[Any], key: str) -> list[str]:
+    found = []
+    for values in experiments:
+        # Not every experiment is a sweep.
+        for part in ("hydra", "sweeper", "params", key):
+            values = values.get(part) if isinstance(values, Mapping) else None
+        found += [values] if isinstance(values, str) else []
+    return found
+
+
+def _models(words: Iterable[str], experiments: Iterable[Any]) -> list[str]:
+    """Values of ``+model`` (cameras and reward in one word), typed or of a chosen experiment."""
+    found = [word.partition("=")[2] for word in words if word.startswith("+model=")]
+    found += _swept(experiments, "+model")
     names = [name.strip() for text in found for name in text.split(",")]
     return [name for name in names if "." in name]

@@ -15,7 +15,7 @@ from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View
 from needlehoop.tasks.contract import FlatClass
 
-_DARKEST = 0.15
+DARKEST = 0.15
 """Brightness at the far end of a depth-shaded image; 1 at the near end."""
 
 
@@ -96,7 +96,7 @@ class Imager:
             if rendering.depth == "channel":
                 parts.append((255 * nearness).round().to(torch.uint8))
             else:
-                shade = _DARKEST + (1 - _DARKEST) * nearness
+                shade = DARKEST + (1 - DARKEST) * nearness
                 parts = [(parts[0] * shade).round().to(torch.uint8)]
         return torch.cat(parts, 1)
 

@@ -18,7 +18,7 @@ from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
 
 _OVERSAMPLING = 3
-_AFTER_SUCCESS = 8
+_AFTER_SUCCESS = 4
 """Steps from success to the goal picture, in which the goal is reached for all to see."""
 
 _INK, _PAPER = (34, 38, 46), (255, 255, 255)
@@ -80,7 +80,7 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
 
     Raises:
         ValueError: ``size`` below 16.
-        RuntimeError: the expert did not reach the goal state.
+        RuntimeError: the teacher did not reach the goal state.
     """
     if size < 16:
         raise ValueError(f"size: {size} must be at least 16")
@@ -98,7 +98,7 @@ def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image
         cams: which; by default every rendering of every view.
 
     Raises:
-        RuntimeError: the expert did not reach the goal state.
+        RuntimeError: the teacher did not reach the goal state.
     """
     shown = tuple(cams) or _cameras(settings)
     seen = stages(replace(settings, cams=shown), "start", "goal").values()
@@ -123,7 +123,7 @@ def _ordered(settings: Settings) -> list[str]:
 
 
 def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]:
-    """The images of all cameras at moments of one episode of the expert's.
+    """The images of all cameras at moments of one episode of the task's teacher.
 
     Args:
         settings: environment and cameras.
@@ -131,14 +131,14 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
             few steps after the task is done.
 
     Raises:
-        RuntimeError: the expert did not get that far.
+        RuntimeError: the teacher did not get that far.
     """
     # The episode must go on after success.
     s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
     simulation, imager = build(s)
     seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
-    for step in rollout(simulation, controller("expert", s), imager):
+    for step in rollout(simulation, controller(s.definition.teacher, s), imager):
         since += bool(since or step.moment.facts[s.definition.goal][0])
         for name in _reached(step, since > _AFTER_SUCCESS):
             if name in wanted and name not in seen:
@@ -146,7 +146,7 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
         if set(wanted) <= set(seen):
             return seen
     missing = ", ".join(name for name in wanted if name not in seen)
-    raise RuntimeError(f"the expert did not get to {missing} with seed={settings.seed}")
+    raise RuntimeError(f"the teacher did not get to {missing} with seed={settings.seed}")
 
 
 def _reached(step: Step, goal: bool) -> list[str]:

@@ -113,6 +113,9 @@ class Robot:
     displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
     """From layout, rules, memory, the servos' commands and an offset ``(n, 3)`` in m, commands
     that put the tip so far beside where it was told to. ``None``: it cannot be disturbed so."""
+    opens: int | None = None
+    """Number of the action that lets go of what is held where it is 1. Actions of 0 hold still.
+    ``None``: nothing is ever held."""
 
 
 @dataclass(frozen=True)
@@ -126,13 +129,12 @@ class Telling:
     texts: Path
     """Folder of texts with ``$gaps``. ``scene.txt``: what there is, and what the task is.
     ``signals.txt``: the numbers behind the signals, a line ``- …`` each. ``<fact>.txt``, for some
-    of ``moments``: which camera shows the fact best. The other moments are shown as the task's
-    stages."""
+    of ``moments``: the question which camera shows the fact best."""
     values: Callable[[Any, Any], Mapping[str, object]]
     """From layout and rules, what fills the gaps, by name; and ``control``: what an agent does at
     every step, such as ``moves the tip by up to 6 mm``."""
     goal: str
-    """What is so when the goal is reached, such as ``the cube is on the spot``."""
+    """What is so in the picture of the goal, such as ``the cube is on the spot``."""
     done: str
     """The same without the test of success, for reward writers: ``the cube is where it has to
     be``."""
@@ -140,7 +142,7 @@ class Telling:
     """What the views at azimuth 0 are in front of, such as ``the spot``."""
     moments: Mapping[str, str] = field(default_factory=dict)
     """Facts whose first moments are pictured, in order, and what is so then, such as ``the cube
-    has been grasped``."""
+    has just been grasped``. Start and goal are pictured as well."""
     painted: Mapping[str, str] = field(default_factory=dict)
     """What has to be said of a class of flat renderings, by class."""
 

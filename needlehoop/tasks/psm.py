@@ -195,4 +195,5 @@ ROBOT = Robot(
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
     displaced=_displaced,
+    opens=-1,
 )

@@ -17,14 +17,13 @@ from needlehoop.pictures.stills import stages
 from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
-from needlehoop.tasks.contract import Task
 from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.transcript import Transcript
 
 PICTURES = "pictures.json"
 SEEN = "seen"
-"""The start again, at the agent's own resolution."""
+"""The stages of ``_seen`` again, side by side, at the agent's own resolution."""
 
 _GAP = 48
 """The gap between two pictures in one is their size divided by this."""
@@ -37,30 +36,48 @@ class Album:
     differently, and its requests would then match no recorded answer.
 
     Args:
-        pictures: by state (see ``states``, and ``SEEN``) and camera.
+        pictures: by stage (see ``prompts.stages_of``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
     """
 
     def __init__(self, pictures: Mapping[str, Mapping[str, Png]], pixels: int):
         self._pictures, self._pixels = pictures, pixels
 
-    def show(self, state: str, cameras: Sequence[str]) -> list[Part]:
-        """Pictures, each after a line that names its camera and state."""
+    def show(
+        self, cameras: Sequence[str], stages: Sequence[str] = (), names: Sequence[str] = ()
+    ) -> list[Part]:
+        """Pictures, each after a line that names its camera and stage.
+
+        Args:
+            cameras: what to show, stage by stage.
+            stages: of those that there are; none: all.
+            names: of all stages, in their order; none: their own.
+        """
+        called = self._called(names)
         parts: list[Part] = []
-        for camera in cameras:
-            parts += [f"{camera}, {state}:", self._pictures[state][camera]]
+        for stage in stages or called:
+            for camera in cameras:
+                parts += [f"{camera}, {called[stage]}:", self._pictures[stage][camera]]
         return parts
 
-    def show_seen(self, camera: str) -> list[Part]:
-        """The start at the agent's own resolution, enlarged."""
-        n = self._pixels
-        said = f"{camera}, start, as the agent sees it, {n} x {n} pixels (enlarged):"
-        return [said, self._pictures[SEEN][camera]]
+    def show_seen(self, cameras: Sequence[str], names: Sequence[str] = ()) -> list[Part]:
+        """Two stages at the agent's own resolution, enlarged; ``names`` as in ``show``."""
+        n, called = self._pixels, self._called(names)
+        first, second = (called[stage] for stage in _seen([*called]))
+        parts: list[Part] = []
+        for camera in cameras:
+            said = f"{camera} as the agent sees it, {n} x {n} pixels (enlarged), {first}, {second}:"
+            parts += [said, self._pictures[SEEN][camera]]
+        return parts
+
+    def _called(self, names: Sequence[str]) -> dict[str, str]:
+        own = [stage for stage in self._pictures if stage != SEEN]
+        return dict(zip(own, names or own, strict=True))
 
 
-def states(task: Task) -> tuple[str, ...]:
-    """What is pictured of an episode: its start, moments of the task, and the goal."""
-    return ("start", *prompts.telling_of(task).moments, "goal")
+def _seen(stages: Sequence[str]) -> tuple[str, str]:
+    """The first stage, and the last before the goal; the goal, if there is no such."""
+    return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
 def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
@@ -72,9 +89,13 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         size: pixels of a picture's side.
 
     Raises:
-        ValueError: the record shows another scene, or its index is damaged.
-        RuntimeError: the expert did not reach the goal state.
+        ValueError: disturbed cameras, the record shows another scene, or its index is damaged.
+        RuntimeError: the teacher did not reach the goal state.
     """
+    if settings.disturb.amounts:
+        raise ValueError(
+            "disturb: a model is told that its pictures are free of noise; choose disturb=none"
+        )
     index, scene = transcript.folder / PICTURES, _scene(settings, size)
     if not index.exists():
         pictures = _take(settings, size)
@@ -145,14 +166,27 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
     s = replace(settings, cams=cameras, image_size=size, num_envs=1)
     kinds = {camera.name: s.renderings[camera.rendering] for camera in s.cameras}
-    taken = stages(s, *states(s.definition))
-    own = stages(replace(s, image_size=settings.image_size), "start")["start"]
+    shown = [*prompts.stages_of(s.definition)]
+    taken, small = stages(s, *shown), replace(s, image_size=settings.image_size)
+    own = stages(small, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))
-    taken[SEEN] = {name: image.repeat(times, 1).repeat(times, 2) for name, image in own.items()}
+    pictures = {
+        stage: {name: all_channels(image, kinds[name]) for name, image in taken[stage].items()}
+        for stage in shown
+    }
+    pictures[SEEN] = {
+        name: _side_by_side(
+            *(
+                all_channels(own[stage][name].repeat(times, 1).repeat(times, 2), kinds[name])
+                for stage in _seen(shown)
+            )
+        )
+        for name in cameras
+    }
     return {
-        state: {name: _png(all_channels(image, kinds[name])) for name, image in images.items()}
-        for state, images in taken.items()
+        stage: {name: _png(image) for name, image in images.items()}
+        for stage, images in pictures.items()
     }
 
 
@@ -167,8 +201,13 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
     depth = np.repeat(flat[:, :, -1:], 3, axis=2)
     if rendering.colour == "none":
         return depth
-    gap = np.full((len(flat), max(1, len(flat) // _GAP), 3), 255, np.uint8)
-    return np.concatenate((flat[:, :, :3], gap, depth), axis=1)
+    return _side_by_side(flat[:, :, :3], depth)
+
+
+def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Two pictures ``(h, w, 3)`` with a white gap between them."""
+    gap = np.full((len(left), max(1, len(left) // _GAP), 3), 255, np.uint8)
+    return np.concatenate((left, gap, right), axis=1)
 
 
 def _png(image: np.ndarray) -> Png:

@@ -44,6 +44,7 @@ class Card:
     random: float
     cheat: float | None
     paid: float
+    stopped: Mapping[str, float]
     gates: Gates
     reasons: tuple[str, ...]
     flags: tuple[str, ...]
@@ -73,6 +74,7 @@ class Card:
             *(() if self.cheat is None else [self._audited(self.cheat)]),
             f"paid         {100 * self.paid:.2f} % of random steps change it by {g.paid_by:g} or"
             f" more; at least {100 * g.paid:g} % is asked (flag)",
+            *(self._short() if self.stopped else ()),
             *(f"refused      {reason}" for reason in self.reasons),
             *(f"flagged      {flag}" for flag in self.flags),
             f"verdict      {'passed' if self.passed else 'refused'}"
@@ -85,6 +87,13 @@ class Card:
         return (
             f"cheat        {cheat:.3f}; the expert is {self.expert - cheat:.3f}"
             f" above, at least {g.audit_margin:g} is asked ({g.audit})"
+        )
+
+    def _short(self) -> tuple[str]:
+        worst, g = min(self.stopped, key=self.stopped.__getitem__), self.gates
+        return (
+            f"stopping     the teacher {worst} ends {self.stopped[worst]:.3f} below finishing, the"
+            f" least of {len(self.stopped)} ways; at least {g.stop_margin:g} is asked ({g.stop})",
         )
 
 
@@ -123,14 +132,22 @@ def card(
         random=figures["random"],
         cheat=figures.get(CHEAT),
         paid=_paid(program, seen, gates),
+        stopped={
+            how: float((_judged(program, whole, gates) - _judged(program, short, gates)).mean())
+            for how, (short, whole) in seen.stopped.items()
+        },
         gates=gates,
         reasons=(),
         flags=(),
     )
-    reasons, audit, seldom = _refusals(found), _audit(found, settings.definition), _seldom(found)
-    if gates.audit == "refuse":
-        return replace(found, reasons=reasons + audit, flags=seldom)
-    return replace(found, reasons=reasons, flags=audit + seldom)
+    reasons, flags = _refusals(found), ()
+    for refuses, said in (
+        (gates.audit == "refuse", _audit(found, settings.definition)),
+        (gates.stop == "refuse", _stopping(found)),
+        (False, _seldom(found)),
+    ):
+        reasons, flags = (reasons + said, flags) if refuses else (reasons, flags + said)
+    return replace(found, reasons=reasons, flags=flags)
 
 
 def values_of(program: Program, seen: Trajectories, gates: Gates) -> Tensor:
@@ -169,6 +186,17 @@ def _audit(c: Card, task: Task) -> tuple[str, ...]:
     return (
         f"{task.cheating} ends {c.expert - c.cheat:.3f} below the expert;"
         f" at least {c.gates.audit_margin:g} is asked",
+    )
+
+
+def _stopping(c: Card) -> tuple[str, ...]:
+    return tuple(
+        f"the teacher {how} ends {-below:.3f} above finishing the task"
+        if below < 0
+        else f"the teacher {how} ends only {below:.3f} below finishing the task"
+        for how, below in c.stopped.items()
+        # "not >=" flags NaN too.
+        if not below >= c.gates.stop_margin - c.gates.tolerance
     )
 
 

@@ -39,9 +39,10 @@ class InquiryConfig:
 class Gates:
     """Tests of a reward program before anybody trains on it; values in ``conf/gates``.
 
-    A program that fails a gate is refused. The cheat audit only flags a program, unless
-    ``audit`` is ``refuse``: most honest rewards cannot tell a good cheat. A program's
-    ``Card`` has its figures at all gates.
+    A program that fails a gate is refused. The cheat audit and stopping short only flag a program,
+    unless ``audit`` or ``stop`` is ``refuse``: most honest rewards cannot tell a good cheat, and a
+    recorded conversation goes on as it did before there was a gate. A program's ``Card`` has its
+    figures at all gates.
     """
 
     random_signals: Annotated[int, Range(1, 10_000_000)]
@@ -61,6 +62,12 @@ class Gates:
     """``flag`` or ``refuse``."""
     audit_margin: Real
     """The least that the expert's final value must exceed the cheat's by."""
+    stop: str
+    """``flag`` or ``refuse``."""
+    stop_margin: Real
+    """The least that a finished episode's final value must exceed that of one stopped short by."""
+    stop_episodes: Annotated[int, Range(1, 100_000)]
+    """Episodes of the teacher stopped short, for each way of doing so."""
     random_episodes: Annotated[int, Range(1, 100_000)]
     """Episodes of the random policy alone, to see how many of its steps are paid."""
     paid_by: Positive
@@ -69,7 +76,8 @@ class Gates:
     """The least share of random steps that must be paid."""
 
     def __post_init__(self) -> None:
-        for key, valid in (("range", ("refuse", "clip")), ("audit", ("flag", "refuse"))):
+        weak = ("flag", "refuse")
+        for key, valid in (("range", ("refuse", "clip")), ("audit", weak), ("stop", weak)):
             value = getattr(self, key)
             if value not in valid:
                 raise ValueError(

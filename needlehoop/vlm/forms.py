@@ -38,6 +38,12 @@ class Subtasks(Form):
     second: Subtask
 
 
+class Guess(Form):
+    """What the task is taken to be."""
+
+    task: Text
+
+
 class ProgramAnswer(Form):
     """A reward program, and why it is as it is."""
 
@@ -75,7 +81,10 @@ def choices(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
 
 
 def ranking(names: Sequence[str]) -> type[Form]:
-    """All of ``names``, each once, the best first, each with a reason."""
+    """All of ``names``, each once, the best first, each with a reason; and how sure that is.
+
+    ``sure`` has a number for each two neighbours in the order, 0.5 to 1.
+    """
     place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(Text, ...))
 
     def check(places: list[Any]) -> list[Any]:
@@ -90,5 +99,11 @@ def ranking(names: Sequence[str]) -> type[Form]:
             )
         return places
 
+    def check_sure(sure: list[float]) -> list[float]:
+        if len(sure) != len(names) - 1 or not all(0.5 <= one <= 1 for one in sure):
+            raise ValueError(f"it must be {len(names) - 1} numbers from 0.5 to 1; got {sure}")
+        return sure
+
     kind: Any = Annotated[list[place], AfterValidator(check)]
-    return create_model("Ranking", __base__=Form, places=(kind, ...))
+    sure: Any = Annotated[list[float], AfterValidator(check_sure)]
+    return create_model("Ranking", __base__=Form, places=(kind, ...), sure=(sure, ...))

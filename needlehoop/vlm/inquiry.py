@@ -3,28 +3,52 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
+from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.study.render.table import Table
 from needlehoop.vlm import prompts, tables
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
-from needlehoop.vlm.messages import Part
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
-from needlehoop.vlm.questions import Lists, Questions, question, rank
+from needlehoop.vlm.questions import (
+    Lists,
+    Questions,
+    question,
+    rank,
+    rank_afresh,
+    rank_pictures,
+    rank_sets,
+    seen_by,
+)
 from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.revision import Trained
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, reward_prompt, write_program
+from needlehoop.vlm.writing import (
+    ProgramAttempts,
+    ProgramRules,
+    guess_prompt,
+    reward_prompt,
+    write_program,
+)
 
 QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
+
+DESCENT = ".descent.json"
+"""Ending of the file that says which run and program a revised one descends from."""
+
+FULL = "full"
+"""Told all of the task, as the questions on cameras are."""
 
 
 class Rewards(NamedTuple):
@@ -56,7 +80,7 @@ class Inquiry(AbstractContextManager):
         asked = prompts.sha256(settings.definition)
         self._settings, self._config = settings, config
         self._files = Run(config.folder)
-        self._live = not isinstance(vlm, ReplayConfig)
+        self._live, self._told = not isinstance(vlm, ReplayConfig), vlm.told
         if not isinstance(vlm, ReplayConfig):
             provider = build_provider(vlm, config.folder)
             self.transcript = Transcript(config.folder)
@@ -91,24 +115,36 @@ class Inquiry(AbstractContextManager):
 
         Errors as in ``questions.question``.
         """
+        if self._told != FULL:
+            raise ValueError(
+                f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
+                f" the task, so they are asked with {FULL}"
+            )
         questions.check(self._settings)
+        album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
         conversation = self._begin("question")
-        answers = question(conversation, self._settings, self._album(), questions)
+        answers = question(conversation, self._settings, album, questions)
         return self._answered(answers, conversation)
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
         """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
-        Each sample begins with the questions on cameras, which the totals count too. Errors as in
-        ``questions.rank``.
+        Each sample begins with the questions on cameras, which the totals count too. Lists that
+        are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
+        ``_nothing``) and so on. Errors as in ``questions.rank``.
         """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
-        self._clear("rank", files=(RANKINGS,))
-        album, held = self._album(), []
+        how, held = self.ranked(lists), []
+        album = self._album([*chain(*lists.sets)])
+        self._clear(f"rank{how}", files=(f"rankings{how}.json",))
 
-        def begin(sample: int) -> Conversation:
+        def fresh(number: int, sample: int) -> Conversation:
+            held.append(self._begin(f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"))
+            return held[-1]
+
+        def questioned(sample: int) -> Conversation:
             conversation = self._begin("question" if sample == 1 else f"rank/{sample}")
             held.append(conversation)
             answers = question(conversation, self._settings, album, questions)
@@ -117,12 +153,45 @@ class Inquiry(AbstractContextManager):
                 conversation.name = "rank"
             return conversation
 
-        ranked = rank(begin, lists)
+        if lists.sets:
+            ranked = rank_sets(fresh, self._settings, album, lists, self._told)
+        elif how:
+            ranked = rank_afresh(fresh, self._settings, album, lists, self._told)
+        else:
+            ranked = rank(questioned, lists)
+        return self._ranked(how, ranked, held)
+
+    def rank_pictures(
+        self, pictures: Mapping[str, Png], about: str, lists: Lists
+    ) -> dict[str, Any]:
+        """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
+
+        Errors as in ``questions.rank``.
+        """
+        held: list[Conversation] = []
+        self._clear("rank_pictures", files=("rankings_pictures.json",))
+
+        def fresh(number: int) -> Conversation:
+            held.append(self._begin(f"rank_pictures/{number}"))
+            return held[-1]
+
+        return self._ranked("_pictures", [rank_pictures(fresh, pictures, about, lists)], held)
+
+    def _ranked(
+        self, how: str, ranked: list[dict[str, Any]], held: Sequence[Conversation]
+    ) -> dict[str, Any]:
         attempts = [attempt for conversation in held for attempt in conversation.attempts]
-        found = self._write(RANKINGS, {"lists": ranked}, attempts)
-        self._files.write("rankings.csv", tables.rankings_csv(ranked))
-        self._files.write("agreement.csv", tables.agreement_csv(ranked))
+        found = self._write(f"rankings{how}.json", {"lists": ranked}, attempts)
+        self._files.write(f"rankings{how}.csv", tables.rankings_csv(ranked))
+        self._files.write(f"agreement{how}.csv", tables.agreement_csv(ranked))
         return found
+
+    def ranked(self, lists: Lists) -> str:
+        """What names of files and conversations say of how lists are ranked."""
+        told = "" if self._told == FULL else f"_{self._told}"
+        if lists.sets:
+            return f"_sets{'' if lists.words else '_wordless'}{told}"
+        return told or ("_afresh" if lists.afresh else "")
 
     def reward(self, flavour: str, rules: ProgramRules, samples: int = FIRST) -> Rewards:
         """Ask for reward programs for the settings' cameras.
@@ -150,15 +219,20 @@ class Inquiry(AbstractContextManager):
         if self.has_rewards(flavour, samples) and not self._config.overwrite:
             path = self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
+        nothing = self._told == "nothing"
+        if nothing and flavour == "text":
+            raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
-        self._clear(name)
+        name += "" if self._told == FULL else f"/{self._told}"
         album = self._album() if flavour == "image" else None
-        prompt = reward_prompt(self._settings, rules, flavour, album)
+        self._clear(name)
+        prompt = reward_prompt(self._settings, rules, flavour, album, self._told)
+        first = guess_prompt(self._settings, album) if nothing and album else []
         accepted, attempts, failed = {}, [], []
         for sample in range(FIRST, FIRST + samples):
             tried = ProgramAttempts(self._begin(name if sample == FIRST else f"{name}/{sample}"))
             try:
-                source = self._write_reward(tried, prompt, rules, flavour, sample)
+                source = self._write_reward(tried, [first, prompt], rules, flavour, sample)
                 accepted[sample] = tables.AcceptedProgram(tried.card, rules.values(source))
             except NoAnswerError as error:
                 failed.append(error)
@@ -173,6 +247,42 @@ class Inquiry(AbstractContextManager):
         paths = tuple(self._reward_file(flavour, sample) for sample in accepted)
         return Rewards(paths, totals_of(attempts), table)
 
+    def revise(self, flavour: str, rules: ProgramRules, trained: Trained) -> Rewards:
+        """Ask for a better program than the one that a run was trained on.
+
+        It becomes the next free sample. ``<sample>.descent.json`` names the runs and programs that
+        it descends from, the latest last.
+
+        Args:
+            flavour: ``text`` or ``image``; of the new program.
+            rules: the language and its judge.
+            trained: the run.
+
+        Raises:
+            ValueError: no cameras, or an unknown flavour.
+            NoAnswerError: no program was accepted; all attempts are in files.
+            RefusalError: the model would not answer.
+        """
+        cameras = "+".join(self._settings.cams)
+        if not cameras:
+            raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
+        check_flavour(flavour)
+        if self._told != FULL:
+            raise ValueError(f"vlm.told: a program is revised with {FULL}")
+        album = self._album() if flavour == "image" else None
+        prompt = trained.prompt(reward_prompt(self._settings, rules, flavour, album))
+        name = f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"
+        tried = ProgramAttempts(self._begin(name))
+        sample = next(n for n in count(FIRST) if not self._reward_file(flavour, n).exists())
+        self._write_reward(tried, [[], prompt], rules, flavour, sample)
+        path = self._reward_file(flavour, sample)
+        note = Path(trained.origin).with_suffix(DESCENT)
+        before = read_json(note)["line"] if note.is_file() else []
+        place = path.with_suffix(DESCENT).relative_to(self._files.folder)
+        line = json.dumps({"line": [*before, trained.note()]}, indent=2)
+        self._files.write(str(place), line + "\n")
+        return Rewards((path,), totals_of(tried.conversation.attempts), None)
+
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""
         wanted = range(FIRST, FIRST + samples)
@@ -185,7 +295,7 @@ class Inquiry(AbstractContextManager):
     def _write_reward(
         self,
         tried: ProgramAttempts,
-        prompt: list[Part],
+        asked: Sequence[list[Part]],
         rules: ProgramRules,
         flavour: str,
         sample: int,
@@ -194,7 +304,8 @@ class Inquiry(AbstractContextManager):
         path = self._reward_file(flavour, sample)
         place = path.parent.relative_to(self._files.folder)
         try:
-            program = write_program(tried, prompt, rules)
+            first, prompt = asked
+            program = write_program(tried, prompt, rules, first)
         finally:
             # Failed attempts are kept too.
             rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in tried.rows())
@@ -207,8 +318,10 @@ class Inquiry(AbstractContextManager):
     def _begin(self, name: str) -> Conversation:
         return Conversation(self._recorder, name, self._config.attempts)
 
-    def _album(self) -> Album:
-        return open_album(self.transcript, self._settings, self._config.size)
+    def _album(self, sets: Sequence[str] = ()) -> Album:
+        """Of the scene's cameras, or of those of ``sets`` alone."""
+        settings = seen_by(self._settings, sets)[1] if sets else self._settings
+        return open_album(self.transcript, settings, self._config.size)
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
         """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,8 +11,9 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, controllers
-from needlehoop.envs.rollout import Step, rollout
+from needlehoop.envs.rollout import Controller, Step, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import NONE
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
@@ -41,12 +42,15 @@ class Trajectories:
         before: the start of every step of more random episodes, ``(steps,)``.
         after: the end of the same steps, with ``elapsed`` as at their start: a change that time
             alone brings does not count as paid.
+        stopped: the last moments of episodes in which the teacher stopped short, and those of the
+            same episodes finished, by what was done; see ``_stopped``.
     """
 
     moments: Signals
     last: dict[str, Signals]
     before: Signals
     after: Signals
+    stopped: Mapping[str, tuple[Signals, Signals]]
 
 
 def collect(settings: Settings, gates: Gates) -> Trajectories:
@@ -76,7 +80,123 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         steps = rollout(simulation, controller(who, blind))
         lived, last[who] = _episodes(steps, blind.definition.goal)
         moments += lived
-    return Trajectories(_join(moments), last, *_random_steps(blind, gates))
+    return Trajectories(_join(moments), last, *_random_steps(blind, gates), _stopped(blind, gates))
+
+
+_HELD = 20
+"""Steps that the teacher waits where it stopped short; by then all has come to rest."""
+
+
+def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signals]]:
+    """Last moments of the teacher stopped short, and of the same episodes finished.
+
+    It flies as always up to a moment, then holds still, or lets go. The moments are those at which
+    a fact that is not the goal first became true, and those at which half the way of a phase is
+    gone. It lets go where the first phase ended, and at the last fact before the goal. Episodes
+    that reach the goal all the same are left out. ``elapsed`` is that of the finished ones.
+    """
+    s = replace(settings, num_envs=gates.stop_episodes)
+    task, act = s.definition, controller(s.definition.teacher, s)
+    simulation, _ = build(s)
+    simulation.reseed(gates.seed)
+    seen = _Path(task)
+    steps = map(seen.watch, rollout(simulation, act))
+    _, finished = _episodes(steps, task.goal)
+    found = {}
+    opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name in seen.first]
+    loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens is not None else ()
+    for moment, first in seen.first.items():
+        for loosen in (False, True) if moment in loose else (False,):
+            simulation.reseed(gates.seed)
+            ended, last = _stop(simulation, act, first, opens if loosen else None, task.goal)
+            if bool(ended.any()):
+                whole: Any = finished[ended].clone()
+                short: Any = last[ended].clone()
+                short.elapsed = whole.elapsed.clone()
+                found[f"{'letting go' if loosen else 'holding still'} at {moment}"] = short, whole
+    return found
+
+
+class _Path:
+    """When each moment at which a task can be stopped short first came; ``first`` by its name.
+
+    Steps ``(n,)``; -1 where it did not come before the goal.
+    """
+
+    def __init__(self, task: Task):
+        self._task, self._step = task, 0
+        self.first: dict[str, Tensor] = {}
+        self._begun: dict[str, Tensor] = {}
+
+    def watch(self, step: Step) -> Step:
+        facts, signals = step.moment.facts, step.signals
+        begun = torch.ones_like(step.alive)
+        moments = {f.name: facts[f.name] for f in self._task.facts if f.name != self._task.goal}
+        for phase in self._task.phases:
+            a, b = (getattr(signals, point) for point in phase.points)
+            way = torch.linalg.vector_norm(a - b, dim=-1)
+            whole = self._begun.setdefault(phase.name, torch.full_like(way, torch.nan))
+            whole[:] = torch.where(begun & whole.isnan(), way, whole)
+            moments[f"half of {phase.name}"] = way <= whole / 2
+            begun = begun & (facts[phase.ends] | self._since(phase.ends))
+        for name, now in moments.items():
+            first = self.first.setdefault(name, torch.full_like(step.moment.steps, -1))
+            first[now & step.alive & ~facts[self._task.goal] & (first < 0)] = self._step
+        self._step += 1
+        return step
+
+    def _since(self, fact: str) -> Tensor | bool:
+        return self.first[fact] >= 0 if fact in self.first else False
+
+
+def _stop(
+    simulation: Simulation, act: Controller, first: Tensor, opens: int | None, goal: str
+) -> tuple[Tensor, Signals]:
+    """Which episodes stopped at their step ``first`` and never reached the goal; last moments."""
+    number, stopped = 0, first >= 0
+
+    def short(signals: Signals) -> Tensor:
+        nonlocal number
+        action = act(signals)
+        still = stopped & (number >= first)
+        action[still] = 0.0
+        if opens is not None:
+            action[still, opens] = 1.0
+        number += 1
+        return action
+
+    ended, last = stopped.clone(), None
+    for step in rollout(simulation, short):
+        ended &= step.alive & ~step.moment.facts[goal]
+        last = step.signals.clone()
+        if number >= int(first.max()) + _HELD:
+            break
+    return ended, last
+
+
+_RANGED = 8
+"""Episodes of each controller over which the ranges of signals are told."""
+
+
+def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
+    """The least and the most of each signal, number by number.
+
+    Over whole episodes of the task's teacher and of a random policy: where they would end at
+    success, ranges would tell what success is.
+    """
+    episode = replace(settings.episode, end_on_success=False)
+    s = replace(settings, cams=(), num_envs=_RANGED, reward=NONE, episode=episode)
+    simulation, _ = build(s)
+    moments: list[Signals] = []
+    for who in (s.definition.teacher, "random"):
+        simulation.reseed(s.seed)
+        moments += [step.signals.clone() for step in rollout(simulation, controller(who, s))]
+    joined = _join(moments)
+    found = {}
+    for name in s.definition.signals:
+        values = getattr(joined, name).double().reshape(len(joined), -1)
+        found[name] = values.amin(0).tolist(), values.amax(0).tolist()
+    return found
 
 
 def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:

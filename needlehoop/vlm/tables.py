@@ -34,14 +34,19 @@ def questions_csv(answers: Mapping[str, Any], asked: Mapping[str, str]) -> str:
 
 
 def rankings_csv(lists: Sequence[Mapping[str, Any]]) -> str:
-    """``list``, ``sample``, ``place``, ``cameras``, ``reason``; all count from 1."""
+    """``list``, ``sample``, ``place`` (all from 1), ``cameras``, ``sure``, ``reason``.
+
+    ``sure``: the stated probability that the set is better than the next; empty for the last.
+    """
     rows = [
-        (number, sample, place, entry["name"], entry["reason"])
+        (number, sample, place, entry["name"], sure, entry["reason"])
         for number, ranked in enumerate(lists, 1)
-        for sample, places in enumerate(ranked["rankings"], 1)
-        for place, entry in enumerate(places, 1)
+        for sample, (places, own) in enumerate(
+            zip(ranked["rankings"], ranked["sure"], strict=True), 1
+        )
+        for place, (entry, sure) in enumerate(zip(places, (*own, ""), strict=True), 1)
     ]
-    return csv_text(("list", "sample", "place", "cameras", "reason"), rows)
+    return csv_text(("list", "sample", "place", "cameras", "sure", "reason"), rows)
 
 
 def agreement_csv(lists: Sequence[Mapping[str, Any]]) -> str:

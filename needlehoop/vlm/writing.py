@@ -16,7 +16,7 @@ from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import ProgramAnswer
+from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.moments import collect
 from needlehoop.vlm.prompts import fill, telling_of
@@ -68,9 +68,12 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         except ProgramError as error:
             return Verdict(False, str(error), {})
         found = card(program, settings, gates, trajectories)
-        # Naming the cheat would tell the model what success is.
-        cheating = settings.definition.cheating
-        reason = "; ".join(found.reasons).replace(cheating, "an episode that fails at the task")
+        # Naming the cheat, or where the teacher stopped, would tell the model what success is.
+        named = {settings.definition.cheating: "an episode that fails at the task"}
+        named |= {f"the teacher {how}": "an episode that stops short" for how in found.stopped}
+        reason = "; ".join(found.reasons)
+        for name, said in named.items():
+            reason = reason.replace(name, said)
         return Verdict(found.passed, reason, found.as_dict())
 
     def values(source: str) -> list[float]:
@@ -110,7 +113,7 @@ class ProgramAttempts:
                     "request": attempt.exchange.sha256,
                     "answer": attempt.exchange.answer,
                     "program": source,
-                    "accepted": attempt.reason is None,
+                    "accepted": source is not None and attempt.reason is None,
                     "reason": attempt.reason,
                     "card": dict(verdict.card) if verdict else None,
                 }
@@ -118,8 +121,16 @@ class ProgramAttempts:
         return rows
 
 
-def write_program(attempts: ProgramAttempts, prompt: list[Part], rules: ProgramRules) -> str:
+def write_program(
+    attempts: ProgramAttempts, prompt: list[Part], rules: ProgramRules, first: Sequence[Part] = ()
+) -> str:
     """Ask for a program until one is accepted; its source.
+
+    Args:
+        attempts: a new conversation.
+        prompt: of ``reward_prompt``.
+        rules: the language and its judge.
+        first: a question that comes before: what the task is taken to be.
 
     Raises:
         NoAnswerError: none was accepted within the conversation's attempts.
@@ -133,11 +144,17 @@ def write_program(attempts: ProgramAttempts, prompt: list[Part], rules: ProgramR
         attempts.verdicts[len(conversation.attempts)] = source, verdict
         return None if verdict.accepted else f"the program was refused: {verdict.reason}"
 
+    if first:
+        conversation.ask(first, Guess)
     return _bare(conversation.ask(prompt, ProgramAnswer, judge).program)
 
 
 def reward_prompt(
-    settings: Settings, rules: ProgramRules, flavour: str, album: Album | None = None
+    settings: Settings,
+    rules: ProgramRules,
+    flavour: str,
+    album: Album | None = None,
+    told: str = "full",
 ) -> list[Part]:
     """The text that asks for a program and, for ``image``, the cameras' start pictures.
 
@@ -146,28 +163,40 @@ def reward_prompt(
         rules: the language.
         flavour: ``text`` or ``image``.
         album: needed for ``image``.
+        told: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
+            the same after ``guess_prompt``, which has the pictures.
     """
-    text = fill(
-        "reward",
-        settings.definition,
-        scene=description.scene(settings),
-        lowest=f"{rules.lowest:g}",
-        highest=f"{rules.highest:g}",
-        signals=description.signals(settings),
-        language=description.language(rules.functions, rules.result),
-    )
-    if flavour == "text":
+    asked = {
+        "lowest": f"{rules.lowest:g}",
+        "highest": f"{rules.highest:g}",
+        "language": description.language(rules.functions, rules.result),
+    }
+    if told == "full":
+        said, signals = description.scene(settings), description.signals(settings)
+        text = fill("reward", settings.definition, scene=said, signals=signals, **asked)
+    else:
+        said = description.scene(settings, "nothing") if told == "names" else ""
+        signals = description.unexplained(settings)
+        text = fill("reward", scene=said, signals=signals, done="the task is done", **asked)
+    if flavour == "text" or told == "nothing":
         return [text]
     assert album is not None
     telling = telling_of(settings.definition)
     cameras = {
         camera.name: f"{description.view(settings.views[camera.view], telling)};"
-        f" {description.rendering(settings.renderings[camera.rendering], telling)}"
+        f" {description.rendering(settings.renderings[camera.rendering], telling, settings.views)}"
         for camera in settings.cameras
     }
     pixels, listed = settings.image_size, description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
-    return [text, *album.show("start", list(cameras)), *album.show_seen(next(iter(cameras)))]
+    return [text, *album.show(list(cameras), ["start"])]
+
+
+def guess_prompt(settings: Settings, album: Album) -> list[Part]:
+    """What asks a model, told nothing of the task, what it takes the task to be."""
+    told = description.scene(settings, "names")
+    said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
+    return [said, *album.show(settings.cams, names=description.stage_names(settings, "nothing"))]
 
 
 def _bare(program: str) -> str:

@@ -18,6 +18,7 @@ from needlehoop.runs.files import EVALUATION, EVALUATIONS, METRICS
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.data.records import Place, Study, read_study
+from needlehoop.study.stats import predictions
 from needlehoop.study.stats.findings import study_findings
 from needlehoop.study.stats.run import final
 from needlehoop.tasks.registry import find
@@ -313,6 +314,42 @@ def test_repeated_rankings_give_mean_places(tmp_path):
     answers, _ = read_answers(tmp_path)
     assert answers is not None
     assert answers.rankings[0].places == pytest.approx({"a": 5 / 3, "b": 2.0, "c": 7 / 3})
+
+
+def test_stated_probabilities_are_of_neighbours_in_each_order(tmp_path):
+    write_answers(tmp_path)
+    path = tmp_path / "vlm" / "rankings.json"
+    found = json.loads(path.read_text())
+    places = [{"name": name, "reason": name} for name in "abc"]
+    entry = {"rankings": [places, places[::-1]], "sure": [[0.9, 0.5], [0.6, 1]]}
+    path.write_text(json.dumps({**found, "lists": [entry]}))
+    answers, _ = read_answers(tmp_path)
+    assert answers is not None
+    pairs = (("a", "b", 0.9), ("b", "c", 0.5), ("c", "b", 0.6), ("b", "a", 1.0))
+    assert answers.rankings[0].sure == pairs
+    one = predictions.said("m", answers)
+    # a > b holds, b and c are equal; the last, sure of b > a, is as wrong as can be.
+    measured = {"a": 2.0, "b": 1.0, "c": 1.0}
+    assert one.brier("abc", measured) == pytest.approx((0.1**2 + 0 + 0.1**2 + 1) / 4)
+    assert one.brier("abd", measured) is None
+    for odd in ([[0.9, 2], []], [[True], []], [3, 4], [[]]):
+        path.write_text(json.dumps({**found, "lists": [{**entry, "sure": odd}]}))
+        _, problems = read_answers(tmp_path)
+        assert "probabilit" in problems[0].reason
+
+
+def test_the_best_placements_of_one_and_two_cameras_are_answers(tmp_path):
+    write_answers(tmp_path)
+    path = tmp_path / "vlm" / "questions.json"
+    told = json.loads(path.read_text())
+    places = [{"name": name, "reason": "r"} for name in ("rgb_side", "rgb_front")]
+    told["answers"] |= {"placements": {"1": {"places": places, "sure": [0.6]}}, "layouts_sure": []}
+    path.write_text(json.dumps(told))
+    found, problems = read_answers(tmp_path)
+    assert problems == []
+    assert found is not None
+    last = found.questions[-1]
+    assert (last.question, last.answer) == ("Best placement of one camera", "rgb_side")
 
 
 def test_bad_answers_are_named(tmp_path):

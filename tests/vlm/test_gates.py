@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -11,7 +12,8 @@ from needle_task import compile_program, random_signals
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
-from needlehoop.rewards import written
+from needlehoop.envs.settings import settings_from
+from needlehoop.rewards import reference_reward, written
 from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
@@ -21,8 +23,8 @@ from needlehoop.vlm.moments import Trajectories, collect
 SOUND = """
 reach = exp(-20 * distance(tool_midpoint, pickup_point))
 held = 2 * grasped + 2 * lifted
-near = 2 * exp(-50 * distance(needle_tip, goal))
-through = 1 if dot(needle_tip - goal, hoop_axis) > 0.001 else 0
+near = exp(-50 * distance(needle_tip, goal))
+through = 2 * clip(dot(needle_tip - goal, hoop_axis) / 0.006, 0, 1)
 reward = reach + held + near + through
 """
 # Pays the tip's distance alone, so the cheat gets what the expert gets.
@@ -35,7 +37,7 @@ def made(overrides: list[str]) -> Gates:
 
 @pytest.fixture(scope="module")
 def gates() -> Gates:
-    return replace(made([]), episodes=4, random_signals=2000, random_episodes=4)
+    return replace(made([]), episodes=4, random_signals=2000, random_episodes=4, stop_episodes=4)
 
 
 @pytest.fixture(scope="module")
@@ -215,11 +217,80 @@ def test_the_papers_own_rewards_are_seen_through(judge):
 
 
 def test_the_recorded_models_rewards_pass(judge):
-    shipped = written.RECORDINGS / "claude" / "rewards"
-    found = {path.parent.name: judge(path.read_text()) for path in shipped.glob("*/*.txt")}
+    trained = written.RECORDINGS / "claude_8210a79" / "rewards"
+    found = {path.parent.name: judge(path.read_text()) for path in trained.glob("*/*.txt")}
     assert len(found) == 4
     assert all(card.passed and not card.flags for card in found.values())
     assert all(card.paid > 0.8 for card in found.values())
+    shipped = written.RECORDINGS / "claude" / "rewards"
+    newer = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
+    assert len(newer) == 5
+    assert all(card.passed and card.paid > 0.4 for card in newer)
+
+
+def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
+    """The paper's text reward pays more for the hoop's centre than for going through."""
+    paper = (written.RECORDINGS / "paper/rewards/any/text.txt").read_text()
+    found = judge(paper)
+    assert found.passed
+    (said,) = [flag for flag in found.flags if "finishing the task" in flag]
+    assert said.startswith("the teacher holding still at touched ends 0.")
+    assert said.endswith(" above finishing the task")
+    assert said in judge(paper, stop="refuse").reasons
+    assert not any("finishing" in flag for flag in judge(SOUND).flags)
+    assert any("finishing" in flag for flag in judge(SOUND, stop_margin=2.0).flags)
+
+
+def test_the_human_reward_pays_no_more_for_stopping(quick, gates, seen):
+    human = reference_reward(quick.definition)
+
+    class Called:
+        terms = tuple(human(seen.moments))
+
+        def __call__(self, signals: Any) -> Any:
+            return human(signals)
+
+    program: Any = Called()
+    found = card(program, quick, gates, seen)
+    assert found.highest > 8
+    assert not any("finishing" in flag for flag in found.flags)
+
+
+def test_the_teacher_stops_where_facts_and_phases_say(quick, gates, seen):
+    assert list(seen.stopped) == [
+        "holding still at grasped",
+        "letting go at grasped",
+        "holding still at lifted",
+        "holding still at touched",
+        "letting go at touched",
+        "holding still at half of reach",
+        "holding still at half of lift",
+        "holding still at half of insert",
+    ]
+    for how, (short, whole) in seen.stopped.items():
+        assert not bool(short.threaded.any())
+        assert bool(whole.threaded.all())
+        assert bool((short.elapsed == whole.elapsed).all())
+        held = how.startswith("holding") and "reach" not in how
+        assert bool((short.grasped == held).all()), how
+    half, whole = seen.stopped["holding still at half of insert"]
+    assert bool(half.lifted.all())
+    away = torch.linalg.vector_norm(half.needle_tip - half.goal, dim=-1)
+    assert float(away.min()) > 0.003
+    assert float(away.max()) < 0.03
+
+
+@pytest.mark.parametrize("task", ["reach", "peg_transfer"])
+def test_every_task_is_stopped_short(task, gates):
+    words = [f"task={task}", "engine.threads=1"]
+    settings = settings_from(composing.compose(words, "check"))
+    few = replace(gates, episodes=1, random_episodes=1, stop_episodes=2)
+    stopped = collect(settings, few).stopped
+    goal = settings.definition.goal
+    assert stopped
+    assert f"holding still at half of {settings.definition.phases[0].name}" in stopped
+    assert all(not bool(getattr(short, goal).any()) for short, _ in stopped.values())
+    assert all(bool(getattr(whole, goal).all()) for _, whole in stopped.values())
 
 
 def test_random_signals_are_wild_but_possible():
@@ -243,6 +314,7 @@ def test_random_signals_are_wild_but_possible():
     [
         ("gates.range=cut", "range: 'cut' is unknown; choose from refuse, clip"),
         ("gates.audit=no", "audit: "),
+        ("gates.stop=no", "stop: 'no' is unknown; choose from flag, refuse"),
         ("gates.episodes=0", "episodes: 0 must be at least 1"),
         ("gates.paid=2", "paid: 2.0 must be at most 1"),
         ("gates.paid_by=0", "paid_by: 0.0 must be positive"),
@@ -261,6 +333,7 @@ QUICK = [
     "gates.episodes=2",
     "gates.random_signals=200",
     "gates.random_episodes=2",
+    "gates.stop_episodes=1",
     "engine.threads=1",
 ]
 

@@ -14,16 +14,22 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.envs.settings import settings_from
 from needlehoop.rewards.written import find
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.runs.reading import read_yaml
+from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.tasks.registry import find as task
 from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers.contract import transcripts
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.tables import totals_of_transcript
-from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.transcript import Exchange, Transcript
 
 CLAUDE = RECORDINGS / "claude"
+RESULTS = CONF.parent / "results/rewards"
+TRAINED = RECORDINGS / "claude_8210a79"
 COVERED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
+SAMPLES = {"text": 3, "image": 2}
+TASKS = {"claude": "needle_hoop", "claude_peg_transfer": "peg_transfer", "claude_reach": "reach"}
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +38,47 @@ def transcript() -> Transcript:
 
 
 def test_the_recordings_that_can_be_replayed():
-    assert transcripts() == {"claude": CLAUDE}
+    assert transcripts() == {name: RECORDINGS / name for name in TASKS}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path, monkeypatch):
+    """A changed prompt, picture or judge of programs fails here until it is asked anew."""
+    monkeypatch.chdir(tmp_path)
+    recorded = Transcript(RECORDINGS / name)
+    asked: list[str] = []
+    answer = Recorder.ask
+
+    def ask(self: Recorder, request: Request, conversation: str) -> Exchange:
+        found = answer(self, request, conversation)
+        assert found.conversation == conversation
+        asked.append(found.sha256)
+        return found
+
+    monkeypatch.setattr(Recorder, "ask", ask)
+    words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
+    words = words[1:] if name == "claude" else words
+    assert main(["vlm", "rank", *words, *(["samples=3"] if name == "claude" else [])]) == 0
+    for flavour, samples in SAMPLES.items() if name == "claude" else ():
+        own = [f"flavour={flavour}", f"samples={samples}", "cams=[dep_front,seg_side]"]
+        assert main(["vlm", "reward", *own, *words]) == 0
+        for file in (CLAUDE / "rewards").glob(f"*/{flavour}*.txt"):
+            made = tmp_path / "results/main/vlm/rewards/dep_front+seg_side" / file.name
+            assert made.read_text() == file.read_text()
+    assert sorted(asked) == sorted(exchange.sha256 for exchange in recorded.exchanges)
+    for file in RECORDINGS.glob(f"{name}/[qra]*.*"):
+        made = tmp_path / "results/main/vlm" / file.name
+        assert made.name == "README.md" or made.read_text() == file.read_text()
+
+
+def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["vlm", "question"]) == 0
+    assert "layouts: " in capsys.readouterr().out
 
 
 def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcript):
-    assert len(transcript.exchanges) == 28
+    assert len(transcript.exchanges) == 35
     shown = set()
     for exchange in transcript.exchanges:
         text = json.dumps(
@@ -54,8 +96,7 @@ def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcr
 def test_it_says_with_which_prompts_it_was_made():
     made_with = prompts.edition(CLAUDE)
     assert made_with is not None
-    assert made_with.commit == "8210a798af59"
-    assert made_with.commit[:7] in (CLAUDE / "README.md").read_text()
+    assert made_with.sha256 == prompts.sha256(task("needle_hoop"))
 
 
 def test_programs_are_those_that_were_answered(transcript):
@@ -64,8 +105,12 @@ def test_programs_are_those_that_were_answered(transcript):
         for exchange in transcript.exchanges
         if exchange.conversation.startswith("reward/")
     }
-    files = {"reward/text": "any/text.txt"}
-    files |= {f"reward/{name}/image": f"{name}/image.txt" for name in COVERED}
+    pair, files = "dep_front+seg_side", {}
+    for number in (1, 2, 3):
+        which, sample = ("", "") if number == 1 else (f"/{number}", f"_{number}")
+        files[f"reward/text{which}"] = f"any/text{sample}.txt"
+        if number <= SAMPLES["image"]:
+            files[f"reward/{pair}/image{which}"] = f"{pair}/image{sample}.txt"
     assert set(answers) == set(files)
     for name, file in files.items():
         assert (CLAUDE / "rewards" / file).read_text().strip() == answers[name].strip()
@@ -86,11 +131,11 @@ def test_tables_are_of_the_transcript(transcript):
 
 
 def test_the_readme_names_the_sets_that_it_covers():
-    said = (CLAUDE / "README.md").read_text()
+    said = (TRAINED / "README.md").read_text()
     for name in COVERED:
         assert f"`{name}`" in said
     assert sorted(COVERED) == sorted(
-        file.parent.name for file in (CLAUDE / "rewards").glob("*/image.txt")
+        file.parent.name for file in (TRAINED / "rewards").glob("*/image.txt")
     )
 
 
@@ -105,27 +150,23 @@ def test_its_text_reward_serves_any_cameras(cams):
 
 @pytest.mark.parametrize("name", COVERED)
 def test_its_image_rewards_are_of_their_cameras(name):
-    source = find(reversed(name.split("+")), "image", "nowhere", "results", "claude")
-    assert Path(source.origin) == CLAUDE / f"rewards/{name}/image.txt"
+    source = find(reversed(name.split("+")), "image", "nowhere", "results", TRAINED.name)
+    assert Path(source.origin) == TRAINED / f"rewards/{name}/image.txt"
+
+
+def test_what_was_trained_on_stays_what_it_was():
+    for kind, flavour in (("vlm_img_claude", "image"), ("vlm_text_claude", "text")):
+        config = read_yaml(RESULTS / f"dep_front+seg_side/{kind}/seed0/config.yaml")["reward"]
+        reward = composing.compose([f"reward={kind}", "cams=[dep_front,seg_side]"], "config")
+        recording = reward["reward"]["recording"]
+        source = find(["dep_front", "seg_side"], flavour, None, "results", recording)
+        assert source.text == config["program"]["text"]
 
 
 def test_a_set_that_it_does_not_cover_is_told_which_it_does():
     said = re.escape(f"(there is {', '.join(sorted(COVERED))})")
     with pytest.raises(ValueError, match=said):
-        find(["rgb_default"], "image", "nowhere", "results", "claude")
-
-
-@pytest.mark.parametrize("flavour", [None, "image", "text"])
-def test_what_the_present_prompts_ask_it_says_of_which_commit_it_is(
-    flavour, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    words = ["rank"] if flavour is None else ["reward", "cams=[dep_front]", f"flavour={flavour}"]
-    quick = [] if flavour is None else ["gates.episodes=1", "gates.random_signals=10"]
-    assert main(["vlm", *words, *quick, "vlm.recording=claude"]) == 2
-    (said,) = [line for line in capsys.readouterr().err.splitlines() if "needlehoop vlm" in line]
-    assert "was recorded with the prompts of commit 8210a798af59, and these are others" in said
-    assert not (tmp_path / "results").exists()
+        find(["rgb_default"], "image", "nowhere", "results", TRAINED.name)
 
 
 def test_an_answered_request_is_found_by_its_name(transcript):
@@ -146,4 +187,7 @@ def test_an_answered_request_is_found_by_its_name(transcript):
 def test_what_can_not_be_replayed_names_what_can(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["vlm", "rank", "vlm.recording=paper"]) == 2
-    assert "name another recording: a folder, or claude" in capsys.readouterr().err
+    assert (
+        "name another recording: a folder, or claude, claude_peg_transfer"
+        in capsys.readouterr().err
+    )

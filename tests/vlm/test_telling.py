@@ -5,20 +5,23 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from vlm_asked import CONFIG, QUESTIONS, RULES, Obliging, everything_said, text_of
 
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.pictures.stills import stages
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.study.data.answers import read_answers
 from needlehoop.tasks.needle_hoop import TASK as NEEDLE_HOOP
 from needlehoop.tasks.registry import find
 from needlehoop.vlm import album, inquiry, prompts
-from needlehoop.vlm.album import Album, states
+from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates, InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
@@ -88,13 +91,16 @@ def test_their_numbers_come_from_the_settings(task, change, said):
     assert said not in before
 
 
-def test_the_first_tasks_edition_is_that_of_the_records_made_so_far():
-    """Its texts were cut in two; what is asked is the same."""
-    assert prompts.sha256(NEEDLE_HOOP).startswith("b35ec17ed988a66e")
+@pytest.mark.parametrize("change", [{"done": "elsewhere"}, {"goal": "gone"}, {"moments": {}}])
+def test_an_edition_is_of_a_task_and_of_all_that_is_said_of_it(change, tmp_path):
     others = {prompts.sha256(find(name)) for name in OTHERS}
     assert len(others | {prompts.sha256(NEEDLE_HOOP)}) == 3
-    told = replace(NEEDLE_HOOP.telling, done="the needle is elsewhere")
-    assert prompts.sha256(replace(NEEDLE_HOOP, telling=told)) != prompts.sha256(NEEDLE_HOOP)
+    # A moment's own question would have no moment.
+    shutil.copytree(NEEDLE_HOOP.telling.texts, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "lifted.txt").unlink()
+    task = replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, texts=tmp_path))
+    told = replace(task, telling=replace(task.telling, **change))
+    assert prompts.sha256(told) != prompts.sha256(task) != prompts.sha256(NEEDLE_HOOP)
 
 
 def test_a_text_too_many_or_too_few_is_named(tmp_path):
@@ -130,7 +136,8 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     s, provider = made(task), Obliging()
     names = [f"{r}_{view}" for r in s.renderings for view in s.views]
     shown = {
-        state: {n: Png(n.encode()) for n in names} for state in (*states(s.definition), "seen")
+        state: {n: Png(n.encode()) for n in names}
+        for state in (*prompts.stages_of(s.definition), "seen")
     }
     monkeypatch.setattr(inquiry, "build_provider", lambda *_: provider)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: Album(shown, 64))
@@ -138,8 +145,8 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     with Inquiry(s, config, CONFIG) as opened:
         found = opened.question(QUESTIONS)
     pegs = task == "peg_transfer"
-    assert list(found["answers"])[3:-1] == (["lifted"] if pegs else [])
-    assert len(provider.asked) == 4 + pegs
+    assert list(found["answers"])[3:-3] == (["lifted"] if pegs else [])
+    assert len(provider.asked) == 6 + pegs
     # Two subtasks, their cameras, what shows the goal (and the moment), the layouts.
     rows = list(csv.DictReader((opened.folder / "questions.csv").read_text().splitlines()))
     asked = [row["question"] for row in rows if " to see that " in row["question"]]
@@ -177,7 +184,19 @@ def test_another_tasks_cheat_is_seen_through():
 
 
 def test_pictures_are_of_the_start_the_tasks_moments_and_the_goal():
-    assert states(NEEDLE_HOOP) == ("start", "grasped", "lifted", "goal")
-    assert states(find("reach")) == ("start", "goal")
+    assert [*prompts.stages_of(NEEDLE_HOOP)] == ["start", "grasped", "lifted", "goal"]
+    assert [*prompts.stages_of(find("reach"))] == ["start", "goal"]
     taken = album._take(replace(made("reach"), image_size=16), 16)
     assert list(taken) == ["start", "goal", album.SEEN]
+
+
+def test_in_the_picture_of_the_goal_the_needle_is_through():
+    """From the side, its sharp end stands out beyond the ring."""
+    s = compose_settings(["engine.threads=1", "cams=[seg_side]", "image_size=256"])
+    image = stages(s, "goal")["goal"]["seg_side"]
+    colours = s.renderings["seg"].colours
+    leftmost = {
+        name: min(np.nonzero((image == np.array(colours[name])[:, None, None]).all(0))[1])
+        for name in ("needle", "hoop")
+    }
+    assert leftmost["needle"] < leftmost["hoop"]

@@ -9,6 +9,8 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import imageio.v2 as imageio
+import numpy as np
 import pytest
 import yaml
 from needle_task import load_reward, random_signals
@@ -101,19 +103,25 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_question_leaves_answers_a_transcript_and_pictures(study):
     found = json.loads((study / "questions.json").read_text())
-    assert list(found["answers"]) == ["subtasks", "suits", "goal", "lifted", "layouts"]
+    assert list(found["answers"]) == [
+        *("subtasks", "suits", "goal", "lifted", "layouts", "layouts_sure", "placements")
+    ]
+    assert {n: len(order["places"]) for n, order in found["answers"]["placements"].items()} == {
+        "1": 3,
+        "2": 3,
+    }
     assert found["answers"]["goal"]["view"] in ("default", "front", "side")
     assert found["answers"]["goal"]["view_reason"]
     assert found["models"] == ["gemini gemini-test-001"]
     assert found["totals"] == {
-        "prompts": 6,
-        "tokens_in": 600,
-        "tokens_out": 90,
+        "prompts": 8,
+        "tokens_in": 800,
+        "tokens_out": 120,
         "prompts_without_token_count": 0,
         "invalid_answers": 1,
     }
     lines = lines_of(study / "transcript.jsonl")
-    assert [line["conversation"] for line in lines] == ["question"] * 6
+    assert [line["conversation"] for line in lines] == ["question"] * 8
     assert lines[0]["attempts"] == [429, 500, 200]
     assert lines[0]["sampling"] == {"temperature": 2.0, "max_output_tokens": 16384}
     pictures = json.loads((study / "pictures.json").read_text())["pictures"]
@@ -125,6 +133,8 @@ def test_question_leaves_answers_a_transcript_and_pictures(study):
                 # The agent's 64 pixels are more than these; none of them is left out.
                 side = 64 if state == "seen" else 16
                 wide = 2 * side + 1 if camera.startswith("dep_") else side
+                # Two stages stand side by side.
+                wide = 2 * wide + 1 if state == "seen" else wide
                 assert image.size == (wide, side)
     # Things moved, and a depth picture is no colour picture.
     assert pictures["start"]["rgb_front"] != pictures["goal"]["rgb_front"]
@@ -154,7 +164,7 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
     assert len(server.requests) == asked
     # Of the last command, which was refused nothing, and of all that was asked.
     assert "this:       1 prompts, 115 tokens (100 in, 15 out), 0 invalid answers" in said
-    assert f"transcript: {6 + 3 + 5 + 3 + 3} prompts" in said
+    assert f"transcript: {8 + 3 + 7 + 3 + 3} prompts" in said
     assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in said
     before, after = contents(study), contents(Path("results/again/vlm"))
     assert set(after) == {
@@ -175,10 +185,10 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
 
 def test_rank_goes_on_from_the_questioning(study, words, server):
     assert main(["vlm", "rank", *words]) == 0
-    # The six answers of the questioning are on record: three lists are all that is asked.
+    # The eight answers of the questioning are on record: three lists are all that is asked.
     assert len(server.requests) == 3
     turns = [len(body["contents"]) for body in server.requests]
-    assert turns == [13, 15, 17]
+    assert turns == [17, 19, 21]
     found = json.loads((study / "rankings.json").read_text())
     assert [len(entry["combinations"]) for entry in found["lists"]] == [5, 5, 6]
     for entry in found["lists"]:
@@ -186,7 +196,7 @@ def test_rank_goes_on_from_the_questioning(study, words, server):
         assert [place["name"] for place in places] == entry["combinations"]
         assert all(place["reason"] for place in places)
         assert entry["agreement"] is None
-    assert found["totals"]["prompts"] == 9
+    assert found["totals"]["prompts"] == 11
 
 
 def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, words, server):
@@ -199,14 +209,48 @@ def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, 
     server.otherwise = reversed_from_the_second
     own = "lists=[[rgb_default,dep_front+seg_side,seg_side],[rgb_front,rgb_side]]"
     assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
-    # Two lists, then five questions (none goes wrong this time) and two lists.
-    assert len(server.requests) == 2 + 5 + 2
+    # Two lists, then seven questions (none goes wrong this time) and two lists.
+    assert len(server.requests) == 2 + 7 + 2
     assert len(server.requests[2]["contents"]) == 1
     found = json.loads((study / "rankings.json").read_text())
     assert [entry["agreement"]["tau_b"] for entry in found["lists"]] == [-1.0, -1.0]
     assert found["lists"][0]["agreement"]["same_top"] == 0.5
     names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")]
-    assert names == ["question"] * 6 + ["rank"] * 2 + ["rank/2"] * 7
+    assert names == ["question"] * 8 + ["rank"] * 2 + ["rank/2"] * 9
+
+
+@pytest.mark.parametrize("how", ["afresh", "names", "nothing"])
+def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words, server, how):
+    chosen = "afresh=true" if how == "afresh" else f"vlm.told={how}"
+    own = [chosen, "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]", "samples=2"]
+    before = contents(study)
+    assert main(["vlm", "rank", *words, *own]) == 0
+    assert [len(body["contents"]) for body in server.requests] == [1] * 4
+    shown = [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
+    # The cameras of a list, at four stages and as the agent sees them.
+    assert shown == [3 * 5, 2 * 5] * 2
+    names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")[8:]]
+    assert names == [f"rank_{how}/{name}" for name in ("1", "2", "1/2", "2/2")]
+    found = json.loads((study / f"rankings_{how}.json").read_text())
+    assert [entry["sure"] for entry in found["lists"]] == [[[0.75]] * 2] * 2
+    assert found["totals"]["prompts"] == 4
+    assert not (study / "rankings.json").exists()
+    # The questioning stays, and what was asked is found again.
+    assert before["questions.json"] == contents(study)["questions.json"]
+    assert main(["vlm", "rank", "size=16", *own]) == 0
+    assert len(server.requests) == 4
+
+
+def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(study, words, server):
+    server.script[:] = ['{"task": "to pick"}', *programs("import os", 3)]
+    assert main(["vlm", "reward", *words, CAMS, "vlm.told=nothing"]) == 0
+    assert [len(body["contents"]) for body in server.requests] == [1, 3, 5]
+    rows = lines_of(study / "rewards/dep_front+seg_side/image.attempts.jsonl")
+    assert [row["accepted"] for row in rows] == [False, False, True]
+    assert [row["program"] for row in rows] == [None, "import os\n", "reward = 3\n"]
+    assert rows[0]["answer"] == '{"task": "to pick"}'
+    names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")[8:]]
+    assert names == ["reward/dep_front+seg_side/image/nothing"] * 3
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -226,11 +270,13 @@ def test_answers_are_tables_too(study, words, server):
     assert best["reason"] == answers["suits"]["second"]["view_reason"]
     ranked = rows_of(study / "rankings.csv")
     assert len(ranked) == 2 * (2 + 2)
+    assert ranked[0]["sure"] == "0.75"
     assert ranked[1] == {
         "list": "1",
         "sample": "1",
         "place": "2",
         "cameras": "dep_front+seg_side",
+        "sure": "",
         "reason": "because of dep_front+seg_side",
     }
     assert rows_of(study / "agreement.csv")[1] == {
@@ -241,7 +287,7 @@ def test_answers_are_tables_too(study, words, server):
     }
     costs = rows_of(study / "totals.csv")
     assert [row["conversation"] for row in costs] == ["question", "rank", "rank/2", "all"]
-    assert [row["prompts"] for row in costs] == ["6", "2", "7", "15"]
+    assert [row["prompts"] for row in costs] == ["8", "2", "9", "19"]
 
 
 def test_a_ranking_that_is_no_permutation_goes_back(study, words, server):
@@ -260,13 +306,13 @@ def test_overwrite_asks_anew_and_keeps_what_there_was(study, words, server):
     assert server.requests == []
     assert contents(study) == before
     assert main(["vlm", "question", *words, "overwrite=true"]) == 0
-    assert len(server.requests) == 5
+    assert len(server.requests) == 7
     after = contents(study)
     assert after["transcript.1.jsonl"] == before["transcript.jsonl"]
     assert after["questions.1.json"] == before["questions.json"]
     assert after["rankings.1.json"] == before["rankings.json"]
     assert "rankings.json" not in after
-    assert after["transcript.jsonl"].count(b"\n") == 5
+    assert after["transcript.jsonl"].count(b"\n") == 7
 
 
 def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
@@ -277,8 +323,7 @@ def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
         sum("inlineData" in part for part in body["contents"][0]["parts"])
         for body in server.requests
     ]
-    # The last of the three is as the agent sees it.
-    assert shown == [3, 0]
+    assert shown == [2, 0]
     folder = study / "rewards/dep_front+seg_side"
     assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
     (row,) = lines_of(folder / "image.attempts.jsonl")
@@ -409,6 +454,66 @@ def test_sets_can_be_listed_and_one_that_fails_is_named(study, words, server, ca
     assert len(server.requests) == 3
 
 
+def trained_run(folder: Path, tmp: Path) -> Path:
+    """A run's files: a program, two terms, a film."""
+    folder.mkdir(parents=True)
+    origin = str(tmp / "results/main/vlm/rewards/dep_front+seg_side/text.txt")
+    reward = {"kind": "vlm_text", "program": {"text": GOOD, "origin": origin}}
+    (folder / "config.yaml").write_text(yaml.safe_dump({"reward": reward}))
+    rows = [f"{n},{1000 * n},{n / 7},{n / 5},0.25,0.5" for n in range(1, 31)]
+    head = "update,step,return,term_near,success,threaded"
+    (folder / "metrics.csv").write_text("\n".join([head, *rows]) + "\n")
+    with imageio.get_writer(folder / "video.mp4", fps=10) as film:  # pyright: ignore
+        for number in range(30):
+            film.append_data(np.full((64, 96, 3), 8 * number, np.uint8))
+    return folder
+
+
+# imageio-ffmpeg leaves its pipes for the garbage collector to close.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, capsys):
+    run = trained_run(tmp_path / "run", tmp_path.resolve())
+    first = json.dumps({"explanation": "so", "program": GOOD})
+    better = json.dumps({"explanation": "more", "program": "reward = 9 if lifted else 0"})
+    server.script[:] = [first]
+    assert main(["vlm", "reward", CAMS, "flavour=text", *words]) == 0
+    server.script[:] = [better]
+    assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={run}", *words]) == 0
+    asked = json.dumps(server.requests[-1])
+    assert "reward = 9 if grasped else 0" in asked
+    assert "step, return, near, done" in asked
+    assert "1000, 0.143, 0.2, 0.25" in asked
+    assert "30000, 4.29, 6, 0.25" in asked
+    assert "threaded" not in asked
+    assert asked.count("image/png") == 6
+    place = study / "rewards/dep_front+seg_side"
+    assert "lifted" in (place / "text_2.txt").read_text()
+    assert (place / "text.txt").read_text() == GOOD
+    (origin,) = json.loads((place / "text_2.descent.json").read_text())["line"]
+    assert origin["run"] == str(run)
+    assert origin["program"].endswith("text.txt")
+    # The next in line names both.
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    config["reward"]["program"] = {"text": "reward = 3\n", "origin": str(place / "text_2.txt")}
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    (run / "video.mp4").unlink()
+    server.script[:] = [first]
+    assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={run}", *words]) == 0
+    assert "There is no film" in json.dumps(server.requests[-1])
+    line = json.loads((place / "text_3.descent.json").read_text())["line"]
+    assert [Path(one["program"]).name for one in line] == ["text.txt", "text_2.txt"]
+
+
+def test_only_a_run_that_a_program_paid_is_revised(study, words, server, tmp_path, capsys):
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "config.yaml").write_text("reward: {kind: human}\n")
+    for folder, said in ((run, "was trained on no program"), (tmp_path, "is no run")):
+        assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={folder}", *words]) == 2
+        assert said in capsys.readouterr().err
+    assert server.requests == []
+
+
 def test_a_refusal_is_said(study, words, server, capsys):
     server.script[:] = [{"refusal": "PROHIBITED_CONTENT"}]
     assert main(["vlm", "reward", *words, CAMS]) == 2
@@ -420,7 +525,7 @@ def test_a_line_cut_off_is_reported_by_name(study, capsys):
     path = study / "transcript.jsonl"
     path.write_bytes(path.read_bytes() + b'{"sha2')
     assert main(["vlm", "question", "size=16"]) == 0
-    assert f"{path}: line 7 is cut off" in capsys.readouterr().err
+    assert f"{path}: line 9 is cut off" in capsys.readouterr().err
 
 
 def test_any_openai_compatible_server_can_be_asked(study, server):
@@ -442,7 +547,12 @@ def test_any_openai_compatible_server_can_be_asked(study, server):
         (["rank", "size=16"], "no recorded request is this one"),
         (["rank", "lists=[[rgb_default,rgb_top]]"], "default, front, side"),
         (["rank", "samples=0"], "samples: 0"),
-        (["question", "study=nothing"], "nothing is recorded in results/nothing/vlm"),
+        (["question", "vlm.recording=none"], "nothing is recorded in none/transcript.jsonl"),
+        (["question", "vlm.told=little"], "vlm.told: 'little' is unknown; choose from full, names"),
+        (["question", "vlm.told=names"], "vlm.told: 'names' is for rankings and rewards"),
+        (["reward", CAMS, "flavour=text", "vlm.told=nothing"], "nothing goes with flavour=image"),
+        (["question", "size=16", "disturb=mild"], "disturb: a model is told that its pictures"),
+        (["reward", CAMS, "size=16", "disturb=mild"], "choose disturb=none"),
         (["question", "study=../x"], "study: '../x'"),
         (["question", "shown=[rgb,xray]"], "'xray' is unknown; choose from"),
         (["question", "attempts=0"], "attempts: 0"),

@@ -66,16 +66,16 @@ def test_a_process_answers_a_questioning_and_two_rankings(capsys):
     with somebody_answers():
         assert main(["vlm", "rank", *WORDS, own, "samples=2"]) == 0
     exchanges = lines()
-    assert len(exchanges) == 2 * 6
+    assert len(exchanges) == 2 * 8
     assert {e["answered_by"] for e in exchanges} == {"somebody"}
     assert {e["provider"] for e in exchanges} == {"manual"}
     assert {tuple(e["attempts"]) for e in exchanges} == {("by hand",)}
     assert all(isinstance(json.loads(e["answer"]), dict) for e in exchanges)
     # The second sample's first question is the first one's again: a folder of its own.
-    first, again = exchanges[0], exchanges[6]
+    first, again = exchanges[0], exchanges[8]
     assert first["sha256"] == again["sha256"]
     done = sorted(path.name for path in (VLM / "answered").iterdir())
-    assert [name.partition("_")[0] for name in done] == [f"{i:03d}" for i in range(1, 13)]
+    assert [name.partition("_")[0] for name in done] == [f"{i:03d}" for i in range(1, 17)]
     assert [n.partition("_")[2] for n in done] == [e["sha256"][:16] for e in exchanges]
     assert list((VLM / "asked").iterdir()) == []
     told = [line for line in capsys.readouterr().err.splitlines() if "vlm=manual" in line]
@@ -90,10 +90,10 @@ def test_what_is_asked_can_be_read_and_its_pictures_found():
     place = question()
     text = (place / "request.md").read_text()
     named = [line[9:15] for line in text.splitlines() if line.startswith("[picture ")]
-    assert named == [f"{i:02d}.png" for i in range(1, 5)]
+    assert named == [f"{i:02d}.png" for i in range(1, 13)]
     assert sorted(path.name for path in place.glob("*.png")) == named
     assert "rgb_side, start:\n\n[picture 03.png]" in text
-    assert "64 x 64 pixels (enlarged):\n\n[picture 04.png]" in text
+    assert "rgb_side, goal:\n\n[picture 12.png]" in text
     schema = json.loads((place / "schema.json").read_text())
     assert json.dumps(schema, indent=2) in text
     assert "What was said before" not in text

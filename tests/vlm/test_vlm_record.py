@@ -346,8 +346,8 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     assert papers_totals() == "25 prompts, 14137 tokens"
 
 
-def places(*names: str) -> str:
-    return json.dumps({"places": [{"name": name, "reason": "r"} for name in names]})
+def places(*names: str, sure: tuple[float, ...] = (0.9, 0.5)) -> str:
+    return json.dumps({"places": [{"name": name, "reason": "r"} for name in names], "sure": sure})
 
 
 def test_a_ranking_is_a_permutation_of_its_list():
@@ -363,6 +363,14 @@ def test_a_ranking_is_a_permutation_of_its_list():
     ]:
         with pytest.raises(ValidationError, match=said):
             form.model_validate_json(places(*wrong))
+
+
+@pytest.mark.parametrize("sure", [(), (0.9,), (0.9, 0.49), (0.9, 1.01), (0.9, 0.5, 0.5)])
+def test_a_ranking_says_how_sure_each_place_is(sure):
+    form = ranking(["a", "b", "c"])
+    assert form.model_validate_json(places("b", "a", "c")).model_dump()["sure"] == [0.9, 0.5]
+    with pytest.raises(ValidationError, match=r"it must be 2 numbers from 0\.5 to 1"):
+        form.model_validate_json(places("b", "a", "c", sure=sure))
 
 
 def test_a_choice_is_among_what_was_shown():

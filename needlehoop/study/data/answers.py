@@ -12,10 +12,17 @@ from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.study.data.records import LeftOut
 
 QUESTIONS, RANKINGS = "questions.json", "rankings.json"
+LESS = {
+    "afresh": "rankings_afresh.json",
+    "only names told": "rankings_names.json",
+    "nothing told": "rankings_nothing.json",
+}
+"""Rankings that do not follow the questions on cameras; by how they were asked for."""
+
 VLM = "vlm"
 """Where a study keeps them."""
 
-_NO_FACTS = ("subtasks", "suits", "goal", "layouts")
+_NO_FACTS = ("subtasks", "suits", "goal", "layouts", "layouts_sure", "placements")
 """Answers that every task has; the others are each about a fact."""
 
 
@@ -36,6 +43,8 @@ class Ranking:
     """Place by camera set, the best (lowest) first; a mean where the model was asked repeatedly."""
     reasons: Mapping[str, str]
     """By camera set; empty where none were given."""
+    sure: tuple[tuple[str, str, float], ...] = ()
+    """Of neighbours in an order, the better one, the other, and the stated probability of that."""
 
 
 @dataclass(frozen=True)
@@ -48,21 +57,24 @@ class Answers:
     rankings: tuple[Ranking, ...] = ()
 
 
-def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[LeftOut]]:
+def read_answers(
+    folder: Path, within: str = VLM, rankings: str = RANKINGS
+) -> tuple[Answers | None, list[LeftOut]]:
     """A study's answers, as ``needlehoop vlm question`` and ``rank`` write them.
 
     Args:
         folder: the study's.
         within: the folder in it that has the files.
+        rankings: the file of the rankings.
 
     Returns:
         The answers, or ``None`` where there are none that can be read; what was left out.
     """
     left_out: list[LeftOut] = []
     questions: tuple[Answer, ...] = ()
-    rankings: tuple[Ranking, ...] = ()
+    ranked: tuple[Ranking, ...] = ()
     models: list[str] = []
-    for name in (Path(within) / QUESTIONS, Path(within) / RANKINGS):
+    for name in (Path(within) / QUESTIONS, Path(within) / rankings):
         if not (folder / name).exists():
             continue
         try:
@@ -71,13 +83,13 @@ def read_answers(folder: Path, within: str = VLM) -> tuple[Answers | None, list[
                 asked = _part(found, "asked", dict) if "asked" in found else {}
                 questions = as_rows(_part(found, "answers", dict), asked)
             else:
-                rankings = tuple(_ranking(entry) for entry in _part(found, "lists", list))
+                ranked = tuple(_ranking(entry) for entry in _part(found, "lists", list))
             models += [model for model in _part(found, "models", list) if model not in models]
         except UnreadableError as error:
             left_out.append(LeftOut(name, str(error)))
-    if not questions and not rankings:
+    if not questions and not ranked:
         return None, left_out
-    return Answers(", ".join(map(str, models)), questions, rankings), left_out
+    return Answers(", ".join(map(str, models)), questions, ranked), left_out
 
 
 def as_rows(
@@ -110,6 +122,12 @@ def as_rows(
     layouts = _ranked(_part(answers, "layouts", list))
     best = next(iter(layouts))
     said.append(Answer("Best combination of views", best.replace("_", " "), layouts[best]))
+    placements = _part({"placements": {}, **answers}, "placements", dict)
+    for count, how_many in (("1", "one camera"), ("2", "two cameras")):
+        if count in placements:
+            places = _ranked(_part(_part(placements, count, dict), "places", list))
+            best = next(iter(places))
+            said.append(Answer(f"Best placement of {how_many}", best, places[best]))
     return tuple(said)
 
 
@@ -129,13 +147,27 @@ def _ranking(entry: Any) -> Ranking:
     if not isinstance(entry, dict):
         raise UnreadableError("has an entry of lists without keys")
     samples = [_ranked(sample) for sample in _part(entry, "rankings", list)]
+    stated = _part(entry, "sure", list) if "sure" in entry else [[]] * len(samples)
+    if len(stated) != len(samples) or not all(isinstance(own, list) for own in stated):
+        raise UnreadableError("has other probabilities than those of its rankings")
     if not samples or any(set(sample) != set(samples[0]) for sample in samples):
         raise UnreadableError("has rankings of one list that differ in what they rank")
     orders = [list(sample) for sample in samples]
     means = {
         name: sum(order.index(name) + 1 for order in orders) / len(orders) for name in orders[0]
     }
-    return Ranking(dict(sorted(means.items(), key=lambda item: item[1])), samples[0])
+    sure = tuple(
+        (first, second, _probability(own))
+        for order, probabilities in zip(orders, stated, strict=True)
+        for first, second, own in zip(order, order[1:], probabilities, strict=False)
+    )
+    return Ranking(dict(sorted(means.items(), key=lambda item: item[1])), samples[0], sure)
+
+
+def _probability(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
+        raise UnreadableError("has a probability that is none")
+    return float(value)
 
 
 def _ranked(places: Sequence[Any]) -> dict[str, str]:

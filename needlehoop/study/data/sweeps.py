@@ -91,9 +91,10 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
     pairs = [_pair(word) for word in words]
     folders = [CONF, *(_folder(path) for key, path in pairs if key == _OWN)]
     given = {key: value for key, value in pairs if key != _OWN}
-    own = {"cams": "", "reward": HUMAN, "seed": "0"}
+    own, views = {"cams": "", "reward": HUMAN, "seed": "0"}, list[str]()
     if "experiment" in given:
-        own |= _experiment(given.pop("experiment"), folders)
+        params, views = _experiment(given.pop("experiment"), folders)
+        own |= params
     own |= given
     algo = own.pop("algo", PPO)
     taught = algo == DAGGER
@@ -104,7 +105,7 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
         chosen = [(name.split("+"), reward) for name, _, reward in named]
     else:
         chosen = [*product(_camera_sets(cams), [one.strip() for one in rewards.split(",")])]
-    _check(chosen, folders)
+    _check(chosen, folders, views)
     own.setdefault("steps", _steps(algo))
     given_label = own.pop("label", None)
     for key in _NO_SETTINGS:
@@ -150,8 +151,8 @@ def _folder(path: str) -> Path:
     return folder
 
 
-def _experiment(name: str, folders: Sequence[Path]) -> dict[str, str]:
-    """What an experiment's file sweeps over, and the values that it sets."""
+def _experiment(name: str, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
+    """What an experiment's file sweeps over with the values that it sets, and its own views."""
     files = {
         option: read_yaml(folder / f"experiment/{option}.yaml")
         for folder in folders
@@ -161,9 +162,12 @@ def _experiment(name: str, folders: Sequence[Path]) -> dict[str, str]:
     valid = {option: values for option, values in files.items() if "hydra" in values}
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    chosen = {key: value for key, value in valid[name].items() if key not in _NO_SETTINGS}
+    views = list(valid[name].get("views", ()))
+    left = (*_NO_SETTINGS, "views")
+    chosen = {key: value for key, value in valid[name].items() if key not in left}
     swept = valid[name]["hydra"]["sweeper"]["params"]
-    return {**typed_settings(chosen), **{key.lstrip("+"): str(swept[key]) for key in swept}}
+    params = {**typed_settings(chosen), **{key.lstrip("+"): str(swept[key]) for key in swept}}
+    return params, views
 
 
 def _steps(algo: str) -> str:
@@ -195,10 +199,12 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _check(pairs: Iterable[tuple[Sequence[str], str]], folders: Sequence[Path]) -> None:
+def _check(
+    pairs: Iterable[tuple[Sequence[str], str]], folders: Sequence[Path], views: Iterable[str]
+) -> None:
     """Checks that cameras and rewards exist; a typing error would count as missing for ever."""
-    parts = (_options(group, folders) for group in ("rendering", "view"))
-    cameras = [f"{r}_{v}" for r, v in product(*parts)]
+    known = [*_options("view", folders), *views]
+    cameras = [f"{r}_{v}" for r, v in product(_options("rendering", folders), known)]
     named = [*pairs]
     if not named:
         raise ValueError("cams: give experiment=… or cams=…, such as cams=[dep_front,seg_side]")

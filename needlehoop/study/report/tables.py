@@ -451,18 +451,20 @@ def agreements(findings: StudyFindings) -> Table:
                 missing = len(members - set(values))
                 if not missing:
                     both.append((scores, {cameras: values[cameras] for cameras in members}))
-                    said = _agreed(agreement(*both[-1]))
+                    brier = one.brier(members, values)
+                    said = (*_agreed(agreement(*both[-1])), brier)
                 elif truth == MEASURED:
-                    said = (*[None] * 6, f"{missing} of {len(members)} not measured")
+                    said = (*[None] * 6, f"{missing} of {len(members)} not measured", None)
                 else:
                     continue
                 rows.append((one.who, truth, list_name(members), *said))
             if len(both) > 1:
-                rows.append((one.who, truth, "all lists", *_agreed(pooled(both))))
+                rows.append((one.who, truth, "all lists", *_agreed(pooled(both)), None))
     columns = (
         Column("prediction"), Column("against"), Column("list"), Column("tau-b", form=".2f"),
         Column("p of tau-b", form="p"), Column("rho", form=".2f"), Column("p of rho", form="p"),
         Column("best found"), Column("worst found"), Column("regret", form=".2f"),
+        Column("Brier", form=".2f"),
     )  # fmt: skip
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
@@ -470,6 +472,13 @@ def agreements(findings: StudyFindings) -> Table:
         " lost by taking the predicted best; against imitation, the share of successes. All lists:"
         " means, with p by orders drawn for each list by itself."
     )
+    if all(row[-1] is None for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    else:
+        note += (
+            " Brier: mean squared error of the probabilities that a model stated for neighbours in"
+            " its order; 0.25 is that of knowing nothing."
+        )
     return Table("agreement", "Agreement of predictions", columns, tuple(rows), note)
 
 

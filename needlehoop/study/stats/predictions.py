@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from needlehoop.runs.files import EXPERT
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
-from needlehoop.study.data.answers import Answers, read_answers
+from needlehoop.study.data.answers import LESS, VLM, Answers, read_answers
 from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import Final, final
 from needlehoop.study.stats.statistics import estimate, rate
@@ -39,6 +39,20 @@ class Prediction:
 
     who: str
     lists: Mapping[frozenset[str], Mapping[str, float]]
+    sure: Mapping[frozenset[str], Sequence[tuple[str, str, float]]] = field(default_factory=dict)
+    """Of pairs of a list's sets, the better one, the other, and the stated probability of that."""
+
+    def brier(self, members: Iterable[str], measured: Mapping[str, float]) -> float | None:
+        """Mean squared error of a list's stated probabilities; ``None`` where there are none.
+
+        0 is perfect, and 0.25 is what 0.5 for every pair gets. Equal measurements count half.
+        """
+        pairs = self.sure.get(frozenset(members), ())
+        errors = [
+            (p - (0.5 + 0.5 * (measured[a] > measured[b]) - 0.5 * (measured[a] < measured[b]))) ** 2
+            for a, b, p in pairs
+        ]
+        return sum(errors) / len(errors) if errors else None
 
     def places(self, members: Iterable[str]) -> dict[str, float]:
         """Places in a list by cameras, 1 the best, ties at their mean; empty if not ranked."""
@@ -62,8 +76,19 @@ def recorded_answers() -> tuple[Answers, ...]:
         answers, left_out = read_answers(folder, ".")
         if answers is None or left_out:
             raise ValueError(f"{folder}: {'; '.join(map(str, left_out))}")
-        found.append(Answers(folder.name, answers.questions, answers.rankings))
+        found.append(replace(answers, source=folder.name))
     return tuple(found)
+
+
+def _asked_otherwise(who: str, folder: Path, within: str) -> tuple[list[Prediction], list[LeftOut]]:
+    """Rankings of the same model that were asked for in other ways."""
+    found, left_out = [], []
+    for how, name in LESS.items():
+        answers, unread = read_answers(folder, within, name)
+        left_out += [one for one in unread if one.path.name == name]
+        if answers is not None and answers.rankings:
+            found.append(said(f"{who}, {how}", answers))
+    return found, left_out
 
 
 def predictions(
@@ -86,16 +111,21 @@ def predictions(
     Returns:
         The predictions, and what could not be read.
     """
-    found = []
+    found: list[Prediction] = []
+    left_out: list[LeftOut] = []
     if papers:
         found = [said(PAPERS_VLM, paper.answers())]
-        found += [said(answers.source, answers) for answers in recorded_answers()]
-    if own is not None and own.rankings:
-        mine = said(OWN_VLM, own)
-        # A study that replays a recording says nothing that is not there already.
-        if all(mine.lists != other.lists for other in found):
-            found.append(mine)
-    left_out = []
+        for answers in recorded_answers():
+            otherwise, unread = _asked_otherwise(answers.source, RECORDINGS / answers.source, ".")
+            found += [said(answers.source, answers), *otherwise]
+            left_out += unread
+    mine = [] if own is None or not own.rankings else [said(OWN_VLM, own)]
+    if measured is not None:
+        otherwise, unread = _asked_otherwise(OWN_VLM, results / measured, VLM)
+        mine += otherwise
+        left_out += unread
+    # A study that replays a recording says nothing that is not there already.
+    found += [one for one in mine if all(one.lists != other.lists for other in found)]
     if not papers:
         return tuple(found), left_out
     if (results / _PROBE).exists():
@@ -127,6 +157,7 @@ def said(who: str, answers: Answers) -> Prediction:
             frozenset(ranking.places): {name: -place for name, place in ranking.places.items()}
             for ranking in answers.rankings
         },
+        {frozenset(ranking.places): ranking.sure for ranking in answers.rankings},
     )
 
 

@@ -28,6 +28,7 @@ def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
         "hoop_away": round(1000 * math.dist((x, y), layout.needle_position)),
         "tool_away": round(1000 * math.dist(layout.tool_position, pickup)),
         "side": "in front of" if layout.needle_position[1] < y else "behind",
+        "hand": "to the right" if layout.needle_position[0] > x else "to the left",
         "pickup": f"{100 * layout.needle_pickup:g}",
         "grasped": grasped(rules, "needle"),
         "lift_radius": millimetres(rules.lift_radius),
@@ -47,9 +48,12 @@ def sharp_end_is_nearer(layout: NeedleLayout) -> bool:
 TELLING = Telling(
     texts=Path(__file__).parent / "prompts",
     values=values,
-    goal="the needle is in the hoop",
+    goal="the needle is through the hoop",
     done="the needle is where it has to be",
     front="the hoop",
-    moments={"grasped": "the needle has been grasped", "lifted": "the needle is lifted"},
+    moments={
+        "grasped": "the needle has just been grasped",
+        "lifted": "the needle is lifted",
+    },
     painted={"hoop": "the rod under the ring counts as hoop, the rest of its stand as all else"},
 )

@@ -50,5 +50,5 @@ TELLING = Telling(
     goal="the block stands over the marked peg and has been let go",
     done="the block is where it has to be",
     front="the board",
-    moments={"grasped": "the block has been grasped", "lifted": "the block is lifted"},
+    moments={"grasped": "the block has just been grasped", "lifted": "the block is lifted"},
 )

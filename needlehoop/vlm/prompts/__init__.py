@@ -73,12 +73,10 @@ def texts(task: Task) -> dict[str, str]:
     odd = sorted({*_INTO} - {*own} | {*own} - {*_INTO, *telling.moments})
     if odd:
         raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
-    stages = [said for fact, said in telling.moments.items() if fact not in own]
     words = {
         **{f"task_{name}": own.pop(name).strip() for name in _INTO},
         "goal": telling.goal,
         "done": telling.done,
-        "moments": "".join(f", at the moment when {said}" for said in stages),
     }
     general = {
         name: Template(text).safe_substitute(words)
@@ -91,6 +89,12 @@ def questioned(task: Task) -> dict[str, str]:
     """The moments of which a question of its own asks what shows them best; what is so then."""
     own = texts(task)
     return {fact: so for fact, so in telling_of(task).moments.items() if fact in own}
+
+
+def stages_of(task: Task) -> dict[str, str]:
+    """The stages of an episode that are pictured, in order, and what is so in each."""
+    telling = telling_of(task)
+    return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
 
 
 def _names() -> list[str]:
@@ -118,9 +122,10 @@ class Edition:
 
 
 def sha256(task: Task) -> str:
-    """The hash of all prompts for a task, names included."""
+    """The hash of all prompts for a task and of the stages that they show, names included."""
     digest = hashlib.sha256()
-    for name, text in sorted((f"{name}.txt", text) for name, text in texts(task).items()):
+    said = {f"{name}.txt": text for name, text in texts(task).items()} | stages_of(task)
+    for name, text in sorted(said.items()):
         digest.update(f"{name}\0{text}\0".encode())
     return digest.hexdigest()
 

@@ -13,6 +13,7 @@ from needlehoop.config.strict import Range
 from needlehoop.runs.reading import printable
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.messages import Request
+from needlehoop.vlm.transcript import TRANSCRIPT
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,26 @@ class ProviderError(RuntimeError):
         return self.status in ("timeout", "unreadable")
 
 
+DEFAULT = "claude"
+"""The shipped recording that is replayed if no other is named."""
+
+
 def transcripts() -> dict[str, Path]:
     """The shipped recordings that can be replayed, by name."""
-    return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob("*/transcript.jsonl"))}
+    return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob(f"*/{TRANSCRIPT}"))}
+
+
+class _OneOf(tuple[str, ...]):
+    """The values that a text may have."""
+
+    def check(self, value: str) -> None:
+        """Raises ``ValueError`` for another."""
+        if value not in self:
+            raise ValueError(f"{value!r} is unknown; choose from {', '.join(self)}")
+
+
+Told = Annotated[str, _OneOf(("full", "names", "nothing"))]
+"""How much a model is told of the task when it ranks cameras or writes a reward."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +81,15 @@ class ReplayConfig:
 
     kind: str
     recording: str | None
-    """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own."""
+    """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own where
+    it has one, else ``DEFAULT``."""
+    told: Told = "full"
 
     def folder(self, own: Path) -> Path:
         """The folder of the answers; ``own`` is the study's."""
-        if self.recording is None:
-            return own
         shipped = transcripts()
+        if self.recording is None:
+            return own if (own / TRANSCRIPT).exists() else shipped[DEFAULT]
         return shipped[self.recording] if self.recording in shipped else Path(self.recording)
 
 
@@ -91,6 +111,7 @@ class LiveConfig:
     first_wait: Annotated[float, Range(0.0, 86_400.0)]
     """Seconds before the second try; they double with each further one."""
     longest_wait: Annotated[float, Range(0.0, 86_400.0)]
+    told: Told = "full"
 
     def __post_init__(self) -> None:
         if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
@@ -141,6 +162,7 @@ class ManualConfig:
     """Seconds to wait for an answer; ``None`` waits for ever."""
     poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
     """Seconds between two looks for it."""
+    told: Told = "full"
 
     tries: ClassVar[int] = 1
     first_wait: ClassVar[float] = 0.0

@@ -1,0 +1,160 @@
+"""Any camera sets, and pictures of a real bench: ranked in groups, put together."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from PIL import Image
+from vlm_server import KEY, Server, by_schema, serve
+
+from needlehoop.cli.main import main
+from needlehoop.config import composing
+from needlehoop.envs.settings import settings_from
+from needlehoop.runs.shipped import CONF
+from needlehoop.study.data.sweeps import planned
+from needlehoop.vlm.grouping import deal, rank_groups, strengths
+
+NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
+HOW: Any = SimpleNamespace(group=5, rounds=4)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    with serve() as server:
+        yield server
+
+
+@pytest.fixture
+def words(server: Server, tmp_path, monkeypatch) -> list[str]:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GEMINI_API_KEY", KEY)
+    server.script.clear()
+    server.requests.clear()
+    server.otherwise = by_schema
+    return ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
+
+
+def by_number(number: int, names: Sequence[str]) -> dict:
+    """Ranks as the names count."""
+    order = sorted(names)
+    return {
+        "places": [{"name": name, "reason": f"question {number}"} for name in order],
+        "sure": [0.9] * (len(order) - 1),
+    }
+
+
+def test_each_name_is_asked_about_once_a_round():
+    groups = deal(NAMES, 5, 4)
+    assert [len(group) for group in groups] == [5] * 16
+    assert set(Counter(name for group in groups for name in group).values()) == {4}
+    assert groups == deal(NAMES, 5, 4)
+    assert groups[:4] != groups[4:8]
+    assert sorted(map(len, deal(NAMES[:11], 5, 1))) == [3, 4, 4]
+    assert deal(NAMES[:5], 5, 4) == [NAMES[:5]]
+
+
+def test_a_long_list_is_put_in_the_order_of_its_groups():
+    found = rank_groups(by_number, NAMES[::-1], HOW)
+    order = [place["name"] for place in found["rankings"][0]]
+    misplaced = sum(a > b for a, b in combinations(order, 2))
+    assert misplaced < 19, order
+    assert order[0] == "rgb_p01"
+    assert order[-1] == "rgb_p20"
+    assert len(found["questions"]) == 16
+    assert all(0.5 <= one < 1 for one in found["sure"][0])
+    assert found["scheme"] == {"groups_of": 5, "rounds": 4, "seed": 0, "fit": "Bradley-Terry"}
+
+
+def test_names_that_a_model_cannot_tell_apart_are_tied():
+    answer = {"places": [{"name": name} for name in "abc"], "sure": [0.5, 0.8]}
+    found = strengths("abc", [answer])
+    assert found["a"] == found["b"] > found["c"] > 0
+
+
+def test_the_placements_are_what_is_drawn():
+    script = runpy.run_path(str(CONF.parent / "benchmarks/placements.py"))
+    assert (CONF / "experiment/placements.yaml").read_text() == script["text"](0)
+    places = script["drawn"](0)[0].values()
+    assert min(script["angle"](a, b) for a, b in combinations(places, 2)) >= 15
+    assert script["drawn"](1) != script["drawn"](0)
+
+
+def test_the_placements_can_be_trained_and_are_no_cameras_elsewhere():
+    runs = planned(["experiment=placements"])
+    assert Counter(run.cameras.count("+") for run in runs) == {0: 20, 1: 20}
+    words = ["+experiment=placements", "cams=[rgb_p01,rgb_p20]"]
+    settings = settings_from(composing.compose(words, "config"))
+    assert [camera.view for camera in settings.cameras] == ["p01", "p20"]
+    assert "p01" not in settings_from(composing.compose([], "env")).views
+    with pytest.raises(ValueError, match="p01"):
+        composing.compose(["cams=[rgb_p01]"], "config")
+
+
+@pytest.mark.parametrize("worded", [True, False])
+def test_any_sets_are_ranked_with_their_places_in_words(words, server, worded):
+    chosen = ["sets=[rgb_side,dep_front,segdep_front]", "group=2", "rounds=2"]
+    assert main(["vlm", "rank", *chosen, f"words={worded}".lower(), *words]) == 0
+    how = "_sets" if worded else "_sets_wordless"
+    (found,) = json.loads(Path(f"results/main/vlm/rankings{how}.json").read_text())["lists"]
+    assert sorted(found["combinations"]) == ["dep_front", "rgb_side", "segdep_front"]
+    assert sorted(len(q["sets"]) for q in found["questions"]) == [1, 1, 2, 2]
+    said = json.dumps(server.requests)
+    assert ("45 degrees round from the front of the hoop" in said) == worded
+    assert "default: in front" not in said
+    shown = json.loads(Path("results/main/vlm/pictures.json").read_text())["pictures"]
+    assert "rgb_default" not in shown["start"]
+
+
+def bench(folder: Path) -> Path:
+    folder.mkdir()
+    for name, colour in (("left", "red"), ("top", "blue"), ("wrist", "green")):
+        Image.new("RGB", (64, 40), colour).save(folder / f"{name}.jpg")
+    return folder
+
+
+def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_path, monkeypatch):
+    folder = bench(tmp_path / "bench")
+    (folder / "about.txt").write_text("A gripper puts a nut on a bolt.")
+    monkeypatch.setattr("needlehoop.vlm.inquiry.open_album", None)
+    assert main(["vlm", "rank", f"pictures={folder}", *words]) == 0
+    (found,) = json.loads(Path("results/main/vlm/rankings_pictures.json").read_text())["lists"]
+    assert found["combinations"] == ["left", "top", "wrist"]
+    (request,) = server.requests
+    said = json.dumps(request)
+    assert "A gripper puts a nut on a bolt." in said
+    assert "needle" not in said.replace("needlehoop", "")
+    assert said.count("image/png") == 3
+    assert main(["vlm", "rank", f"pictures={folder}", "size=16"]) == 0
+    assert len(server.requests) == 1
+    assert main(["vlm", "rank", f"pictures={folder}", "about=Something else", *words]) == 0
+    assert "Something else" in json.dumps(server.requests[-1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["pictures=nowhere"], "pictures: nowhere is no folder"),
+        (["pictures=empty"], "two or more pictures"),
+        (["pictures=broken"], "a.png: no picture"),
+        (["sets=[rgb_front]"], "sets: ['rgb_front'] must be two or more"),
+        (["sets=[rgb_front,rgb_top]"], "sets: rgb_top: "),
+        (["sets=[rgb_front,dep_front]", "group=1"], "group: 1 must be at least 2"),
+        (["+experiment=nothing"], "nothing"),
+    ],
+)
+def test_a_mistake_names_the_key(words, server, arguments, said, capsys):
+    Path("empty").mkdir()
+    Path("broken").mkdir()
+    for name in "ab":
+        Path(f"broken/{name}.png").write_bytes(b"nothing")
+    assert main(["vlm", "rank", *arguments, *words]) == 2
+    assert said in capsys.readouterr().err
+    assert server.requests == []
