@@ -15,7 +15,11 @@ from needlehoop.runs.files import POLICY
 from needlehoop.runs.shipped import CONF
 
 ROOT = Path(__file__).parent.parent
-AGENT = "results/table2/dep_front+seg_side/human/seed0"
+AGENTS = {
+    "agent": "results/table2/dep_front+seg_side/human/seed0",
+    "agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
+    "agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
+}
 
 SCRIPT = """
 import contextlib, io, json, sys
@@ -23,7 +27,7 @@ import needlehoop
 from needlehoop.config import composing, strict
 from needlehoop.cli.main import main
 from needlehoop.learning.job import typed_job
-from needlehoop.runs.shipped import AGENT, RECORDINGS
+from needlehoop.runs.shipped import AGENT, RECORDINGS, agent_of
 
 said = []
 for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_front", "stpes=9"]):
@@ -36,7 +40,8 @@ for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_
 values = composing.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
 job = typed_job(values)
 print(json.dumps({
-    "places": [needlehoop.__file__, str(composing.CONF), str(RECORDINGS), str(AGENT)],
+    "places": [needlehoop.__file__, str(composing.CONF), str(RECORDINGS), str(AGENT),
+               str(agent_of("reach/wide"))],
     "run": job.place,
     "views": sorted(values["views"]),
     "said": said,
@@ -48,7 +53,7 @@ print(json.dumps({
 def wheel(tmp_path_factory) -> Path:
     """The wheel of this source, built in a copy, without a network."""
     folder = tmp_path_factory.mktemp("source")
-    for name in ("needlehoop", "conf", AGENT):
+    for name in ("needlehoop", "conf", *AGENTS.values()):
         leave = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, folder / name, ignore=leave)
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
@@ -69,11 +74,13 @@ def test_a_wheel_carries_every_file_of_the_package_and_of_conf(wheel):
 
     with zipfile.ZipFile(wheel) as held:
         carried = {name for name in held.namelist() if ".dist-info/" not in name}
-    agent = {f"needlehoop/agent/{name}" for name in ("config.yaml", "manifest.json", POLICY)}
+    agents = {
+        f"needlehoop/{agent}/{name}"
+        for agent in AGENTS
+        for name in ("config.yaml", "manifest.json", POLICY)
+    }
     assert carried == (
-        files(ROOT / "needlehoop", "needlehoop")
-        | files(ROOT / "conf", "needlehoop/conf")
-        | (agent & files(ROOT / AGENT, "needlehoop/agent"))
+        files(ROOT / "needlehoop", "needlehoop") | files(ROOT / "conf", "needlehoop/conf") | agents
     )
 
 

@@ -183,12 +183,14 @@ def _watch(options: argparse.Namespace) -> None:
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
-    from needlehoop.runs.shipped import AGENT
+    from needlehoop.runs.shipped import agent_of
 
     named, words = options.run_folder, options.overrides
     if named is not None and "=" in named and not Path(named).exists():
         named, words = None, [named, *words]
-    asked = _asked(Run.open(AGENT if named is None else Path(named)), words, "watch")
+    tasks = [word.partition("=")[2] for word in words if word.startswith("task=")]
+    folder = agent_of(*tasks[-1:] or [""]) if named is None else Path(named)
+    asked = _asked(Run.open(folder), words, "watch")
     job, values = asked.job, asked.values
     episodes = strict.value(values, "episodes", Count)
     seed = job.evaluation.final_seed + 1 if asked.seed is None else asked.seed

@@ -50,6 +50,16 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
+@pytest.mark.parametrize("word", ["task=reach", "task=reach/near", "task=peg_transfer"])
+def test_a_task_has_a_shipped_agent_of_its_own(word, capsys):
+    assert main(["watch", word, "episodes=2", "video_episodes=1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    task = word.removeprefix("task=").partition("/")[0]
+    assert found["run"].endswith(f"results/{task}/dep_front+seg_side/expert/seed0")
+    assert ("changed" in found) == ("/" in word)
+    assert found["success"] == 1.0
+
+
 class Viewer:
     """Stands in for MuJoCo's window; ``patience`` is when somebody closes it."""
 
