@@ -223,7 +223,7 @@ def test_the_other_recording_has_options_of_its_own(flavour):
     assert isinstance(papers, Written)
     assert isinstance(claudes, Written)
     assert Path(papers.origin).parts[-4] == "paper"
-    assert Path(claudes.origin).parts[-4] == "claude"
+    assert Path(claudes.origin).parts[-4] == "claude_8210a79"
 
 
 def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
