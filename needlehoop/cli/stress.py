@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,9 @@ from needlehoop.config.strict import Count, Number, Seed
 
 _OWN = (
     *("axes", "severities", "together", "episodes", "seed", "num_envs", "threads", "out"),
-    *("device", "trust"),
+    *("levels", "device", "trust"),
 )
-"""Keys of the command itself. For a policy's file or a controller, all others are an
-environment's."""
+"""Keys of the command itself; all others are an environment's."""
 
 
 def add_commands(commands: Any) -> None:
@@ -28,8 +28,7 @@ def add_commands(commands: Any) -> None:
         " severity, and write a table of what came of it: stress.csv in the run's folder. What"
         " an earlier test wrote is kept under a number.",
         epilog="Keys: axes=[camera,picture.blur] severities=[1,3,5] together=3 episodes=100 seed=…"
-        " num_envs=100 threads=0 out=… device=auto trust=false. With a policy's file or a"
-        " controller also all of conf/env.yaml, such as task=wide.",
+        " num_envs=100 threads=0 out=… device=auto trust=false; and conditions, such as task=wide.",
     )
     stressed.add_argument(
         "who", metavar="WHO", help="a run's folder, a policy.safetensors, or expert, smooth, …"
@@ -44,8 +43,8 @@ def _stress(options: argparse.Namespace) -> None:
     from needlehoop.runs.files import STRESS, set_aside
 
     who = Path(options.who)
-    words = options.overrides
-    own = [word for word in words if who.is_dir() or word.partition("=")[0] in _OWN]
+    own = [word for word in options.overrides if re.split(r"[=.]", word)[0] in _OWN]
+    conditions = [word for word in options.overrides if word not in own]
     values = composing.compose(own, "stress")
     severities = strict.value(values, "severities", tuple[Count, ...])
     levels = strict.value(values, "levels", Levels)
@@ -58,8 +57,11 @@ def _stress(options: argparse.Namespace) -> None:
     )
     axes, trust = strict.value(values, "axes", tuple[str, ...]), strict.value(values, "trust", bool)
     out = strict.value(values, "out", str | None)
-    if out is None and not who.is_dir():
-        raise ValueError("out: there is no run's folder to write into; name a file: out=stress.csv")
+    if out is None and (conditions or not who.is_dir()):
+        raise ValueError(
+            "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
+            " such as out=stress.csv"
+        )
     target = who / STRESS if out is None else Path(out)
     if target.suffix != ".csv":
         raise ValueError(f"out: {str(target)!r} must end in .csv")
@@ -67,7 +69,7 @@ def _stress(options: argparse.Namespace) -> None:
     from needlehoop.learning import stress
     from needlehoop.learning.subject import subject
 
-    tested = subject(options.who, [word for word in words if word not in own], seed, device, trust)
+    tested = subject(options.who, conditions, seed, device, trust)
     chosen = stress.chosen_axes(axes, blind=tested.blind)
     tried = stress.conditions(levels, chosen, severities, together)
     engine = replace(tested.settings.engine, threads=threads)

@@ -13,7 +13,7 @@ from needlehoop.envs.controllers import controller, controllers
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
-from needlehoop.learning.job import recorded_job
+from needlehoop.learning.flight import flown_job
 from needlehoop.learning.weights import read_actor, read_senses
 from needlehoop.runs.run import Run
 
@@ -39,7 +39,7 @@ def subject(
 
     Args:
         who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
-        words: the environment's settings, for the last two.
+        words: settings of the environment: of a run, what is to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
         device: where networks run.
         trust: whether Python code that a run's files name may run.
@@ -50,7 +50,7 @@ def subject(
     path = Path(who)
     if path.is_dir():
         run = Run.open(path)
-        job = recorded_job(run.config(), trust)
+        job, _ = flown_job(run.config(), words, trust, "stress")
         own = job.evaluation.final_seed if seed is None else seed
         if own == job.env.seed:
             raise ValueError(f"seed: the run was trained on {own}; choose another")

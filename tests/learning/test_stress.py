@@ -79,6 +79,7 @@ def test_the_command_tests_a_controller(tmp_path, capsys):
     [
         (["nobody", "out=a.csv"], "expert, smooth"),
         (["smooth"], "out="),
+        (["smooth", "out=a.csv", "tsak=wide"], "tsak"),
         (["smooth", "out=a.txt"], ".csv"),
         (["smooth", "out=a.csv", "severities=9"], "1 to 5"),
         (["smooth", "out=a.csv", "axes=[camera]"], "robot"),
