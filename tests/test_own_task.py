@@ -126,14 +126,20 @@ def test_an_agent_learns_it_by_imitation(run):
     assert found["held"] >= 0.5
 
 
-def test_a_run_s_files_import_it_with_trust_alone(run, capsys):
+def test_a_run_s_files_import_it_with_trust_alone(run, tmp_path, capsys):
     words = ["evaluate", str(run), "episodes=4", "video=false", "--json"]
     assert main(words) == 2
     said = capsys.readouterr().err
     assert "'cube_on_spot' of" in said
     assert "trust=true" in said
     assert said.count("\n") == 1
-    assert "trust=true" in refusal(f"resume={run}")
+    # A finished run is refused before anything of it is read.
+    assert "is finished" in refusal(f"resume={run}")
+    unfinished = tmp_path / run.name
+    shutil.copytree(run, unfinished)
+    manifest = json.loads((unfinished / "manifest.json").read_text())
+    (unfinished / "manifest.json").write_text(json.dumps({**manifest, "finished": False}))
+    assert "trust=true" in refusal(f"resume={unfinished}")
     with pytest.raises(ValueError, match="trust=true"):
         needlehoop.make_env_of(run)
     assert registry.names() == registry.built_in()

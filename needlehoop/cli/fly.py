@@ -97,13 +97,16 @@ def _asked(run: Run, words: list[str], command: str) -> _Asked:
         ValueError: a word that is wrong, or code that is not trusted.
     """
     from needlehoop.config import composing
-    from needlehoop.config.changing import parted
+    from needlehoop.config.changing import check, parted
+
+    own, conditions = parted(words, command)
+    values = composing.compose(own, command)
+    check(conditions, run.config(), command)
+    # What the lines before refuse does not wait for this.
     from needlehoop.learning.evaluate import which_policy
     from needlehoop.learning.flight import flown_job
     from needlehoop.learning.job import pick_device
 
-    own, conditions = parted(words, command)
-    values = composing.compose(own, command)
     job, changed = flown_job(run.config(), conditions, strict.value(values, "trust", bool), command)
     return _Asked(
         *(run, values, job, changed, conditions),
@@ -116,11 +119,12 @@ def _asked(run: Run, words: list[str], command: str) -> _Asked:
 
 def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop.config.changing import setting
-    from needlehoop.learning.evaluate import assess, film
     from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
     asked = _asked(Run.open(options.run_folder), options.overrides, "evaluate")
+    from needlehoop.learning.evaluate import assess, film
+
     run, job, values = asked.run, asked.job, asked.values
     name = strict.value(values, "as", str | None)
     if name is not None:

@@ -62,9 +62,7 @@ def changed(
         ValueError: an unknown key, option or value, or a key that may not be changed.
     """
     given = list(words)
-    tops = {_top(word) for word in given} - {own_folder.KEY}
-    for top in tops:
-        _check(top, recorded, command)
+    tops = check(given, recorded, command)
     if not tops:
         return dict(recorded), {}
     task = recorded["task"]["name"]
@@ -98,6 +96,14 @@ def changed(
         for key, new in _leaves({top: values[top] for top in tops - _NO_EFFECT})
         if key not in before or before[key] != new
     }
+
+
+def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None) -> set[str]:
+    """The first parts of the words' keys; arguments and errors as in ``changed``."""
+    tops = {_top(word) for word in words} - {own_folder.KEY}
+    for top in tops:
+        _check(top, recorded, command)
+    return tops
 
 
 def setting(word: str) -> tuple[str, str]:

@@ -289,7 +289,7 @@ def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(tmp_p
     assert main(["report", str(tmp_path / "main")]) == 0
     page = (tmp_path / "main" / "report.html").read_text()
     assert "claude: RGB and depth" in page
-    assert "One colour picture from 45 degrees" in page
+    assert "One view without depth" in page
     assert "Measured: place 1 of 1, return" in page
     assert "Not run yet." in page
 
