@@ -182,10 +182,10 @@ class Disturbance:
     def _look(self, fields: Mapping[str, np.ndarray], own: list[str]) -> dict[str, np.ndarray]:
         n, things = len(self._levels), 1 + int(self._things.max())
         lamps = fields["light_xdir"].reshape(n, -1, 3)
-        around = np.tile(self._target * (1.0, 1.0, 0.0), (n, len(self._strange), 1))
+        hidden = np.tile((*self._target[:2], scene.HIDDEN), (n, len(self._strange), 1))
         looks = scene.Looks(
             lamps, np.ones((n, 1)), np.ones((n, things, 3)), np.zeros((n, things)),
-            np.zeros((n, 1, 3)), around,
+            np.zeros((n, 1, 3)), hidden,
         )  # fmt: skip
         for key in own:
             looks = AXES[key].apply(looks, self._drawn[key])

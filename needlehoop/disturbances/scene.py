@@ -23,10 +23,13 @@ MOST_OBJECTS = 12
 _NEAREST, _FURTHEST = 0.035, 0.085
 """Distances of strange objects from what the cameras look at, m."""
 
+_HEIGHT = 0.004
+"""Of their middles above the table, m."""
+
 _CELLS = 500.0
 """Of the table's pattern to a m."""
 
-_HIDDEN = -1.0
+HIDDEN = -1.0
 """Height of objects that are not there: under the table, m."""
 
 _SIZES = (
@@ -87,9 +90,10 @@ def objects(looks: Looks, drawn: Drawn) -> Looks:
     free = drawn.free.reshape(-1, MOST_OBJECTS, 2)[:, :count]
     angle, away = 2 * np.pi * free[..., 0], _NEAREST + (_FURTHEST - _NEAREST) * free[..., 1]
     there = np.arange(count) < drawn.amount
-    height = np.where(there, 0.004, _HIDDEN)
-    around = np.stack((away * np.cos(angle), away * np.sin(angle), height), -1)
-    return looks._replace(objects=looks.objects + around)
+    x, y = away * np.cos(angle), away * np.sin(angle)
+    places = looks.objects + np.stack((x, y, np.zeros_like(x)), -1)
+    places[..., 2] = np.where(there, _HEIGHT, HIDDEN)
+    return looks._replace(objects=places)
 
 
 def add_objects(spec: mujoco.MjSpec, count: int) -> None:
@@ -100,7 +104,7 @@ def add_objects(spec: mujoco.MjSpec, count: int) -> None:
             name=f"{STRANGE}{at}",
             type=kind,
             size=size,
-            pos=[0.0, 0.0, _HIDDEN],
+            pos=[0.0, 0.0, HIDDEN],
             quat=[np.cos(at), 0.0, 0.0, np.sin(at)],
             rgba=[*rgb, 1.0],
             **collision(False),

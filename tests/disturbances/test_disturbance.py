@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from needlehoop.disturbances.config import AXES
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
@@ -80,6 +81,19 @@ def test_none_dealt_is_as_if_there_were_nothing():
         assert torch.equal(plain.engine.sensordata(), wrong.engine.sensordata())
         seen, disturbed = plain.images(imager), wrong.images(other)
         assert all(torch.equal(seen[name], disturbed[name]) for name in seen)
+
+
+@pytest.mark.parametrize("key", AXES)
+def test_an_axis_alone_shows_nothing_of_the_others(key):
+    """Where all axes are built and one acts a little, the picture is nearly the undisturbed one."""
+    plain, imager = build(compose_settings([*SEVERE, "disturb=none", "image_size=64"]))
+    wrong, other = build(compose_settings([*SEVERE, "image_size=64"]))
+    few = 1.0 if AXES[key].whole else 1e-9
+    wrong.deal(torch.arange(3), torch.arange(3), {key: torch.full((3,), few)})
+    plain.reset(), wrong.reset()
+    seen, disturbed = plain.images(imager), wrong.images(other)
+    changed = max(float((seen[name] != disturbed[name]).float().mean()) for name in seen)
+    assert changed < (0.03 if key == "scene.objects" else 0.01)
 
 
 def test_a_snapshot_goes_on_to_the_bit():
