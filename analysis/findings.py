@@ -185,9 +185,8 @@ def _fits() -> dict[str, dict[str, Fit]]:
     found: dict[str, dict[str, Fit]] = {}
     for column, (name, truth) in _MEASURED.items():
         (own,) = [one for one in _held(name) if one.against == truth]
-        for fit in own.fits:
-            if fit.tau is not None:
-                found.setdefault(fit.who, {})[column] = fit
+        for fit in own.whole:
+            found.setdefault(fit.who, {})[column] = fit
     return found
 
 

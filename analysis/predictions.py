@@ -82,6 +82,12 @@ class Held:
     blind: float
     """Regret of a camera set that is drawn from a list: the mean over its sets, and the lists."""
 
+    @property
+    def whole(self) -> tuple[Fit, ...]:
+        """Those that rank all lists, whose means can stand beside each other."""
+        most = max(len(one.regrets) for one in self.fits)
+        return tuple(one for one in self.fits if len(one.regrets) == most)
+
 
 def held(findings: StudyFindings) -> list[Held]:
     """Against what was measured here, in the end and over training, and the paper's numbers.
@@ -188,7 +194,7 @@ def cost_and_regret(findings: StudyFindings) -> Figure:
     shown = held(findings)
     if not shown:
         raise ValueError("no list has both been predicted and measured")
-    placed = [[one for one in own.fits if one.core_minutes is not None] for own in shown]
+    placed = [[one for one in own.whole if one.core_minutes is not None] for own in shown]
     whos = list(dict.fromkeys(one.who for own in placed for one in own))
     colours = {who: COLOURS[i % len(COLOURS)] for i, who in enumerate(whos)}
     figure, grid = new_figure(52 * len(shown), len(shown), 1, sharex=True)

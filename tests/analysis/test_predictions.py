@@ -54,6 +54,10 @@ def test_predictions_have_a_cost_and_a_regret(studies):
     assert first.regret == pytest.approx(max(values[name] for name in members) - tied)
     # Of one list alone nothing is said over all.
     assert first.tau is None
+    assert PROBE not in {one.who for one in here.whole}
+    drawn = {text.get_text() for text in cost_and_regret(findings).axes[0].texts}
+    assert FAST in drawn
+    assert PROBE not in drawn
     assert {one.who for one in here.fits} - {one.who for one in there.fits} == {PAPERS_MEASURED}
 
 
@@ -91,7 +95,7 @@ def test_three_seeds_give_regrets_an_interval(tmp_path):
         assert 0.0 <= one.over_seeds.regret.low <= one.over_seeds.regret.high
     assert any(one.over_seeds and one.over_seeds.regret.high > 0.0 for one in foretold)
     assert {one.over_seeds for one in there.fits} == {None}
-    drawn = [one for one in foretold if one.core_minutes is not None]
+    drawn = [one for one in here.whole if one.who != ONE_SEED and one.core_minutes is not None]
     axes, _, _ = cost_and_regret(findings).axes
     # Each has its lists, its interval, its mean and its name's line; what one seed took is not on
     # record here, so it has no place.
@@ -125,7 +129,7 @@ def test_cost_and_regret_are_drawn_for_each_measurement(studies, tmp_path):
         "Regret by the paper's returns",
     ]
     said = {text.get_text() for text in figure.axes[0].texts}
-    assert {"probe", "fast protocol", "paper's VLM", "chosen blindly"} <= said
+    assert {"fast protocol", "paper's VLM", "chosen blindly"} <= said
     assert "imitation" not in said
     write_run(tmp_path / "main", "rgb_default")
     assert len(cost_and_regret(study_findings(tmp_path / "main")).axes) == 1

@@ -224,7 +224,7 @@ def test_the_recorded_models_rewards_pass(judge):
     assert all(card.paid > 0.8 for card in found.values())
     shipped = written.RECORDINGS / "claude" / "rewards"
     newer = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
-    assert len(newer) == 5
+    assert len(newer) == 10
     assert all(card.passed and card.paid > 0.4 for card in newer)
 
 

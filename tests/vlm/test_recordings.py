@@ -28,8 +28,10 @@ CLAUDE = RECORDINGS / "claude"
 RESULTS = CONF.parent / "results/rewards"
 TRAINED = RECORDINGS / "claude_8210a79"
 COVERED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
-SAMPLES = {"text": 3, "image": 2}
 TASKS = {"claude": "needle_hoop", "claude_peg_transfer": "peg_transfer", "claude_reach": "reach"}
+PROGRAMS = {"claude": 5, "claude_peg_transfer": 3, "claude_reach": 0}
+"""Of each flavour."""
+PAIR = "dep_front+seg_side"
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +60,18 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     monkeypatch.setattr(Recorder, "ask", ask)
     words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
     words = words[1:] if name == "claude" else words
-    assert main(["vlm", "rank", *words, *(["samples=3"] if name == "claude" else [])]) == 0
-    for flavour, samples in SAMPLES.items() if name == "claude" else ():
-        own = [f"flavour={flavour}", f"samples={samples}", "cams=[dep_front,seg_side]"]
+    # With nothing told, two of the paper's three lists were ranked.
+    nothing = f"lists={composing.compose([], 'vlm_rank')['lists'][:2]}"
+    needle = (["samples=3"], ["afresh=true"], ["vlm.told=names"], ["vlm.told=nothing", nothing])
+    for own in needle if name == "claude" else ([],):
+        assert main(["vlm", "rank", *own, *words]) == 0
+    for flavour in ("text", "image") if PROGRAMS[name] else ():
+        own = [f"flavour={flavour}", f"samples={PROGRAMS[name]}", "cams=[dep_front,seg_side]"]
         assert main(["vlm", "reward", *own, *words]) == 0
-        for file in (CLAUDE / "rewards").glob(f"*/{flavour}*.txt"):
-            made = tmp_path / "results/main/vlm/rewards/dep_front+seg_side" / file.name
+        files = [*(RECORDINGS / name / "rewards").glob(f"*/{flavour}*.txt")]
+        assert len(files) == PROGRAMS[name]
+        for file in files:
+            made = tmp_path / "results/main/vlm/rewards" / PAIR / file.name
             assert made.read_text() == file.read_text()
     assert sorted(asked) == sorted(exchange.sha256 for exchange in recorded.exchanges)
     for file in RECORDINGS.glob(f"{name}/[qra]*.*"):
@@ -78,7 +86,7 @@ def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
 
 
 def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcript):
-    assert len(transcript.exchanges) == 35
+    assert len(transcript.exchanges) == 48
     shown = set()
     for exchange in transcript.exchanges:
         text = json.dumps(
@@ -99,21 +107,23 @@ def test_it_says_with_which_prompts_it_was_made():
     assert made_with.sha256 == prompts.sha256(task("needle_hoop"))
 
 
-def test_programs_are_those_that_were_answered(transcript):
+@pytest.mark.parametrize("name", [name for name in TASKS if PROGRAMS[name]])
+def test_programs_are_those_that_were_answered(name):
+    """The last answer of each conversation, after any that were refused."""
     answers = {
         exchange.conversation: json.loads(exchange.answer)["program"]
-        for exchange in transcript.exchanges
+        for exchange in Transcript(RECORDINGS / name).exchanges
         if exchange.conversation.startswith("reward/")
     }
-    pair, files = "dep_front+seg_side", {}
-    for number in (1, 2, 3):
+    files = {}
+    for number in range(1, PROGRAMS[name] + 1):
         which, sample = ("", "") if number == 1 else (f"/{number}", f"_{number}")
         files[f"reward/text{which}"] = f"any/text{sample}.txt"
-        if number <= SAMPLES["image"]:
-            files[f"reward/{pair}/image{which}"] = f"{pair}/image{sample}.txt"
+        files[f"reward/{PAIR}/image{which}"] = f"{PAIR}/image{sample}.txt"
     assert set(answers) == set(files)
-    for name, file in files.items():
-        assert (CLAUDE / "rewards" / file).read_text().strip() == answers[name].strip()
+    for conversation, file in files.items():
+        program = (RECORDINGS / name / "rewards" / file).read_text()
+        assert program.strip() == answers[conversation].strip()
 
 
 def test_tables_are_of_the_transcript(transcript):
@@ -123,11 +133,11 @@ def test_tables_are_of_the_transcript(transcript):
     assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
     ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
     orders = [json.loads(e.answer).get("places") for e in ranked]
-    lists = json.loads((CLAUDE / "rankings.json").read_text())["lists"]
     told = [[place["name"] for place in order] for order in orders if order is not None]
-    for entry in lists:
-        for ranking in entry["rankings"]:
-            assert [place["name"] for place in ranking] in told
+    for file in CLAUDE.glob("rankings*.json"):
+        for entry in json.loads(file.read_text())["lists"]:
+            for ranking in entry["rankings"]:
+                assert [place["name"] for place in ranking] in told
 
 
 def test_the_readme_names_the_sets_that_it_covers():
