@@ -50,7 +50,9 @@ def test_the_shipped_agent_is_watched_if_none_is_named(run, monkeypatch, capsys)
     assert {path.name: path.read_bytes() for path in run.iterdir()} == before
 
 
-@pytest.mark.parametrize("word", ["task=reach", "task=reach/near", "task=peg_transfer"])
+@pytest.mark.parametrize(
+    "word", ["task=reach/near", pytest.param("task=peg_transfer", marks=pytest.mark.full)]
+)
 def test_a_task_has_a_shipped_agent_of_its_own(word, capsys):
     assert main(["watch", word, "episodes=2", "video_episodes=1", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

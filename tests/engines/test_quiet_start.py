@@ -22,7 +22,7 @@ os.write(2, b"still heard")
 """
 
 
-@pytest.mark.parametrize("renderer", ["rasteriser", "tracer"])
+@pytest.mark.parametrize("renderer", ["rasteriser", pytest.param("tracer", marks=pytest.mark.full)])
 def test_a_renderer_starts_without_a_word(renderer):
     command = [sys.executable, "-c", SCRIPT.replace("NAME", renderer)]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=True)

@@ -92,6 +92,7 @@ def test_forward_kinematics_agrees_with_the_compiled_model(
         np.testing.assert_allclose(site.xmat.reshape(3, 3), pose[:3, :3], atol=1e-6)
 
 
+@pytest.mark.full
 def test_moving_the_tip_does_not_wait_for_pytorch_kinematics():
     """It brings matplotlib along, and such a step has no use for either."""
     script = (

@@ -15,6 +15,7 @@ from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
 from needlehoop.rewards import reference_reward
 from needlehoop.study.data import paper
+from needlehoop.study.data.answers import LESS
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.render.table import Column, Estimated, Of, Table
 from needlehoop.study.report.tables import (
@@ -72,10 +73,10 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = dicts(agreements(findings))
-    # Of the paper's VLM and claude and the paper's measured, by final return and over training,
-    # and of both models in the paper; the study's own VLM has the paper's orders, and is the
-    # paper's.
-    assert len(rows) == ((2 + 1) * 2 + 2) * (3 + 1)
+    # Of the paper's VLM, claude, claude asked in two other ways and the paper's measured, by final
+    # return and over training, and of the models in the paper; the study's own VLM has the paper's
+    # orders, and is the paper's. Told nothing, claude ranked two lists.
+    assert len(rows) == ((4 + 1) * 2 + 4) * (3 + 1) + 3 * (2 + 1)
     papers = [r for r in agreements(findings).records() if said_of(r) == PAPERS]
     ps = [row["p of tau-b"] for row in papers]
     papers = [r for r in rows if said_of(r) == PAPERS]
@@ -111,7 +112,8 @@ def test_rankings_stand_side_by_side(tmp_path):
     table = rankings(study_findings(study))
     who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
     who += ("the paper's measured",)
-    assert table.header == ("list", "cameras", *who)
+    asked = [f"claude, {how}" for how in LESS]
+    assert table.header == ("list", "cameras", *who[:2], *asked, *who[2:])
     rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
     assert len(rows) == 16
     best = rows["RGB and depth", "dep_front+rgb_side"]
@@ -135,7 +137,8 @@ def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
         entry["rankings"][0].reverse()
     path.write_text(json.dumps(found))
     table = rankings(study_findings(study))
-    assert table.header[2:5] == ("the paper's VLM", "claude", "VLM")
+    asked = [f"claude, {how}" for how in LESS]
+    assert table.header[2 : 5 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
     row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
     assert row["VLM"] == "5"
 

@@ -69,6 +69,7 @@ def is_gone(process: int) -> bool:
     return False
 
 
+@pytest.mark.full
 def test_a_killed_worker_costs_its_run_and_sigterm_stops_the_others_in_order(tmp_path, sweep):
     first = [worker(tmp_path, 0), worker(tmp_path, 1)]
     os.kill(first[0], signal.SIGKILL)
