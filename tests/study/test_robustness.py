@@ -47,6 +47,13 @@ def test_the_figure_has_a_panel_for_each_axis_that_costs_something(study):
     assert best.get_xydata().tolist() == [[0, 1.0], [1, 0.95], [3, 0.9]]
 
 
+def test_runs_that_differ_in_a_setting_are_told_apart(study):
+    own = study / "rgb_default/human"
+    own.rename(own.with_name("human+disturb-moderate"))
+    names = [row[0] for row in tables.stress(study_findings(study)).texts]
+    assert names == ["rgb_default, disturb-moderate", "dep_front+seg_side"]
+
+
 def test_without_a_stress_test_there_is_neither(tmp_path):
     findings = study_findings(write_study(tmp_path / "mine", PAIRS, seeds=1))
     assert tables.stress(findings).rows == ()

@@ -55,7 +55,7 @@ def stress_figure(findings: StudyFindings) -> Figure:
             panel.plot(
                 [0, *at], values, DASHES[number // len(COLOURS)], marker="o", markersize=2,
                 color=COLOURS[number % len(COLOURS)], clip_on=False,
-                label=short(one.result.cameras),
+                label=short(one.name),
             )  # fmt: skip
         panel.set_xticks(sorted({0, *(s for one in shown for _, s in one.success)}))
         panel.set_ylim(0, 1)

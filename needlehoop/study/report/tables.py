@@ -127,7 +127,7 @@ def stress(findings: StudyFindings) -> Table:
         hurts = [f"{axis} {100 * found.value:.0f} %" for axis, found in list(one.axes.items())[:3]]
         rows.append(
             (
-                one.result.cameras,
+                one.name,
                 one.undisturbed.value,
                 one.mean and Estimated(one.mean.value, one.mean.interval),
                 one.together and one.together.value,

@@ -24,6 +24,12 @@ class Robustness:
     """By axis and severity, as far as all these runs were tested."""
 
     @property
+    def name(self) -> str:
+        """The cameras, and the label of runs that differ in another setting."""
+        label = self.result.reward.partition("+")[2]
+        return ", ".join(part for part in (self.result.cameras, label) if part)
+
+    @property
     def undisturbed(self) -> SeedEstimate:
         """Success of the same episodes with nothing wrong."""
         return self.success[NONE, 0]
