@@ -71,6 +71,7 @@ def test_expert_prints_one_line_of_json(capsys):
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.full
 def test_expert_writes_a_video(tmp_path, capsys):
     out = tmp_path / "expert.mp4"
     arguments = ["expert", "episodes=1", "grasps=[weld]", "video_episodes=1", "cams=[seg_side]"]
@@ -154,6 +155,7 @@ def test_bench_sb3_compares_the_two_under_the_same_algorithm():
     assert len(found["ratio_of_each_round"]) == 1
 
 
+@pytest.mark.full
 def test_bench_train_says_where_the_time_goes():
     # In a process of its own, into which no other test has brought Stable-Baselines3.
     script = (

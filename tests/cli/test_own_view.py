@@ -60,6 +60,7 @@ RUN = "results/main/rgb_wrist/human/seed0"
     ],
     ids=lambda words: " ".join(words)[:60] if isinstance(words, list) else "",
 )
+@pytest.mark.full
 def test_a_command_takes_its_run(place, monkeypatch, capsys, words, said):
     monkeypatch.chdir(place)
     assert main(words) == 0, capsys.readouterr().err
@@ -92,6 +93,7 @@ def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, wo
     assert not Path("f-v0").exists()
 
 
+@pytest.mark.full
 def test_the_command_that_trains_a_finished_run_on_is_one(place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     with pytest.raises(SystemExit) as refused:

@@ -263,6 +263,7 @@ def test_cameras_may_be_joined_as_in_tables():
     assert env.settings.cams == ("rgb_default", "seg_side")
 
 
+@pytest.mark.full
 def test_dm_controls_own_renderer_says_what_it_needs():
     script = (
         "import needlehoop; dm = needlehoop.load(cams=[]); dm.reset();"

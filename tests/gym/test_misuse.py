@@ -152,6 +152,7 @@ FORKED = """
         pytest.param("spawn", "(1, 16, 16, 3)", marks=pytest.mark.full),
     ],
 )
+@pytest.mark.full
 def test_processes_beside_a_used_environment(tmp_path, context, said):
     script = tmp_path / "script.py"
     script.write_text(textwrap.dedent(FORKED))

@@ -60,6 +60,7 @@ def test_an_id_is_of_no_other_task():
         gymnasium.make(ID, cams=[], obs="signals", task="reach")
 
 
+@pytest.mark.full
 def test_its_name_is_enough():
     made = f"gymnasium.make('needlehoop:{ID}', cams=[], obs='signals')"
     entry = python(f"import gymnasium\nprint({made}.spec.entry_point)")

@@ -32,6 +32,7 @@ def returns(*overrides: str) -> list[float]:
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(5, marks=pytest.mark.full)])
+@pytest.mark.full
 def test_the_return_rises(seed):
     """By more than chance: without learning, such means differ by 0.03 at most."""
     first, second, *_, third_last, second_last, last = returns(f"seed={seed}")

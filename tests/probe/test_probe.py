@@ -288,6 +288,7 @@ def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **mo
     )
 
 
+@pytest.mark.full
 def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path):
     """The synthetic case: the same camera, and one that looks at the empty air behind it."""
     away = replace(settings.views["default"], target=(0.0, -3.0, 0.5))
@@ -337,6 +338,7 @@ def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("task", ["reach", pytest.param("peg_transfer", marks=pytest.mark.full)])
+@pytest.mark.full
 def test_the_command_probes_any_task(tmp_path, capsys, task):
     words = ["cams=rgb_default", "seeds=2", f"task={task}/standard", "episode.max_steps=150"]
     assert _run(tmp_path, *words) == 0

@@ -206,6 +206,7 @@ def test_studies_of_one_name_have_no_page_together(tmp_path, capsys):
     assert not list(tmp_path.rglob("*.html"))
 
 
+@pytest.mark.full
 def test_a_page_of_several_studies_is_beside_the_first_and_replaces_no_other(tmp_path, capsys):
     for name in ("a", "b", "c"):
         write_run(tmp_path / name / name, "rgb_default")

@@ -33,6 +33,7 @@ def files(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if not path.name.endswith(".partial")}
 
 
+@pytest.mark.full
 def test_a_run_under_way_is_left_to_its_process(tmp_path, monkeypatch, capfd):
     """Resumed, begun anew and swept over while it is under way; then stopped, and gone on with."""
     monkeypatch.chdir(tmp_path)

@@ -314,6 +314,7 @@ def test_threads_are_divided_among_jobs(launcher, expected, monkeypatch):
         ),
     ],
 )
+@pytest.mark.full
 def test_a_launcher_runs_a_sweep(tmp_path, launcher):
     words = ["-m", "cams=[seg_side],[dep_side]", *TINY, *launcher]
     # Ray makes its workers yield to everything else; on a busy machine they would starve.

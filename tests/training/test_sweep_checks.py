@@ -47,6 +47,7 @@ def test_the_line_comes_before_the_runs(started, capfd):
     assert capfd.readouterr().err.startswith("train.py: -m cams=dep_front,seg_side is 2 runs")
 
 
+@pytest.mark.full
 def test_missing_programs_are_named_at_once_and_nothing_is_made(started, tmp_path):
     with pytest.raises(SystemExit) as caught:
         run_train("-m", "+experiment=table2", "reward=vlm_img", "seed=0,1", "study=s")
@@ -87,6 +88,7 @@ def test_a_mistake_in_one_run_stops_all(started, tmp_path, words, said):
     assert started == list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full
 def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, capfd):
     for words in (
         ["+experiment=rewards"],
@@ -97,6 +99,7 @@ def test_programs_that_are_there_or_will_be_asked_for_are_no_mistake(started, ca
     assert len(started) == 12 + 2
 
 
+@pytest.mark.full
 def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
     monkeypatch.setattr("sys.argv", ["needlehoop"])
     with pytest.raises(SystemExit):

@@ -52,6 +52,7 @@ def finished(tmp_path_factory) -> Path:
     return results / "main/dep_front+seg_side/human/seed0"
 
 
+@pytest.mark.full
 def test_a_run_that_pauses_goes_on_to_the_same_end(finished, tmp_path, monkeypatch, capsys):
     words = ["cams=dep_front,seg_side", "reward=human", *TINY, "obs.frame_stack=2", "results=."]
     words += ["obs.proprio=true", "evaluation.video_episodes=1", "checkpoint_every=5"]
@@ -132,6 +133,7 @@ def weights(run: Path) -> dict[str, torch.Tensor]:
     return torch.load(run / "checkpoint.pt")["learner"]["ppo"]["agent"]
 
 
+@pytest.mark.full
 def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["cams=dep_front,seg_side", "engine=dm_control", *TINY, "obs.frame_stack=2"]
@@ -250,6 +252,7 @@ def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, s
     ],
     ids=["combinations", "single cameras"],
 )
+@pytest.mark.full
 def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
     monkeypatch.chdir(tmp_path)
     run_train("-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
@@ -286,6 +289,7 @@ def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
     assert capsys.readouterr().out.split() == offered
 
 
+@pytest.mark.full
 def test_a_run_can_be_evaluated_again_beside_its_own_evaluation(finished, capsys):
     own = (finished / "evaluation.json").read_bytes()
     words = ["evaluate", str(finished), "episodes=5", "video=true", "video_episodes=2", "--json"]
@@ -383,6 +387,7 @@ def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
 @pytest.mark.parametrize(
     "kind", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.full)]
 )
+@pytest.mark.full
 def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
     tmp_path, monkeypatch, request, kind
 ):

@@ -101,6 +101,7 @@ def test_a_run_under_way_is_left_alone(folder, words):
     assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
 
+@pytest.mark.full
 def test_two_sweeps_share_a_study(folder, capfd):
     words = ["-m", *TINY, "seed=0,1"]
     with Lock(folder), pytest.raises(SystemExit) as caught:

@@ -55,6 +55,7 @@ def test_every_variant_is_told(task, variant):
 
 
 @pytest.mark.parametrize("task", OTHERS)
+@pytest.mark.full
 def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     s = made(task)
     said = text_of(everything_said(s, tmp_path)).lower()

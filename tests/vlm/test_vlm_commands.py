@@ -220,6 +220,7 @@ def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, 
 
 
 @pytest.mark.parametrize("how", ["afresh", "names", "nothing"])
+@pytest.mark.full
 def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words, server, how):
     chosen = "afresh=true" if how == "afresh" else f"vlm.told={how}"
     own = [chosen, "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]", "samples=2"]
@@ -418,6 +419,7 @@ def test_a_sample_that_fails_does_not_take_the_others_with_it(study, words, serv
     assert [row["sample"] for row in rows_of(folder / "image.samples.csv")] == ["1", "3"]
 
 
+@pytest.mark.full
 def test_programs_for_all_sets_are_one_command(study, words, server, capsys):
     """And a sweep over them finds each."""
     server.otherwise = lambda schema, prompt: programs(3)[0]
@@ -586,6 +588,7 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
     return made
 
 
+@pytest.mark.full
 def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
     words[words.index("size=16")] = "asking.size=16"
     server.script[:] = [json.dumps({"program": GOOD, "explanation": "held"})]
