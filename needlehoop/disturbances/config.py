@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -55,6 +55,14 @@ class Disturb:
             for name, amount in getattr(self, group).items()
         }
         return {key: found[key] for key in AXES if found.get(key, 0.0) > 0}
+
+
+def amount_at(
+    levels: Mapping[str, Mapping[str, Sequence[float]]], key: str, severity: int
+) -> float:
+    """The amount of an axis at a severity of ``conf/levels``, which begin at 1; 0 is none."""
+    group, _, name = key.partition(".")
+    return levels[group][name][severity - 1] if severity else 0.0
 
 
 def disturb_of(amounts: Mapping[str, float]) -> Disturb:

@@ -12,7 +12,7 @@ import torch
 from scipy.stats import binomtest
 from tqdm import tqdm
 
-from needlehoop.disturbances.config import AXES, GROUPS, disturb_of
+from needlehoop.disturbances.config import AXES, GROUPS, amount_at, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings
@@ -88,14 +88,14 @@ def conditions(
         if not 1 <= severity <= most:
             raise ValueError(f"severities: {severity} is not among 1 to {most}")
 
-    def amount(key: str, severity: int) -> float:
-        group, _, name = key.partition(".")
-        return levels[group][name][severity - 1]
-
     return [
         Condition(NONE, 0, {}),
-        *(Condition(k, s, {k: amount(k, s)}) for k in chosen for s in sorted(set(severities))),
-        Condition(ALL, together, {key: amount(key, together) for key in chosen}),
+        *(
+            Condition(k, s, {k: amount_at(levels, k, s)})
+            for k in chosen
+            for s in sorted(set(severities))
+        ),
+        Condition(ALL, together, {key: amount_at(levels, key, together) for key in chosen}),
     ]
 
 

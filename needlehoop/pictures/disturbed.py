@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
-from needlehoop.disturbances.config import AXES, disturb_of
+from needlehoop.disturbances.config import AXES, amount_at, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import Settings
@@ -43,20 +43,17 @@ def disturbed_sheet(
     shown = (0, 1, 3, 5)
     cases = [(key, severity) for key in axes for severity in shown]
 
-    def amount(key: str, severity: int) -> float:
-        group, _, name = key.partition(".")
-        return levels[group][name][severity - 1] if severity else 0.0
-
     own = replace(
         settings,
         num_envs=len(cases),
-        disturb=disturb_of({key: amount(key, 5) for key in axes}),
+        disturb=disturb_of({key: amount_at(levels, key, 5) for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
     simulation, imager = build(own)
     everywhere = torch.arange(len(cases))
     amounts = {
-        key: torch.tensor([amount(k, s) if k == key else 0.0 for k, s in cases]) for key in axes
+        key: torch.tensor([amount_at(levels, k, s) if k == key else 0.0 for k, s in cases])
+        for key in axes
     }
     simulation.deal(everywhere, torch.zeros(len(cases), dtype=torch.int64), amounts)
     moment, act = simulation.reset(), controller(own.definition.teacher, own)
