@@ -1,0 +1,156 @@
+"""Q3 of docs/protocol.md: where to put a camera. Rules and a model's ranking against training."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from analysis.protocol import means
+from needlehoop.engines.contract import FIELDS
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller
+from needlehoop.envs.rollout import rollout
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.runs.reading import read_json
+from needlehoop.study.render.style import FAINT, new_figure
+from needlehoop.study.render.table import Column, Estimated, Table
+from needlehoop.study.stats.statistics import Interval
+
+_EPISODES, _EVERY = 10, 5
+"""Episodes of the expert in which pixels are counted, and steps from one picture to the next."""
+
+_DRAWS = 10_000
+_FAR = 10.0
+"""Where things are put that are not to be seen, m."""
+
+ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
+
+
+def settings_of(cameras: str) -> Settings:
+    """The wide task, seen through one of the drawn cameras."""
+    return compose_settings(
+        ["+experiment=placements", "task=wide", f"cams=[{cameras}]", f"num_envs={_EPISODES}"]
+    )
+
+
+def rules(cameras: list[str]) -> pd.DataFrame:
+    """Scores of single cameras by the three rules, higher is better; a row for each camera."""
+    rows = {}
+    for name in cameras:
+        settings = settings_of(name)
+        view = settings.views[name.partition("_")[2]]
+        seen, alone = _pixels(settings)
+        rows[name] = {
+            ELEVATION: -abs(view.elevation - 45.0),
+            PIXELS: float(seen),
+            HIDDEN: seen / alone,
+        }
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def _pixels(settings: Settings) -> tuple[int, int]:
+    """Pixels of needle and hoop while the expert does the task: as seen, and with nothing else
+    in the scene."""
+    (view,) = {name.partition("_")[2] for name in settings.cams}
+    simulation, _ = build(replace(settings, cams=(f"seg_{view}",)))
+    model = simulation.engine.model
+    wanted = np.array(
+        [model.geom(i).name.startswith(("needle", "hoop")) for i in range(model.ngeom)]
+    )
+
+    def alone(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        places = fields["geom_xpos"].copy()
+        places[:, ~wanted] += _FAR
+        return {**{name: fields[name] for name in FIELDS}, "geom_xpos": places}
+
+    totals = np.zeros(2, dtype=int)
+    for number, step in enumerate(rollout(simulation, controller("expert", settings))):
+        if number % _EVERY:
+            continue
+        for k, optics in enumerate((None, alone)):
+            geoms = simulation.engine.render(optics=optics)[view].geom
+            assert geoms is not None
+            shown = geoms.numpy()[step.alive.numpy()]
+            totals[k] += int(wanted[shown[shown >= 0]].sum())
+    return int(totals[0]), int(totals[1])
+
+
+def asked(path: Path) -> dict[str, float]:
+    """A model's strengths by camera set, from ``rankings_sets.json``; of both lists."""
+    lists = read_json(path)["lists"]
+    return {name: float(value) for own in lists for name, value in own["strengths"].items()}
+
+
+def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
+    """Spearman's ρ of each prediction (a column of ``scores``) with mean success by camera set."""
+    measured = means(runs)
+    names = [name for name in scores.index if name in measured]
+    truth = np.array([measured[name] for name in names])
+    draw = np.random.default_rng(0)
+    rows = []
+    for who in scores:
+        own = scores.loc[names, who].to_numpy()
+        rho = _rho(own, truth)
+        chance = np.mean([_rho(draw.permutation(own), truth) >= rho for _ in range(_DRAWS)])
+        ends = _bootstrap(own, runs, names)
+        best = float(truth.max() - truth[own == own.max()].mean())
+        rows.append((who, Estimated(rho, ends), max(float(chance), 1 / _DRAWS), best))
+    rows.append(("drawn blindly", None, None, float(truth.max() - truth.mean())))
+    columns = (
+        Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
+        Column("regret", "points", ".0f", 100.0),
+    )  # fmt: skip
+    return Table("placements", "", columns, tuple(rows))
+
+
+def _rho(a: np.ndarray, b: np.ndarray) -> float:
+    return float(spearmanr(a, b)[0])
+
+
+def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interval:
+    """Cameras drawn anew, and the runs of each."""
+    draw = np.random.default_rng(1)
+    groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
+    found = []
+    for _ in range(2_000):
+        picked = draw.integers(len(names), size=len(names))
+        truth = np.array([draw.choice(groups[i], len(groups[i])).mean() for i in picked])
+        found.append(_rho(own[picked], truth))
+    low, high = np.nanpercentile(found, (2.5, 97.5))
+    return Interval(float(low), float(high))
+
+
+def map_figure(runs: pd.DataFrame, scores: Mapping[str, float] | None = None) -> Figure:
+    """Where single cameras stood, seen from above, and how many episodes their agents threaded."""
+    measured = means(runs)
+    panels = [("measured: episodes threaded, of 100", {k: 100 * v for k, v in measured.items()})]
+    if scores is not None:
+        order = sorted(measured, key=lambda name: scores[name])
+        panels.append(("foretold: place, 20 is best", {n: i + 1.0 for i, n in enumerate(order)}))
+    figure, grid = new_figure(52, 1, len(panels), subplot_kw={"projection": "polar"})
+    for axes, (title, values) in zip(grid[0], panels, strict=True):
+        views = {name: settings_of(name).views[name.partition("_")[2]] for name in values}
+        angles = [math.radians(view.azimuth) for view in views.values()]
+        heights = [90.0 - view.elevation for view in views.values()]
+        dots = axes.scatter(
+            angles, heights, c=[*values.values()], s=70, cmap="viridis",
+            edgecolors=FAINT, linewidths=0.4,
+        )  # fmt: skip
+        for angle, height, value in zip(angles, heights, values.values(), strict=True):
+            axes.annotate(f"{value:.0f}", (angle, height), fontsize=4.5, ha="center", va="center",
+                          color="white" if value < dots.norm.vmax / 2 else "black")  # fmt: skip
+        axes.set_theta_zero_location("S")
+        axes.set_rlim(0, 90)
+        axes.set_rticks([30, 60], ["60°", "30°"], fontsize=5, color=FAINT)
+        axes.set_thetagrids([0, 90, 180, 270], ["hoop's front", "90°", "arm's side", "-90°"])
+        axes.tick_params(labelsize=5)
+        axes.grid(color=FAINT, alpha=0.3, linewidth=0.4)
+        axes.set_title(title, fontsize=6.5)
+    return figure

@@ -1,0 +1,206 @@
+"""What the runs of docs/protocol.md say of Q1 (which cameras?) and Q2 (could it be foretold?)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, permutations, product
+
+import numpy as np
+import pandas as pd
+import statsmodels.formula.api as smf
+from matplotlib.figure import Figure
+from scipy.stats import kendalltau, t
+
+from needlehoop.study.data import paper
+from needlehoop.study.data.records import Study
+from needlehoop.study.render.style import COLOURS, FAINT, new_figure
+from needlehoop.study.render.table import Column, Estimated, Table
+from needlehoop.study.stats.predictions import Prediction
+from needlehoop.study.stats.statistics import Interval, improvement
+
+TRAITS = {
+    "two_views": "a front and a side view",
+    "depth": "depth, without segmentation",
+    "labels": "segmentation, without depth",
+    "depth:labels": "both, beyond the sum of the two",
+}
+"""Terms of the linear model, and what the page calls them."""
+
+PREREGISTERED = ("the paper's VLM", "claude", "probe")
+RULE = "the rule"
+
+Scores = Mapping[str, float]
+
+
+def runs_of(study: Study) -> pd.DataFrame:
+    """A row for each finished run: its camera set, seed, and shares of its 100 episodes."""
+    rows = [
+        {
+            "cameras": run.place.cameras,
+            "seed": run.place.seed,
+            "success": run.evaluation["success"],
+            "sampled": run.evaluation["success_sampled"],
+            "touched": run.evaluation["touched"],
+        }
+        for run in study.runs
+        if run.finished and run.evaluation is not None
+    ]
+    runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
+    cameras = runs["cameras"].str.split("+")
+    runs["two_views"] = [is_two_sided(one) for one in runs["cameras"]]
+    runs["depth"] = [any(c.startswith(("dep_", "segdep_")) for c in one) for one in cameras]
+    runs["labels"] = [any(c.startswith("seg") for c in one) for one in cameras]
+    return runs
+
+
+def is_two_sided(cameras: str) -> bool:
+    """Whether a camera set has a front and a side view."""
+    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
+
+
+def means(runs: pd.DataFrame) -> dict[str, float]:
+    """Mean success by camera set, the best first."""
+    return runs.groupby("cameras")["success"].mean().sort_values(ascending=False).to_dict()
+
+
+def sets_table(runs: pd.DataFrame) -> Table:
+    """Each camera set's runs, with a t-interval of their mean, and the chance to beat the next."""
+    order = means(runs)
+    groups = {name: runs[runs["cameras"] == name].sort_values("seed") for name in order}
+    best = groups[next(iter(order))]["success"].tolist()
+    rows = []
+    for name, own in groups.items():
+        successes = own["success"].tolist()
+        beaten = improvement(best, successes)
+        rows.append(
+            (
+                name,
+                successes,
+                Estimated(float(np.mean(successes)), t_interval(successes)),
+                float(own["sampled"].mean()),
+                float(own["touched"].mean()),
+                None if successes is best else Estimated(beaten.value, beaten.interval),
+            )
+        )
+    columns = (
+        Column("cameras"), Column("threaded by seed", "%", ".0f", 100.0),
+        Column.share("mean (95 %)"), Column.share("sampled"), Column.share("touched"),
+        Column("chance that the best set beats it (95 %)", "", ".2f"),
+    )  # fmt: skip
+    return Table("protocol", "", columns, tuple(rows))
+
+
+def t_interval(values: Sequence[float]) -> Interval | None:
+    """95 % interval of the mean of a few runs, cut to 0 and 1; ``None`` for fewer than three."""
+    n = len(values)
+    if n < 3:
+        return None
+    mean = float(np.mean(values))
+    half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return Interval(max(0.0, mean - half), min(1.0, mean + half))
+
+
+def traits_table(runs: pd.DataFrame) -> Table:
+    """What traits add to success over the paper's 14 sets: OLS, errors clustered by set."""
+    ours = runs[runs["cameras"].isin(paper.measured())].copy()
+    traits = [name for name in TRAITS if ":" not in name]
+    ours[traits] = ours[traits].astype(float)
+    rows = []
+    for outcome in ("success", "sampled"):
+        model = smf.ols(f"{outcome} ~ {' + '.join(TRAITS)}", ours)
+        fit = model.fit(
+            cov_type="cluster",
+            cov_kwds={"groups": pd.factorize(ours["cameras"])[0]},
+            use_t=True,
+        )
+        ends = fit.conf_int()
+        rows.append(
+            [
+                Estimated(float(fit.params[name]), Interval(*map(float, ends.loc[name])))
+                for name in TRAITS
+            ]
+        )
+    columns = (
+        Column("what is added"), Column("success, points (95 %)", "", "+.0f", 100.0),
+        Column("success of the sampled policy, points (95 %)", "", "+.0f", 100.0),
+    )  # fmt: skip
+    cells = tuple(zip(TRAITS.values(), *rows, strict=True))
+    return Table("protocol_traits", "", columns, cells)
+
+
+def mean_tau(lists: Sequence[Scores], measured: Scores) -> float:
+    """Mean tau-b over lists of scores with what was measured."""
+    taus = [kendalltau([*own.values()], [measured[name] for name in own])[0] for own in lists]
+    return float(np.mean(taus))
+
+
+def beyond_the_rule(lists: Sequence[Scores], measured: Scores) -> float:
+    """p of a prediction's mean tau-b among all orders of its scores within the rule's two classes.
+
+    So it asks what the prediction knows beyond "a front and a side view first". The test is exact:
+    it takes every order of every list with each of every other.
+    """
+    observed = mean_tau(lists, measured)
+    orders = [[mean_tau([one], measured) for one in _within_classes(own)] for own in lists]
+    every = np.array([np.mean(taus) for taus in product(*orders)])
+    return float(np.mean(every >= observed - 1e-9))
+
+
+def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
+    """All orders of a list's scores that leave each to a camera set of its class."""
+    classes = [[name for name in scores if is_two_sided(name) is of] for of in (True, False)]
+    orders = [permutations([scores[name] for name in names]) for names in classes]
+    for values in product(*orders):
+        yield dict(zip(chain(*classes), chain(*values), strict=True))
+
+
+def regret(lists: Sequence[Scores], measured: Scores) -> float:
+    """Success that choosing a list's first loses, mean over lists and over ties for first."""
+    lost = []
+    for own in lists:
+        first = [measured[name] for name in own if own[name] == max(own.values())]
+        lost.append(max(measured[name] for name in own) - float(np.mean(first)))
+    return float(np.mean(lost))
+
+
+def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table:
+    """Each prediction of the paper's three lists beside the rule and a blind choice."""
+    lists = [names for names in paper.lists().values()]
+    rows = []
+
+    def row(who: str, scores: Sequence[Scores], tested: bool) -> None:
+        tau = mean_tau(scores, measured) if tested or who == RULE else None
+        p = beyond_the_rule(scores, measured) if tested else None
+        kind = "yes" if who in PREREGISTERED else "exploratory" if tested else ""
+        rows.append((who, tau, p, regret(scores, measured), kind))
+
+    for one in predictions:
+        scores = [one.lists.get(frozenset(names), {}) for names in lists]
+        if all(len(own) == len(names) for own, names in zip(scores, lists, strict=True)):
+            row(one.who, scores, tested=True)
+    row(RULE, [{name: float(is_two_sided(name)) for name in names} for names in lists], False)
+    row("drawn blindly", [dict.fromkeys(names, 0.0) for names in lists], False)
+    columns = (
+        Column("prediction"), Column("τ-b", form=".2f"), Column("p beyond the rule", form="p"),
+        Column("regret", "points", ".1f", 100.0), Column("preregistered"),
+    )  # fmt: skip
+    return Table("protocol_foretold", "", columns, tuple(rows))
+
+
+def sets_figure(runs: pd.DataFrame) -> Figure:
+    """A row of dots for each camera set, one a run, the best set on top."""
+    order = [*means(runs)]
+    figure, ((axes,),) = new_figure(4.6 * len(order) + 14)
+    for row, name in enumerate(reversed(order)):
+        own = 100 * runs[runs["cameras"] == name]["success"].to_numpy()
+        colour = COLOURS[0 if is_two_sided(name) else 1]
+        axes.plot(own, [row] * len(own), "o", markersize=3, color=colour, alpha=0.6)
+        axes.plot([own.mean()], [row], "|", markersize=9, color=colour, markeredgewidth=1.6)
+    axes.set_yticks(range(len(order)), [*reversed(order)])
+    axes.set_xlim(-2, 102)
+    axes.set_xlabel("episodes threaded, of 100 (a dot is one training, the bar their mean)")
+    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    for number, said in enumerate(("front and side view", "one view")):
+        axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=6.5)
+    return figure

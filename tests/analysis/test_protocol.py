@@ -1,0 +1,103 @@
+"""The protocol's tests: what a prediction knows beyond the rule, traits, camera sets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from analysis.protocol import (
+    TRAITS,
+    beyond_the_rule,
+    is_two_sided,
+    mean_tau,
+    regret,
+    sets_table,
+    t_interval,
+    traits_table,
+)
+from needlehoop.study.data import paper
+
+LISTS = [names for names in paper.lists().values()]
+MEASURED = {
+    name: is_two_sided(name) + place / 100
+    for place, name in enumerate(sorted({one for names in LISTS for one in names}))
+}
+
+
+def test_the_rule_itself_knows_nothing_beyond_the_rule():
+    rule = [{name: float(is_two_sided(name)) for name in names} for names in LISTS]
+    assert mean_tau(rule, MEASURED) > 0.5
+    assert beyond_the_rule(rule, MEASURED) == 1.0
+
+
+def test_a_ranking_that_is_right_within_the_classes_knows_more_and_its_reverse_does_not():
+    right = [{name: MEASURED[name] for name in names} for names in LISTS]
+    assert mean_tau(right, MEASURED) == pytest.approx(1.0)
+    assert beyond_the_rule(right, MEASURED) < 0.01
+    within = [{name: 2 * is_two_sided(name) - MEASURED[name] for name in names} for names in LISTS]
+    assert mean_tau(within, MEASURED) > 0.0
+    assert beyond_the_rule(within, MEASURED) > 0.9
+
+
+def test_shuffles_within_the_classes_are_rarely_significant():
+    draw = np.random.default_rng(5)
+    found = []
+    for _ in range(12):
+        guess = [
+            {name: is_two_sided(name) + draw.random() / 2 for name in names} for names in LISTS
+        ]
+        found.append(beyond_the_rule(guess, MEASURED))
+    assert sum(p < 0.05 for p in found) <= 3
+    assert 0.2 < float(np.mean(found)) < 0.8
+
+
+def test_regret_is_the_best_less_the_first_and_ties_share():
+    measured = {"a": 0.9, "b": 0.5, "c": 0.1}
+    assert regret([{"a": 1.0, "b": 2.0, "c": 0.0}], measured) == pytest.approx(0.4)
+    assert regret([dict.fromkeys(measured, 0.0)], measured) == pytest.approx(0.4)
+    assert regret([{"a": 1.0, "b": 1.0, "c": 0.0}], measured) == pytest.approx(0.2)
+
+
+def _runs(success) -> pd.DataFrame:
+    rows = []
+    for name in paper.measured():
+        cameras = name.split("+")
+        traits = {
+            "two_views": is_two_sided(name),
+            "depth": any(c.startswith("dep_") for c in cameras),
+            "labels": any(c.startswith("seg_") for c in cameras),
+        }
+        for seed in range(3):
+            value = success(traits, seed)
+            rows.append({"cameras": name, "seed": seed, "success": value, "sampled": value,
+                         "touched": value, **traits})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def test_what_traits_add_is_found_with_its_interaction():
+    draw = np.random.default_rng(0)
+
+    def success(traits, seed):
+        both = traits["depth"] and traits["labels"]
+        plain = 0.2 + 0.4 * traits["two_views"] + 0.2 * traits["depth"] + 0.1 * traits["labels"]
+        return plain - 0.15 * both + 0.01 * draw.standard_normal()
+
+    rows = traits_table(_runs(success)).rows
+    assert [row[0] for row in rows] == [*TRAITS.values()]
+    for (_, own, _), true in zip(rows, (0.4, 0.2, 0.1, -0.15), strict=True):
+        assert own.value == pytest.approx(true, abs=0.03)
+        assert own.interval.low < own.value < own.interval.high
+
+
+def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
+    runs = _runs(lambda traits, seed: 0.5 + 0.4 * traits["two_views"] + 0.02 * (seed - 1))
+    table = sets_table(runs).records()
+    assert len(table) == 14
+    assert table[0]["threaded by seed, %"] == pytest.approx([0.88, 0.9, 0.92])
+    last = table[-1]["chance that the best set beats it (95 %)"]
+    assert (last.value, last.interval.low) == (1.0, 1.0)
+    assert t_interval([0.88, 0.92]) is None
+    ends = t_interval([0.88, 0.9, 0.92])
+    assert ends.low == pytest.approx(0.85, abs=0.001)
+    assert ends.high == pytest.approx(0.95, abs=0.001)
