@@ -165,7 +165,7 @@ def regret(lists: Sequence[Scores], measured: Scores) -> float:
 
 def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table:
     """Each prediction of the paper's three lists beside the rule and a blind choice."""
-    lists = [names for names in paper.lists().values()]
+    lists = list(paper.lists().values())
     rows = []
 
     def row(who: str, scores: Sequence[Scores], tested: bool) -> None:

@@ -18,7 +18,7 @@ from analysis.protocol import (
 )
 from needlehoop.study.data import paper
 
-LISTS = [names for names in paper.lists().values()]
+LISTS = list(paper.lists().values())
 MEASURED = {
     name: is_two_sided(name) + place / 100
     for place, name in enumerate(sorted({one for names in LISTS for one in names}))
