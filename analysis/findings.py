@@ -1,9 +1,8 @@
 """Puts what the runs in results/ say into the documentation: ``python -m analysis.findings``.
 
-It refills the tables of docs/findings.md and docs/evidence.md, writes the tables of
-``analysis.seeds`` into results/, and draws docs/cost_and_regret.png. A table of a page stands below
-a comment that names it; everything else on the pages is written by hand, and read again after each
-refill.
+It refills the tables of docs/findings.md and docs/evidence.md, and writes the tables of
+``analysis.seeds`` into results/. A table of a page stands below a comment that names it; everything
+else on the pages is written by hand, and read again after each refill.
 """
 
 from __future__ import annotations
@@ -14,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from analysis.comparisons import TRAITS, claims, difference, effects, writers
-from analysis.predictions import Fit, Held, cost_and_regret, held
+from analysis.protocol import BLIND, RULE, beyond_the_rule, mean_tau, predicted, regret
 from analysis.seeds import apart, luck
 from needlehoop.study.data import paper
-from needlehoop.study.render.style import save, styled
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.findings import Result, StudyFindings, study_findings
@@ -125,15 +123,6 @@ def _results() -> Table:
     return Table("results", "", (Column("cameras"), *columns), tuple(rows))
 
 
-def _sets() -> Table:
-    """The part of ``_results`` that the page of findings has room for, the soonest learnt first."""
-    names = ["cameras", "threaded, %", "by seed", "over training", "imitated, %"]
-    names += ["1.5 M: threaded, %", "1.5 M: over training", "the paper's return"]
-    whole = _results()
-    soonest = sorted(whole.records(), key=lambda row: row["over training"], reverse=True)
-    return _picked(whole.columns, soonest, names)
-
-
 def _picked(
     columns: Sequence[Column], rows: Sequence[Mapping[str, Cell]], names: Sequence[str]
 ) -> Table:
@@ -174,71 +163,22 @@ def _protocol_columns() -> list[Column]:
     ]
 
 
-@cache
-def _held(name: str) -> list[Held]:
-    return held(study(name))
-
-
-@cache
-def _fits() -> dict[str, dict[str, Fit]]:
-    """By who predicts, then by the page's column; those alone that are held against all lists."""
-    found: dict[str, dict[str, Fit]] = {}
-    for column, (name, truth) in _MEASURED.items():
-        (own,) = [one for one in _held(name) if one.against == truth]
-        for fit in own.whole:
-            found.setdefault(fit.who, {})[column] = fit
-    return found
-
-
-def _agreement() -> Table:
-    """Tau-b of each prediction with each measurement."""
-    rows = tuple(
-        (who, *(_tau(fits.get(column)) for column in _MEASURED)) for who, fits in _fits().items()
-    )
-    columns = (Column(name, form=".2f") for name in _MEASURED)
-    return Table("agreement", "", (Column("prediction"), *columns), rows)
-
-
-def _tau(fit: Fit | None) -> Cell:
-    if fit is None or fit.tau is None:
-        return None
-    tau = Estimated(fit.tau, fit.over_seeds.tau if fit.over_seeds else None)
-    return tau if fit.p is None else [tau, f"p {Column('p', form='p').text(fit.p)}"]
-
-
-def _regret() -> Table:
-    """What choosing by each prediction loses, mean over the lists, and what the choice took."""
-    rows: list[tuple[Cell, ...]] = []
-    for who, fits in _fits().items():
-        found = [fits.get(column) for column in _MEASURED]
-        lost = [
-            one and Estimated(one.regret, one.over_seeds.regret if one.over_seeds else None)
-            for one in found
-        ]
-        rows.append((who, next(one.core_minutes for one in found if one), *lost))
-    blind = {(name, own.against): own.blind for name in _PROTOCOLS.values() for own in _held(name)}
-    rows.append(("drawn blindly", 0.0, *(blind[side] for side in _MEASURED.values())))
-    columns = (Column(name, form=".2f") for name in _MEASURED)
-    minutes = Column("core-minutes", form=".0f")
-    return Table("regret", "", (Column("chosen by"), minutes, *columns), tuple(rows))
-
-
 def _foretold() -> Table:
-    """How each prediction agrees with how soon and how far ours come, and what it loses."""
-    taus = ("0.5 M, over training", "1.5 M", "the paper's")
-    losses = ("1.5 M", "1.5 M, over training", "the paper's")
-    agreed = {row["prediction"]: row for row in _agreement().records()}
-    rows = tuple(
-        (
-            row["chosen by"],
-            *(agreed.get(row["chosen by"], {}).get(name) for name in taus),
-            *(row[name] for name in losses),
-            row["core-minutes"],
-        )
-        for row in _regret().records()
-    )
-    columns = [Column(name, form=".2f") for name in (*taus, *(f"regret: {x}" for x in losses))]
-    columns.append(Column("core-minutes", form=".0f"))
+    """Each prediction against the earlier studies: tau-b, p beyond the rule, regret."""
+    found: dict[str, dict[str, Cell]] = {}
+    for column, (name, truth) in _MEASURED.items():
+        measured = study(name).truths[truth]
+        for who, lists in predicted(study(name).predictions_of(truth)).items():
+            cell: list[Cell] = [f"loses {regret(lists, measured):.2f}"]
+            if who != BLIND:
+                cell.insert(0, mean_tau(lists, measured))
+            if who not in (RULE, BLIND):
+                p = Column("p", form="p").text(beyond_the_rule(lists, measured))
+                cell.insert(1, f"p {p}")
+            found.setdefault(who, {})[column] = cell
+    ordered = [who for who in found if who not in (RULE, BLIND)] + [RULE, BLIND]
+    rows = tuple((who, *(found[who].get(column) for column in _MEASURED)) for who in ordered)
+    columns = (Column(name, form=".2f") for name in _MEASURED)
     return Table("foretold", "", (Column("prediction"), *columns), rows)
 
 
@@ -268,13 +208,12 @@ def _writers() -> Table:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
-    "findings.md": {"sets": _sets, "foretold": _foretold, "rewards": _rewards},
     "evidence.md": {
         "results": _results,
         "effects": _effects,
         "claims": _claims,
-        "agreement": _agreement,
-        "regret": _regret,
+        "foretold": _foretold,
+        "rewards": _rewards,
         "writers": _writers,
     },
 }
@@ -289,10 +228,7 @@ def main() -> None:
     for name in TABLES:
         path = ROOT / "docs" / name
         path.write_text(refilled(name, path.read_text()))
-    with styled():
-        picture, vector = save(cost_and_regret(study("table2")), ROOT / "docs" / "cost_and_regret")
-    vector.unlink()
-    print(f"refilled {', '.join(TABLES)}; drew {picture}")
+    print(f"refilled {', '.join(TABLES)}")
 
 
 if __name__ == "__main__":

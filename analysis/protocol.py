@@ -27,7 +27,7 @@ TRAITS = {
 """Terms of the linear model, and what the page calls them."""
 
 PREREGISTERED = ("the paper's VLM", "claude", "probe")
-RULE = "the rule"
+RULE, BLIND = "the rule", "drawn blindly"
 
 Scores = Mapping[str, float]
 
@@ -163,26 +163,31 @@ def regret(lists: Sequence[Scores], measured: Scores) -> float:
     return float(np.mean(lost))
 
 
+def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
+    """Scores by who predicts, list by list; of the rule and of no knowledge at all, too."""
+    lists = [*paper.lists().values()]
+    found = {
+        one.who: scores
+        for one in predictions
+        if all(scores := [one.lists.get(frozenset(names), {}) for names in lists])
+    }
+    found[RULE] = [{name: float(is_two_sided(name)) for name in names} for names in lists]
+    found[BLIND] = [dict.fromkeys(names, 0.0) for names in lists]
+    return found
+
+
 def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table:
     """Each prediction of the paper's three lists beside the rule and a blind choice."""
-    lists = list(paper.lists().values())
     rows = []
-
-    def row(who: str, scores: Sequence[Scores], tested: bool) -> None:
-        tau = mean_tau(scores, measured) if tested or who == RULE else None
-        p = beyond_the_rule(scores, measured) if tested else None
-        kind = "yes" if who in PREREGISTERED else "exploratory" if tested else ""
-        rows.append((who, tau, p, regret(scores, measured), kind))
-
-    for one in predictions:
-        scores = [one.lists.get(frozenset(names), {}) for names in lists]
-        if all(len(own) == len(names) for own, names in zip(scores, lists, strict=True)):
-            row(one.who, scores, tested=True)
-    row(RULE, [{name: float(is_two_sided(name)) for name in names} for names in lists], False)
-    row("drawn blindly", [dict.fromkeys(names, 0.0) for names in lists], False)
+    for who, lists in predicted(predictions).items():
+        knows = who not in (RULE, BLIND)
+        tau = None if who == BLIND else mean_tau(lists, measured)
+        p = beyond_the_rule(lists, measured) if knows else None
+        kind = ("preregistered" if who in PREREGISTERED else "exploratory") if knows else ""
+        rows.append((who, tau, p, regret(lists, measured), kind))
     columns = (
         Column("prediction"), Column("τ-b", form=".2f"), Column("p beyond the rule", form="p"),
-        Column("regret", "points", ".1f", 100.0), Column("preregistered"),
+        Column("regret", "points", ".1f", 100.0), Column("test"),
     )  # fmt: skip
     return Table("protocol_foretold", "", columns, tuple(rows))
 

@@ -1,20 +1,18 @@
-"""What seeds say: how much of a number is luck, and how well a measured ranking repeats."""
+"""What seeds say: how much of a number is luck, and which camera sets can be told apart."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.stats import f as fisher
 from scipy.stats import f_oneway, tukey_hsd
 
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
-from needlehoop.study.stats.agreement import Agreement, agreement
 from needlehoop.study.stats.findings import StudyFindings
 from needlehoop.study.stats.run import RETURN, SUCCESS, TRAINING, Measure
-from needlehoop.study.stats.statistics import ENOUGH, Interval, iqm, percentiles, resample
+from needlehoop.study.stats.statistics import Interval
 
 LEAST = 2
 """Seeds of a camera set from which on they say how far its runs lie apart."""
@@ -145,92 +143,3 @@ def _enough(share: float) -> int | str:
     if share <= 0.0:
         return "no number"
     return math.ceil(_RELIABLE * (1.0 - share) / ((1.0 - _RELIABLE) * share))
-
-
-@dataclass(frozen=True)
-class Spread:
-    """95 % intervals over seeds: what agreement would have been with others."""
-
-    tau: Interval | None
-    """Of the mean tau-b over lists; ``None`` where there is none."""
-    regret: Interval
-
-
-def spread(
-    lists: Sequence[Mapping[str, float]], measured: Mapping[str, Sequence[float]], seed: int = 0
-) -> Spread | None:
-    """Intervals of a prediction's agreement over lists, by drawing each camera set's seeds anew.
-
-    Args:
-        lists: a prediction's scores by camera set, of each list.
-        measured: the values of the runs, by camera set.
-        seed: of the drawing.
-
-    Returns:
-        ``None`` where a camera set has too few seeds, or has not been measured.
-    """
-    runs = {name: np.asarray(measured.get(name, ())) for scores in lists for name in scores}
-    if not runs or min(map(len, runs.values())) < ENOUGH:
-        return None
-    generator = np.random.default_rng(seed)
-    # A camera set that is in two lists has one value in both.
-    drawn = {name: iqm(resample(runs[name], generator), axis=1) for name in sorted(runs)}
-    taus, regrets = [], []
-    for scores in lists:
-        names = sorted(scores)
-        a, b = (np.stack([np.asarray(of[name]) for name in names], -1) for of in (scores, drawn))
-        taus.append(_taus(a, b))
-        regrets.append(b.max(axis=1) - b[:, a == a.max()].mean(axis=1))
-    # As in ``pooled``: a list that a draw puts on one level has no correlation there.
-    known = ~np.isnan(taus)
-    some = known.any(axis=0)
-    means = np.where(known, taus, 0.0).sum(axis=0)[some] / known.sum(axis=0)[some]
-    return Spread(percentiles(means) if some.any() else None, percentiles(np.mean(regrets, axis=0)))
-
-
-def _taus(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Tau-b of scores ``a`` ``(n,)`` with each of ``b`` ``(k, n)``: ``(k,)``, NaN if undefined."""
-    one = np.sign(a[:, None] - a[None, :])
-    many = np.sign(b[:, :, None] - b[:, None, :])
-    with np.errstate(invalid="ignore"):
-        size = np.sqrt((one**2).sum() * (many**2).sum(axis=(1, 2)))
-        return np.where(size > 0, (one * many).sum(axis=(1, 2)) / size, np.nan)
-
-
-def by_seed(findings: StudyFindings, measure: Measure) -> dict[str, dict[int, float]]:
-    """The runs' numbers with the main reward, by camera set, then by seed."""
-    return {
-        result.cameras: dict(zip((run.place.seed for run in result.runs), own, strict=True))
-        for result in findings.ranked
-        if (own := result.values(measure))
-    }
-
-
-def repeat(
-    findings: StudyFindings, measure: Measure
-) -> dict[frozenset[str], tuple[Agreement, ...]]:
-    """How well each seed of a study foretells the mean of its others, list by list.
-
-    A prediction that does as well is worth a training of every camera set.
-
-    Returns:
-        An agreement for each seed that all sets of a list have; lists with fewer than two such
-        seeds are left out.
-    """
-    ends = by_seed(findings, measure)
-    found = {}
-    for members in map(frozenset, findings.lists.values()):
-        shared = sorted(set.intersection(*(set(ends.get(name, ())) for name in members)))
-        if len(shared) > 1:
-            found[members] = tuple(_held_out(ends, members, shared, one) for one in shared)
-    return found
-
-
-def _held_out(
-    ends: Mapping[str, Mapping[int, float]], members: frozenset[str], seeds: list[int], one: int
-) -> Agreement:
-    others = [seed for seed in seeds if seed != one]
-    return agreement(
-        {name: ends[name][one] for name in members},
-        {name: float(iqm(np.array([ends[name][seed] for seed in others]))) for name in members},
-    )

@@ -9,10 +9,11 @@ import pytest
 from scipy.stats import kendalltau
 
 from analysis import findings as analysis
+from analysis.protocol import PREREGISTERED, RULE, is_two_sided
 from analysis.seeds import apart, luck
 from needlehoop.study.render.table import Table
 from needlehoop.study.report.tables import phases, results, rewards
-from needlehoop.study.stats.run import TRAINING, steps_to_share
+from needlehoop.study.stats.run import TRAINING
 
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("findings.md", "evidence.md")}
@@ -41,37 +42,15 @@ def table(study: str, name: str) -> Table:
 
 
 def test_a_refilled_page_is_the_page():
-    assert set(analysis.TABLES) == set(PAGES)
-    for name, page in PAGES.items():
-        assert analysis.refilled(name, page) == page
-    with pytest.raises(ValueError, match=r"findings\.md: no table sets"):
-        analysis.refilled("findings.md", PAGE.replace("<!-- sets", "<!-- nothing"))
+    for name in analysis.TABLES:
+        assert analysis.refilled(name, PAGES[name]) == PAGES[name]
+    with pytest.raises(ValueError, match=r"evidence\.md: no table effects"):
+        analysis.refilled("evidence.md", PAGE.replace("<!-- effects", "<!-- nothing"))
 
 
-def test_the_findings_tables_are_drawn_from_the_evidences():
-    evidence = {row["cameras"]: row for row in rows_of("results")}
-    sets = rows_of("sets")
-    assert {row["cameras"] for row in sets} == set(evidence)
-    assert all(row.items() <= evidence[row["cameras"]].items() for row in sets)
-    soon = [float(row["over training"]) for row in sets]
-    assert soon == sorted(soon, reverse=True)
-    agreement = {row["prediction"]: row for row in rows_of("agreement")}
-    regret = {row["chosen by"]: row for row in rows_of("regret")}
-    foretold = rows_of("foretold")
-    assert [row["prediction"] for row in foretold] == [*regret]
-    for row in foretold:
-        who = row.pop("prediction")
-        lost = {name.removeprefix("regret: "): row.pop(name) for name in [*row] if "reg" in name}
-        lost["core-minutes"] = row.pop("core-minutes")
-        assert len(lost) == 4
-        assert lost.items() <= regret[who].items()
-        assert list(row) == ["0.5 M, over training", "1.5 M", "the paper's"]
-        assert row.items() <= agreement.get(who, dict.fromkeys(row, "")).items()
-
-
-def test_the_findings_fit_two_screens():
-    # Of some fifty lines each, at 120 characters; a row of a table is one.
-    assert PAGES["findings.md"].count("\n") <= 100
+def test_the_findings_fit_one_screen():
+    # Of some fifty lines at 120 characters.
+    assert PAGES["findings.md"].count("\n") <= 50
 
 
 def test_success_by_seed_is_what_evaluations_say():
@@ -110,30 +89,40 @@ def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
     assert f"τ-b {tau:.2f} over the {len(longer)} sets, p = {p:.2f}" in " ".join(PAGE.split())
 
 
-def test_sentences_on_the_papers_protocol_have_the_tables_numbers():
+def test_sentences_on_cameras_have_the_tables_numbers():
     effects = {row["trait"]: row["1.5 M: over training (95 %)"] for row in rows_of("effects")}
-    second_view = effects["front and side views, not the default"].replace("+", "")
-    words = " ".join(PAGE.split())
-    assert second_view.replace(" (", " points over training (") in words
-    sooner = {row["trait"]: row["0.5 M: over training (95 %)"] for row in rows_of("effects")}
-    view, depth, segmentation, two = (
-        sooner[trait].replace("+", "")
-        for trait in (
-            "front and side views, not the default",
-            "depth in a camera",
-            "segmentation in a camera",
-            "two cameras, not one",
-        )
+    depth, segmentation = (
+        effects[f"{trait} in a camera"].replace(" to +", " to ")
+        for trait in ("depth", "segmentation")
     )
-    assert f"instead of the default {view}, segmentation in a camera {segmentation}" in words
-    assert f"depth {depth}, two cameras instead of one nothing that shows, {two}." in words
-    taus = {row["prediction"]: row["1.5 M"].partition(",")[0] for row in rows_of("agreement")}
-    assert (
-        "the probe by {probe}, `claude` by {claude}, the paper's model by {the paper's VLM}; our 51"
-        " runs of 0.5 M steps by {fast protocol}, the paper's own returns by {the paper's measured}"
-    ).format(**taus) in words
-    *choices, blind = [float(row["1.5 M"]) for row in rows_of("regret") if row["1.5 M"]]
-    assert f"{max(choices):.2f} points at most, a blind one {blind:.2f}" in words
+    words = " ".join(PAGE.split())
+    assert f"depth is worth {depth.replace(' (', ' points of return over training (')}" in words
+    assert f"segmentation {segmentation}" in words
+    ends = {row["cameras"]: row["1.5 M: threaded, %"] for row in rows_of("results")}
+    two, one = (
+        sorted(int(end) for name, end in ends.items() if end and is_two_sided(name) is sides)
+        for sides in (True, False)
+    )
+    assert (two, len(one)) == ([100] * 9, 5)
+    assert f"with one view thread in {one[0]} to {one[-1]}" in words
+
+
+def test_sentences_on_predictions_have_the_tables_numbers():
+    taus, ps = {}, {}
+    for row in rows_of("foretold"):
+        who = row["prediction"]
+        cells = [row[f"{steps} M, over training"].split(", ") for steps in ("0.5", "1.5")]
+        if who in (*PREREGISTERED, RULE):
+            taus[who] = [cell[0] for cell in cells]
+            ps[who] = [cell[1].removeprefix("p ") for cell in cells]
+    words = " ".join(PAGE.split())
+    assert len(set(taus[RULE])) == 1
+    assert f"by τ-b {taus[RULE][0]} after 0.5 M and after 1.5 M steps" in words
+    for who in PREREGISTERED:
+        assert "by {} and {}".format(*taus[who]) in words
+    low, *_, high = sorted(p for who in PREREGISTERED for p in ps[who])
+    assert float(low) > 0.05
+    assert f"(p {low} to {high})" in words
 
 
 def listed(cells: list[str]) -> str:
@@ -155,37 +144,23 @@ def test_sentences_on_rewards_have_the_runs_numbers():
     def said(reward: str, column: str) -> list[str]:
         return [of[cameras, reward][column] for cameras in REWARDED]
 
+    against = {row["reward"]: row["human's points (95 %)"] for row in rows_of("writers")}
+    assert against["claude, text, against human"] == "-0.09 (-0.17 to -0.01)"
+    assert "0.09 points below the human one from text (0.01 to 0.17)" in words
+    assert against["claude, text + image, against human"] == "-0.10 (-0.21 to +0.02)"
+    assert "and 0.10 from text and images (-0.02 to 0.21)" in words
     claudes = [row for (_, reward), row in of.items() if reward.startswith("claude")]
     assert {row["cheat, %"] for row in claudes} == {"0"}
     least, *others = sorted(int(row["success, %"]) for row in claudes)
     assert others == [100] * 5
     assert f"five of six agents thread in 100 of 100, one in {least}" in words
-    points = sorted(row["human's points"] for row in claudes)
-    assert f"for {points[0]} to {points[-1]} of the human reward's points" in words
-    own = sorted(said("human", "human's points"))
-    assert f"(its own agents: {own[0]} to {own[-1]})" in words
-    soon = [
-        listed(said(reward, "M steps to 90 %"))
-        for reward in ("claude, text + image", "claude, text", "human")
-    ]
-    (more,) = (
-        row["success over training, % (95 %)"]
-        for row in rows_of("writers")
-        if row["reward"] == "claude, text + image, against text alone"
-    )
-    more = more.removeprefix("+").replace(" (", " % more over training, ")
-    said_of_image = "after {} M steps with it, {} M without ({more}, {} M with the human"
-    assert said_of_image.format(*soon, more=more) in words
     ends = said("VLM, text", "success, %")
-    assert f"in {listed(ends)} of 100 at the end" in words
+    assert f"the mean action ends at {listed(ends)} of 100" in words
     readme = " ".join((ROOT / "README.md").read_text().split())
-    assert f"as good as the human one, in {least} to 100 of 100" in readme
-    assert f"and then unlearnt, to {listed(ends)} of 100" in readme
+    assert f"agents thread in {least} to 100 of 100" in readme
+    assert f"they end at {listed(ends)} of 100" in readme
     for success, cheat in zip(ends, said("VLM, text", "cheat, %"), strict=True):
         assert int(success) + int(cheat) == 100
-    images = said("VLM, text + image", "success, %")
-    assert f"hovers before the hoop ({images[0]})" in words
-    assert f"or cheat ({listed(images[1:])})" in words
 
 
 def test_the_papers_text_reward_is_unlearnt_as_the_page_says():
@@ -198,24 +173,9 @@ def test_the_papers_text_reward_is_unlearnt_as_the_page_says():
     assert {(row["episodes"], float(row["success"])) for row in at_best} == {("20", 1.0)}
     hovering = max(last, key=lambda row: float(row["cheat"]))
     threading = at_best[last.index(hovering)]
-    said = "at the hoop's very centre pays {:.1f}, to go on through it {:.1f}"
+    said = "the hoop's very centre pays {:.1f} with it, to go on through it {:.1f}"
     returns = [float(row["return"]) for row in (hovering, threading)]
-    words = " ".join(PAGE.split())
-    assert said.format(*returns) in words
-    assert "in 20 of 20 at 1.0 M steps" in words
-
-
-def test_how_soon_half_thread_is_as_the_page_says():
-    steps: dict[bool, list[float]] = {True: [], False: []}
-    for result in analysis.study("table2").ranked:
-        for run in result.runs:
-            half = steps_to_share(run, "success", 0.5)
-            assert half is not None
-            steps["side" in result.cameras].append(half / 1e6)
-    pairs, one_view = (f"{min(own):.2f} to {max(own):.2f} M steps" for own in steps.values())
-    words = " ".join(PAGE.split())
-    assert f"Half of their training episodes thread at {pairs}" in words
-    assert f"half at {one_view}" in words
+    assert said.format(*returns) in " ".join(PAGE.split())
 
 
 def test_the_last_seed_alone_is_foretold_as_the_page_says():
