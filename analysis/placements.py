@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 from analysis.protocol import means
 from needlehoop.engines.contract import FIELDS
@@ -20,13 +20,13 @@ from needlehoop.envs.rollout import rollout
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.runs.reading import read_json
 from needlehoop.study.render.style import FAINT, new_figure
-from needlehoop.study.render.table import Column, Estimated, Table
+from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.statistics import Interval
 
 _EPISODES, _EVERY = 10, 5
 """Episodes of the expert in which pixels are counted, and steps from one picture to the next."""
 
-_DRAWS = 10_000
+_DRAWS, _RESAMPLES = 10_000, 2_000
 _FAR = 10.0
 """Where things are put that are not to be seen, m."""
 
@@ -94,14 +94,15 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     names = [name for name in scores.index if name in measured]
     truth = np.array([measured[name] for name in names])
     draw = np.random.default_rng(0)
-    rows = []
+    rows: list[tuple[Cell, ...]] = []
     for who in scores:
-        own = scores.loc[names, who].to_numpy()
-        rho = _rho(own, truth)
-        chance = np.mean([_rho(draw.permutation(own), truth) >= rho for _ in range(_DRAWS)])
+        own = scores.loc[names, who].to_numpy(float)
+        shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
+        (rho,) = _rho(own[None], truth[None])
+        chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
+        lost = float(truth.max() - truth[own == own.max()].mean())
         ends = _bootstrap(own, runs, names)
-        best = float(truth.max() - truth[own == own.max()].mean())
-        rows.append((who, Estimated(rho, ends), max(float(chance), 1 / _DRAWS), best))
+        rows.append((str(who), Estimated(float(rho), ends), float(chance), lost))
     rows.append(("drawn blindly", None, None, float(truth.max() - truth.mean())))
     columns = (
         Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
@@ -110,19 +111,20 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     return Table("placements", "", columns, tuple(rows))
 
 
-def _rho(a: np.ndarray, b: np.ndarray) -> float:
-    return float(spearmanr(a, b)[0])
+def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
+    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
+    with np.errstate(invalid="ignore"):
+        return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
 
 
 def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interval:
     """Cameras drawn anew, and the runs of each."""
     draw = np.random.default_rng(1)
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
-    found = []
-    for _ in range(2_000):
-        picked = draw.integers(len(names), size=len(names))
-        truth = np.array([draw.choice(groups[i], len(groups[i])).mean() for i in picked])
-        found.append(_rho(own[picked], truth))
+    drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
+    picked = draw.integers(len(names), size=drawn.shape)
+    found = _rho(own[picked], np.take_along_axis(drawn, picked, 1))
     low, high = np.nanpercentile(found, (2.5, 97.5))
     return Interval(float(low), float(high))
 

@@ -113,11 +113,11 @@ def traits_table(runs: pd.DataFrame) -> Table:
             cov_kwds={"groups": pd.factorize(ours["cameras"])[0]},
             use_t=True,
         )
-        ends = fit.conf_int()
+        found = fit.conf_int().assign(value=fit.params)
         rows.append(
             [
-                Estimated(float(fit.params[name]), Interval(*map(float, ends.loc[name])))
-                for name in TRAITS
+                Estimated(float(value), Interval(float(low), float(high)))
+                for low, high, value in found.loc[[*TRAITS]].to_numpy()
             ]
         )
     columns = (
@@ -142,7 +142,7 @@ def beyond_the_rule(lists: Sequence[Scores], measured: Scores) -> float:
     """
     observed = mean_tau(lists, measured)
     orders = [[mean_tau([one], measured) for one in _within_classes(own)] for own in lists]
-    every = np.array([np.mean(taus) for taus in product(*orders)])
+    every = np.array(list(product(*orders))).mean(axis=1)
     return float(np.mean(every >= observed - 1e-9))
 
 

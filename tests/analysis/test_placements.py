@@ -1,0 +1,33 @@
+"""Where to put a camera: rules that are computed, and rankings that are held against training."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from analysis.placements import ELEVATION, HIDDEN, PIXELS, foretold_table, rules
+
+
+def test_a_camera_behind_the_arm_sees_less_of_needle_and_hoop():
+    behind, beside = (found for _, found in rules(["rgb_p08", "rgb_p13"]).iterrows())
+    assert behind[ELEVATION] == -22.0
+    assert beside[ELEVATION] == -6.0
+    assert behind[PIXELS] < beside[PIXELS]
+    assert 0.0 < behind[HIDDEN] < beside[HIDDEN] <= 1.0
+
+
+def test_a_ranking_is_held_against_mean_success():
+    success = {"a": [0.9, 0.8], "b": [0.6, 0.7], "c": [0.4, 0.5], "d": [0.1, 0.2], "e": [0.0, 0.1]}
+    runs = pd.DataFrame(
+        [{"cameras": name, "success": one} for name, own in success.items() for one in own]
+    )
+    right = [5.0, 4.0, 3.0, 2.0, 1.0]
+    scores = pd.DataFrame({"right": right, "wrong": right[::-1]}, index=[*success])
+    rows = {row["prediction"]: row for row in foretold_table(scores, runs).records()}
+    assert rows["right"]["ρ (95 %)"].value == pytest.approx(1.0)
+    assert rows["wrong"]["ρ (95 %)"].value == pytest.approx(-1.0)
+    assert rows["right"]["p"] == pytest.approx(1 / 120, abs=0.005)
+    assert rows["wrong"]["p"] == pytest.approx(1.0)
+    assert rows["right"]["regret, points"] == 0.0
+    assert rows["wrong"]["regret, points"] == pytest.approx(0.8)
+    assert rows["drawn blindly"]["regret, points"] == pytest.approx(0.85 - 0.43)
