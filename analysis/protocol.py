@@ -42,7 +42,7 @@ def runs_of(study: Study) -> pd.DataFrame:
             "sampled": run.evaluation["success_sampled"],
             "touched": run.evaluation["touched"],
         }
-        for run in study.runs
+        for run in sorted(study.runs, key=lambda run: run.place)
         if run.finished and run.evaluation is not None
     ]
     runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
@@ -60,26 +60,27 @@ def is_two_sided(cameras: str) -> bool:
 
 def means(runs: pd.DataFrame) -> dict[str, float]:
     """Mean success by camera set, the best first."""
-    return runs.groupby("cameras")["success"].mean().sort_values(ascending=False).to_dict()
+    found = {str(name): float(np.mean(own["success"])) for name, own in runs.groupby("cameras")}
+    return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
 def sets_table(runs: pd.DataFrame) -> Table:
     """Each camera set's runs, with a t-interval of their mean, and the chance to beat the next."""
-    order = means(runs)
-    groups = {name: runs[runs["cameras"] == name].sort_values("seed") for name in order}
-    best = groups[next(iter(order))]["success"].tolist()
+    groups = {str(name): own for name, own in runs.groupby("cameras")}
+    order = [*means(runs)]
+    best = groups[order[0]]["success"].tolist()
     rows = []
-    for name, own in groups.items():
-        successes = own["success"].tolist()
+    for name in order:
+        own, successes = groups[name], groups[name]["success"].tolist()
         beaten = improvement(best, successes)
         rows.append(
             (
                 name,
                 successes,
                 Estimated(float(np.mean(successes)), t_interval(successes)),
-                float(own["sampled"].mean()),
-                float(own["touched"].mean()),
-                None if successes is best else Estimated(beaten.value, beaten.interval),
+                float(np.mean(own["sampled"])),
+                float(np.mean(own["touched"])),
+                None if name == order[0] else Estimated(beaten.value, beaten.interval),
             )
         )
     columns = (
@@ -130,8 +131,10 @@ def traits_table(runs: pd.DataFrame) -> Table:
 
 def mean_tau(lists: Sequence[Scores], measured: Scores) -> float:
     """Mean tau-b over lists of scores with what was measured."""
-    taus = [kendalltau([*own.values()], [measured[name] for name in own])[0] for own in lists]
-    return float(np.mean(taus))
+    taus = [
+        kendalltau([*own.values()], [measured[name] for name in own]).statistic for own in lists
+    ]
+    return sum(taus) / len(taus)
 
 
 def beyond_the_rule(lists: Sequence[Scores], measured: Scores) -> float:
@@ -142,8 +145,8 @@ def beyond_the_rule(lists: Sequence[Scores], measured: Scores) -> float:
     """
     observed = mean_tau(lists, measured)
     orders = [[mean_tau([one], measured) for one in _within_classes(own)] for own in lists]
-    every = np.array(list(product(*orders))).mean(axis=1)
-    return float(np.mean(every >= observed - 1e-9))
+    every = [sum(taus) / len(taus) for taus in product(*orders)]
+    return sum(tau >= observed - 1e-9 for tau in every) / len(every)
 
 
 def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
