@@ -13,7 +13,6 @@ from needlehoop.rewards.language import program
 from needlehoop.scene.signals import Readings
 from needlehoop.tasks import stepping
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.needle_hoop.scene import WELD
 from needlehoop.tasks.scene import build_spec
 from needlehoop.tasks.start import draws as draw
 from needlehoop.vlm import moments
@@ -26,7 +25,7 @@ draws = partial(draw, count=TASK.draws)
 def observe(layout, episode, memory, readings):
     """The memory from now on, the signals, and the grasp's weld (none by friction)."""
     seen = stepping.observe(TASK, layout, episode, memory, readings)
-    return seen.memory, seen.signals, seen.welds.get(WELD)
+    return seen.memory, seen.signals, seen.welds.get("grasp")
 
 
 def spec_of(settings: Settings, psm: str, views=None) -> mujoco.MjSpec:
@@ -39,7 +38,7 @@ def addresses_of(model: mujoco.MjModel) -> Addresses:
 
 
 def readings_of(model: mujoco.MjModel) -> Readings:
-    return Readings(model, TASK.sensors, TASK.signals)
+    return Readings(model, TASK.signals)
 
 
 def load_reward(config):

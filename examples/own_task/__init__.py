@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 import mujoco
@@ -14,7 +13,16 @@ from torch import Tensor
 from needlehoop.config.strict import Positive
 from needlehoop.robot.geometry import about_z, distance
 from needlehoop.robot.shapes import collision
-from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
+from needlehoop.scene.signals import (
+    ELAPSED,
+    Signal,
+    fact,
+    of_body,
+    of_joints,
+    of_site,
+    touch,
+    verdict,
+)
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Layout, Length, Place, Spread
@@ -115,15 +123,6 @@ class Human:
         }
 
 
-_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
-_point = partial(Signal, (3,), "m", "world", "sensor")
-_bool = partial(Signal, (), "bool", "-")
-
-
-def _touch(finger: int) -> SensorSpec:
-    return SensorSpec(_SENS.mjSENS_CONTACT, _OBJ.mjOBJ_GEOM, f"{PREFIX}pad_{finger}", "cube")
-
-
 TASK = Task(
     name="cube_on_spot",
     summary="A gantry picks a cube up and puts it on a spot.",
@@ -132,25 +131,17 @@ TASK = Task(
     rules=CubeRules,
     materials={"cube": ((0.9, 0.3, 0.2), 0.2, 0.3), "spot": ((0.95, 0.9, 0.4), 0.1, 0.2)},
     build=build,
-    sensors={
-        "tool": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, f"{PREFIX}tool"),
-        "cube": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "cube"),
-        "spot": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "spot"),
-        "grip": SensorSpec(_SENS.mjSENS_JOINTPOS, _OBJ.mjOBJ_JOINT, f"{PREFIX}finger_1"),
-        "finger_1_touch": _touch(1),
-        "finger_2_touch": _touch(2),
-    },
     signals={
-        "tool": _point("middle between the fingers"),
-        "cube": _point("middle of the cube"),
-        "spot": _point("middle of the spot, on the table"),
-        "grip": Signal((), "m", "joint", "sensor", "opening of a finger, 0 where it is closed"),
-        "finger_1_touch": _bool("sensor", "first finger touches the cube"),
-        "finger_2_touch": _bool("sensor", "second finger touches the cube"),
+        "tool": of_site("position", f"{PREFIX}tool", "middle between the fingers"),
+        "cube": of_body("position", "cube", "middle of the cube"),
+        "spot": of_body("position", "spot", "middle of the spot, on the table"),
+        "grip": of_joints([f"{PREFIX}finger_1"], "m", "opening of a finger, 0 where it is closed"),
+        "finger_1_touch": touch(f"{PREFIX}pad_1", "cube", "first finger touches the cube"),
+        "finger_2_touch": touch(f"{PREFIX}pad_2", "cube", "second finger touches the cube"),
         "grip_command": Signal((), "m", "joint", "command", "commanded opening of a finger"),
         "elapsed": ELAPSED,
-        "held": _bool("fact", "both fingers touch the cube"),
-        "placed": _bool("verdict", "the cube lies on the spot, let go"),
+        "held": fact("both fingers touch the cube"),
+        "placed": verdict("the cube lies on the spot, let go"),
     },
     classes={
         "cube": FlatClass(("cube",), (255, 0, 80)),

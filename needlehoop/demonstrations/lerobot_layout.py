@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from needlehoop.demonstrations.episodes import About, Demonstration
+from needlehoop.scene.signals import sensors_of
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.psm import ROBOT as PSM
 
@@ -226,8 +227,7 @@ def proprio_names(task: Task) -> list[str]:
     """Names of the numbers that a robot knows of itself: a sensor's, or its signal's."""
     names = []
     for signal in task.robot.proprio:
-        size = task.signals[signal].size
-        own = [name for name, sensor in task.sensors.items() if sensor.signal == signal]
+        own, size = [*sensors_of({signal: task.signals[signal]})], task.signals[signal].size
         numbered = [signal] if size == 1 else [f"{signal}_{i}" for i in range(size)]
         names += own if len(own) == size else numbered
     return names

@@ -74,7 +74,7 @@ class Simulation:
     ):
         self.engine, self.task, self.reward = engine, task, reward
         self.layout, self.episode = layout, episode
-        self._readings = Readings(engine.model, task.sensors, task.signals)
+        self._readings = Readings(engine.model, task.signals)
         self._before = engine.sensordata()
         self.envs = first_env + np.arange(engine.num_envs)
         self.disturbance = disturbance

@@ -6,7 +6,7 @@ a signal that would give the verdict away is left out of that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -18,6 +18,16 @@ Signals = Any
 
 Floating signals are float64, so that every engine gives the same bits.
 """
+
+
+class Sensor(NamedTuple):
+    """What MuJoCo reads: a type of sensor, the kind and name of its object."""
+
+    type: mujoco.mjtSensor
+    objtype: mujoco.mjtObj
+    objname: str
+    body: str | None = None
+    """Of a contact: the body whose geoms count."""
 
 
 class Signal(NamedTuple):
@@ -33,6 +43,8 @@ class Signal(NamedTuple):
     frame: str
     source: str
     meaning: str
+    sensors: tuple[Sensor, ...] = ()
+    """What it is read from. A single sensor has the signal's name, several their objects'."""
 
     @property
     def size(self) -> int:
@@ -40,16 +52,51 @@ class Signal(NamedTuple):
         return self.shape[0] if self.shape else 1
 
 
-class SensorSpec(NamedTuple):
-    """A named sensor: its MuJoCo type, the kind and name of the object that it reads."""
+_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
 
-    type: mujoco.mjtSensor
-    objtype: mujoco.mjtObj
-    objname: str
-    body: str | None = None
-    """Of a contact: the body whose geoms count."""
-    signal: str | None = None
-    """The signal that it is a part of, in the order of sensors; ``None``: that of its own name."""
+_FRAME = {
+    "position": (_SENS.mjSENS_FRAMEPOS, 3, "m"),
+    "orientation": (_SENS.mjSENS_FRAMEQUAT, 4, "1"),
+    "axis": (_SENS.mjSENS_FRAMEZAXIS, 3, "1"),
+    "velocity": (_SENS.mjSENS_FRAMELINVEL, 3, "m/s"),
+    "spin": (_SENS.mjSENS_FRAMEANGVEL, 3, "rad/s"),
+}
+"""Type, numbers and unit."""
+
+
+def of_site(what: str, name: str, meaning: str) -> Signal:
+    """``position``, ``orientation`` or z ``axis`` of a site, world frame."""
+    kind, size, unit = _FRAME[what]
+    return Signal((size,), unit, "world", "sensor", meaning, (Sensor(kind, _OBJ.mjOBJ_SITE, name),))
+
+
+def of_body(what: str, name: str, meaning: str) -> Signal:
+    """The same of a body; or its ``velocity`` or ``spin``."""
+    signal = of_site(what, name, meaning)
+    return signal._replace(sensors=(signal.sensors[0]._replace(objtype=_OBJ.mjOBJ_XBODY),))
+
+
+def of_joints(names: Iterable[str], unit: str, meaning: str) -> Signal:
+    """Positions of joints, side by side; of a single one, a number."""
+    read = tuple(Sensor(_SENS.mjSENS_JOINTPOS, _OBJ.mjOBJ_JOINT, name) for name in names)
+    shape = (len(read),) if len(read) > 1 else ()
+    return Signal(shape, unit, "joint", "sensor", meaning, read)
+
+
+def touch(geom: str, body: str, meaning: str) -> Signal:
+    """Whether a geom touches a body."""
+    read = Sensor(_SENS.mjSENS_CONTACT, _OBJ.mjOBJ_GEOM, geom, body)
+    return Signal((), "bool", "-", "sensor", meaning, (read,))
+
+
+def fact(meaning: str) -> Signal:
+    """A fact that reward writers may see."""
+    return Signal((), "bool", "-", "fact", meaning)
+
+
+def verdict(meaning: str) -> Signal:
+    """A fact that they may not see."""
+    return Signal((), "bool", "-", "verdict", meaning)
 
 
 ELAPSED = Signal((), "1", "-", "command", "fraction of the episode's steps that is used up")
@@ -64,35 +111,35 @@ def signals_class(table: Mapping[str, Signal]) -> type:
     return type("Signals", (TensorClass,), fields)
 
 
+def sensors_of(table: Mapping[str, Signal]) -> dict[str, Sensor]:
+    """Every sensor that a table's signals are read from, in order, by its name in the scene."""
+    return {
+        name if len(signal.sensors) == 1 else sensor.objname: sensor
+        for name, signal in table.items()
+        for sensor in signal.sensors
+    }
+
+
 class Readings:
     """Cuts ``sensordata`` into named readings.
 
     Args:
         model: a compiled scene.
-        sensors: of the scene, by name.
         table: of signals.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        sensors: Mapping[str, SensorSpec],
-        table: Mapping[str, Signal],
-    ):
-        self._slices: dict[str, list[slice]] = {}
-        self._table = table
-        for name, spec in sensors.items():
-            sensor = model.sensor(name)
-            start, size = int(sensor.adr[0]), int(sensor.dim[0])
-            self._slices.setdefault(spec.signal or name, []).append(slice(start, start + size))
+    def __init__(self, model: mujoco.MjModel, table: Mapping[str, Signal]):
+        self._table = {name: row for name, row in table.items() if row.sensors}
+        self._slices: dict[str, slice] = {}
+        for name, row in self._table.items():
+            own = [model.sensor(one) for one in sensors_of({name: row})]
+            self._slices[name] = slice(int(own[0].adr[0]), int(own[-1].adr[0] + own[-1].dim[0]))
 
     def __call__(self, sensordata: Tensor) -> dict[str, Tensor]:
-        """Readings by signal name from ``sensordata`` ``(n, nsensordata)``: views where whole."""
+        """Readings by signal name, views into ``sensordata`` ``(n, nsensordata)``."""
         read = {}
-        for name, parts in self._slices.items():
-            columns = [sensordata[:, part] for part in parts]
-            value = columns[0] if len(columns) == 1 else torch.cat(columns, -1)
-            row = self._table[name]
+        for name, row in self._table.items():
+            value = sensordata[:, self._slices[name]]
             value = value if row.shape else value[:, 0]
             read[name] = value > 0 if row.unit == "bool" else value
         return read

@@ -12,7 +12,7 @@ import mujoco
 
 from needlehoop.robot.shapes import Mesh, collision
 from needlehoop.scene.cameras import View, pose_of
-from needlehoop.scene.signals import SensorSpec
+from needlehoop.scene.signals import Sensor
 
 Materials = Mapping[str, tuple[tuple[float, float, float], float, float]]
 """RGB, specular and shininess by name."""
@@ -56,7 +56,7 @@ def add_cameras(spec: mujoco.MjSpec, views: Mapping[str, View]) -> None:
         spec.worldbody.add_camera(name=name, pos=position, quat=quaternion, fovy=view.fovy)
 
 
-def add_sensors(spec: mujoco.MjSpec, sensors: Mapping[str, SensorSpec]) -> None:
+def add_sensors(spec: mujoco.MjSpec, sensors: Mapping[str, Sensor]) -> None:
     """Named sensors, in the order of ``sensordata``."""
     for name, sensor in sensors.items():
         added = spec.add_sensor(

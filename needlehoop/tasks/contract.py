@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from torch import Tensor
 
-from needlehoop.scene.signals import SensorSpec, Signal, signals_class
+from needlehoop.scene.signals import Signal, signals_class
+from needlehoop.scene.spec import Materials
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Layout
 from needlehoop.tasks.start import Start
@@ -104,7 +105,7 @@ class Robot:
     the servos' commands ``(n, nu)``."""
     commands: Callable[[Memory], dict[str, Tensor]]
     """Signals that come from the memory and not from sensors."""
-    materials: Mapping[str, tuple[tuple[float, float, float], float, float]]
+    materials: Materials
     """RGB, specular and shininess by name."""
     body: str
     """Root of its bodies: class ``robot`` of flat renderings."""
@@ -159,14 +160,13 @@ class Task:
     """Sizes, placement, scatter; values in ``conf/task``."""
     rules: type[Episode]
     """Control, thresholds, what success is; values in ``conf/episode``."""
-    materials: Mapping[str, tuple[tuple[float, float, float], float, float]]
+    materials: Materials
     """RGB, specular and shininess by name, beside the robot's."""
     build: Callable[[mujoco.MjSpec, Any, Any], None]
     """Adds bodies, sites and welds to a scene with robot, table and lights."""
-    sensors: Mapping[str, SensorSpec]
-    """All sensors of the scene, the robot's too."""
     signals: Mapping[str, Signal]
-    """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts."""
+    """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts. Its
+    sensors are those of the scene."""
     classes: Mapping[str, FlatClass]
     """Of flat renderings, beside ``robot``."""
     draws: int
@@ -178,7 +178,8 @@ class Task:
     observe: Callable[
         [Any, Any, Memory, Mapping[str, Tensor]], tuple[dict[str, Tensor], dict[str, Weld]]
     ]
-    """From layout, rules, memory and readings, the facts ``(n,)`` bool by name and the welds."""
+    """From layout, rules, memory (after the action) and readings (after a forward), the facts
+    ``(n,)`` bool by name, and what welds have to become, by their name in the scene."""
     goal: str
     """The fact that says that the task is done."""
     success: Callable[[Any, Any], Tensor]
@@ -210,7 +211,6 @@ class Task:
             ("phases", [point for phase in self.phases for point in phase.points], self.signals),
             ("state", self.state, self.signals),
             ("robot.proprio", self.robot.proprio, self.signals),
-            ("sensors", [s.signal or name for name, s in self.sensors.items()], self.signals),
             ("critic", self.critic, self.all_facts),
             ("teacher", [self.teacher], self.controllers),
             ("controllers", ["expert"], self.controllers),

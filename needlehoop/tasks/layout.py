@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
 import numpy as np
 
@@ -75,3 +75,16 @@ class ArmLayout(Layout):
     def rcm(self) -> np.ndarray:
         """Position of the remote centre of motion, ``(3,)``."""
         return np.array([0.0, 0.0, self.rcm_height])
+
+
+def lengths(layout: Layout) -> dict[str, str]:
+    """Fields that are a ``Length``, by name, in mm: what a text for a model takes in."""
+    hints = get_type_hints(type(layout), include_extras=True)
+    return {
+        name: millimetres(getattr(layout, name)) for name, hint in hints.items() if hint == Length
+    }
+
+
+def millimetres(metres: float) -> str:
+    """A length in mm, to a tenth."""
+    return f"{1000 * metres:.1f}".removesuffix(".0")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import mujoco
 import numpy as np
@@ -10,53 +10,46 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
+from needlehoop.robot import psm
 from needlehoop.robot.arm import add_arm
 from needlehoop.robot.joints import JOINT_NAMES
 from needlehoop.robot.parallelogram import Posture
-from needlehoop.scene.signals import SensorSpec, Signal
+from needlehoop.scene.signals import (
+    ELAPSED,
+    Sensor,
+    Signal,
+    of_body,
+    of_joints,
+    of_site,
+    touch,
+)
 from needlehoop.scene.spec import Materials, begin_spec
-from needlehoop.tasks.arm_kinematics import pose_joints, tip_joints, tool_quat
 from needlehoop.tasks.contract import Memory, Robot
 from needlehoop.tasks.episode import ToolEpisode
 from needlehoop.tasks.layout import ArmLayout
-from needlehoop.tasks.start import Start
-
-_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
-
-TOOL_SENSORS = {
-    "tool_midpoint": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "tool_midpoint"),
-    "tool_quat": SensorSpec(_SENS.mjSENS_FRAMEQUAT, _OBJ.mjOBJ_SITE, "tool"),
-    "wrist_pos": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "wrist_yaw"),
-    "wrist_quat": SensorSpec(_SENS.mjSENS_FRAMEQUAT, _OBJ.mjOBJ_XBODY, "wrist_yaw"),
-}
-
-JOINT_SENSORS = {
-    **{
-        name: SensorSpec(_SENS.mjSENS_JOINTPOS, _OBJ.mjOBJ_JOINT, name, signal="joints")
-        for name in JOINT_NAMES
-    },
-    "jaw": SensorSpec(_SENS.mjSENS_TENDONPOS, _OBJ.mjOBJ_TENDON, "jaw"),
-}
+from needlehoop.tasks.start import Start, scatter
 
 TOOL_SIGNALS = {
-    "tool_midpoint": Signal((3,), "m", "world", "sensor", "point between the jaws' tips"),
-    "tool_quat": Signal(
-        (4,),
-        "1",
-        "world",
-        "sensor",
+    "tool_midpoint": of_site("position", "tool_midpoint", "point between the jaws' tips"),
+    "tool_quat": of_site(
+        "orientation",
+        "tool",
         "tool frame: x along the jaws' hinge, y the way they open, z from the hinge to their tips",
     ),
-    "wrist_pos": Signal((3,), "m", "world", "sensor", "wrist-yaw joint"),
-    "wrist_quat": Signal((4,), "1", "world", "sensor", "wrist-yaw link"),
+    "wrist_pos": of_body("position", "wrist_yaw", "wrist-yaw joint"),
+    "wrist_quat": of_body("orientation", "wrist_yaw", "wrist-yaw link"),
 }
+
+_JAW = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
 
 JOINT_SIGNALS = {
-    "joints": Signal((6,), "rad, m", "joint", "sensor", ", ".join(JOINT_NAMES)),
-    "jaw": Signal((), "rad", "joint", "sensor", "angle between the jaws, 0 where they are closed"),
+    "joints": of_joints(JOINT_NAMES, "rad, m", ", ".join(JOINT_NAMES)),
+    "jaw": Signal(
+        (), "rad", "joint", "sensor", "angle between the jaws, 0 where they are closed", (_JAW,)
+    ),
 }
 
-JAW_COMMAND = Signal((), "rad", "joint", "command", "commanded angle between the jaws")
+_JAW_COMMAND = Signal((), "rad", "joint", "command", "commanded angle between the jaws")
 
 _MATERIALS: Materials = {
     "arm_light": ((0.80, 0.81, 0.83), 0.3, 0.4),
@@ -68,14 +61,30 @@ _MATERIALS: Materials = {
 }
 
 
-def touch_sensors(body: str) -> dict[str, SensorSpec]:
-    """Sensors that say whether each jaw's pad touches a body."""
-    return {
-        f"jaw_{side}_touch": SensorSpec(
-            _SENS.mjSENS_CONTACT, _OBJ.mjOBJ_GEOM, f"jaw_{side}_pad", body
-        )
-        for side in (1, 2)
+def signals(
+    things: Mapping[str, Signal], facts: Mapping[str, Signal], touched: str | None = None
+) -> dict[str, Signal]:
+    """The table of signals of a task with the PSM.
+
+    Args:
+        things: what is sensed beside the arm.
+        facts: of the task.
+        touched: the body that the jaws may touch; its word is its name.
+    """
+    touches = {
+        f"jaw_{side}_touch": touch(f"jaw_{side}_pad", touched, f"{word} jaw touches the {touched}")
+        for side, word in ((1, "first"), (2, "second"))
+        if touched
     }
+    own = {**TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches}
+    return {**own, "jaw_command": _JAW_COMMAND, "elapsed": ELAPSED, **facts}
+
+
+def tool_start(layout: ArmLayout, uniform: Tensor) -> dict[str, Tensor]:
+    """The robot of a ``Start``, scattered by ``uniform`` ``(n, 3)``, roll and jaw as laid out."""
+    tool = scatter(uniform, layout.tool_position, layout.tool_position_range)
+    roll, jaw = (tool.new_full((len(tool),), x) for x in (layout.tool_roll, layout.tool_jaw))
+    return start_of(layout, tool, roll, jaw)
 
 
 def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, Tensor]:
@@ -87,13 +96,14 @@ def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict
         roll: about the instrument ``(n,)``, rad.
         jaw: angle ``(n,)``, rad.
     """
-    joints = tip_joints(layout, tool, roll)
-    return {"tool": tool, "joints": joints, "jaw": jaw}
+    return {"tool": tool, "joints": _tip_joints(layout, tool, roll), "jaw": jaw}
 
 
-def servos(robot: dict[str, Tensor]) -> Tensor:
-    """Commands ``(n, 7)`` that hold the robot of a ``Start``: six joints (rad, m) and the jaw."""
-    return torch.cat((robot["joints"], robot["jaw"].unsqueeze(-1)), -1)
+def begun(
+    robot: dict[str, Tensor], mocap: Mapping[str, Tensor], free: Mapping[str, Tensor] | None = None
+) -> Start:
+    """A start whose servos hold the robot: six joints (rad, m) and the jaw."""
+    return Start(robot, free or {}, mocap, _servos(robot["joints"], robot["jaw"]))
 
 
 def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
@@ -139,16 +149,49 @@ def act(
         roll = roll.clamp(
             layout.tool_roll - layout.roll_range, layout.tool_roll + layout.roll_range
         )
-        joints = tip_joints(layout, target, roll)
+        joints = _tip_joints(layout, target, roll)
     else:
         turn = geo.from_rotation_vector(rules.rotation * action[:, 3:6])
-        near = pose_joints(layout, target, geo.multiply(turn, quat), memory["joints"])
+        near = _pose_joints(layout, target, geo.multiply(turn, quat), memory["joints"])
         # What the joints can do is the target: it never runs ahead of the limits. The
         # second pass brings the tip back from where an unreachable turn pulled it.
-        quat = tool_quat(near)
-        joints = pose_joints(layout, target, quat, near)
+        quat = _tool_quat(near)
+        joints = _pose_joints(layout, target, quat, near)
     moved = {"target": target, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
-    return moved, torch.cat((joints, jaw.unsqueeze(-1)), -1)
+    return moved, _servos(joints, jaw)
+
+
+def _tip_joints(layout: ArmLayout, tool: Tensor, roll: Tensor) -> Tensor:
+    """Joints ``(n, 6)`` that bring ``tool_midpoint`` to ``tool`` ``(n, 3)``, the wrist straight.
+
+    ``roll`` ``(n,)`` about the instrument, rad; m, world frame. Clamped to the joints' limits.
+    """
+    joints = psm.straight_wrist(tool - torch.from_numpy(layout.rcm), roll, layout.grip)
+    return joints.clamp(*psm.joint_limits())
+
+
+def _pose_joints(layout: ArmLayout, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
+    """Joints ``(n, 6)`` for ``tool_midpoint`` and the tool frame's orientation ``quat`` ``(n, 4)``.
+
+    Found from the joints ``nearby`` ``(n, 6)``; m, world frame.
+    """
+    pose = torch.zeros(len(tool), 4, 4, dtype=torch.float64)
+    pose[:, :3, :3] = geo.to_matrix(quat)
+    pose[:, :3, 3] = tool - torch.from_numpy(layout.rcm) - layout.grip * pose[:, :3, 2]
+    return psm.inverse_kinematics(pose, nearby, iterations=4)
+
+
+def _tool_quat(joints: Tensor) -> Tensor:
+    """Orientation ``(n, 4)`` of the tool frame."""
+    # Imported where the wrist is turned: see ``psm``.
+    from pytorch_kinematics import matrix_to_quaternion
+
+    return matrix_to_quaternion(psm.forward_kinematics(joints)[:, :3, :3])
+
+
+def _servos(joints: Tensor, jaw: Tensor) -> Tensor:
+    """Commands ``(n, 7)`` from joints ``(n, 6)`` and jaw ``(n,)``."""
+    return torch.cat((joints, jaw.unsqueeze(-1)), -1)
 
 
 def _displaced(
@@ -157,10 +200,10 @@ def _displaced(
     """Commands ``(n, 7)`` that put the tip ``offset`` ``(n, 3)`` m beside its target."""
     target = memory["target"] + offset
     if rules.control == "tip":
-        joints = tip_joints(layout, target, memory["tool_roll"])
+        joints = _tip_joints(layout, target, memory["tool_roll"])
     else:
-        joints = pose_joints(layout, target, memory["quat"], memory["joints"])
-    return torch.cat((joints, control[:, -1:]), -1)
+        joints = _pose_joints(layout, target, memory["quat"], memory["joints"])
+    return _servos(joints, control[:, -1])
 
 
 def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
@@ -170,7 +213,7 @@ def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
     return {
         "target": robot["tool"].clone(),
         "tool_roll": joints[:, 3].clone(),
-        "quat": tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4),
+        "quat": _tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4),
         "joints": joints.clone(),
         "jaw": robot["jaw"].clone(),
     }

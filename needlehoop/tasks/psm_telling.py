@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from needlehoop.tasks.episode import ArmEpisode, ToolEpisode
-from needlehoop.tasks.layout import ArmLayout
+from needlehoop.tasks.layout import ArmLayout, lengths, millimetres
 
 _CONTROLS = {
     "tip": "moves the tip of the instrument by up to {move} mm along each of x, y and z, turns it"
@@ -22,8 +22,9 @@ _GRASPED = {
 
 
 def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
-    """``control``, ``jaw_closed``, ``jaw_open`` and ``jaw_start``."""
+    """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
     return {
+        **lengths(layout),
         "control": _CONTROLS[rules.control].format(
             move=millimetres(rules.translation), turn=f"{rules.rotation:g}", jaw=f"{rules.jaw:g}"
         ),
@@ -41,8 +42,3 @@ def grasped(rules: ArmEpisode, thing: str, part: str | None = None) -> str:
         close=f"{rules.close_below:g}",
         release=f"{rules.release_above:g}",
     )
-
-
-def millimetres(metres: float) -> str:
-    """A length in mm, to a tenth."""
-    return f"{1000 * metres:.1f}".removesuffix(".0")

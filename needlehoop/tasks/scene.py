@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import mujoco
 
 from needlehoop.scene.cameras import View
+from needlehoop.scene.signals import sensors_of
 from needlehoop.scene.spec import TABLE, add_cameras, add_sensors, add_table, begin_spec
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.episode import Episode
@@ -31,5 +32,5 @@ def build_spec(
     task.robot.add(spec, layout, psm)
     task.build(spec, layout, rules)
     add_cameras(spec, views)
-    add_sensors(spec, task.sensors)
+    add_sensors(spec, sensors_of(task.signals))
     return spec

@@ -12,7 +12,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.needle_hoop.expert import expert
-from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 
 CAMS = ["cams=[dep_front,seg_side,segdep_default]"]
 

@@ -16,7 +16,7 @@ import needlehoop
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.tasks.needle_hoop.signals import STATE
+from needlehoop.tasks.needle_hoop import TASK
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_signals_are_the_whole_state_by_name():
     env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     vector = env.reset()["signals"]
     signals = env.simulation._moment(pays=False).signals
-    columns = [getattr(signals, name).float().reshape(2, -1) for name in STATE]
+    columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
     assert torch.equal(vector, torch.cat(columns, -1))
 
 

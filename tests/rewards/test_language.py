@@ -19,7 +19,7 @@ from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals, vocabulary
-from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 
 N = 7
 

@@ -9,11 +9,10 @@ import torch
 from needle_task import addresses_of, draws, readings_of
 
 from needlehoop.envs.build import build
-from needlehoop.scene.signals import describe, vocabulary
+from needlehoop.scene.signals import describe, sensors_of, vocabulary
 from needlehoop.tasks.needle_hoop import TASK, crossing
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
-from needlehoop.tasks.needle_hoop.scene import SENSORS
-from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
 
 VERDICTS = ("touched", "threaded")
@@ -46,8 +45,8 @@ def test_the_table_has_the_fields_of_signals_in_order():
 
 
 def test_every_sensor_exists_and_reads_what_it_says(model: mujoco.MjModel):
-    assert [model.sensor(i).name for i in range(model.nsensor)] == list(SENSORS)
-    for name, spec in SENSORS.items():
+    assert [model.sensor(i).name for i in range(model.nsensor)] == list(sensors_of(TABLE))
+    for name, spec in sensors_of(TABLE).items():
         sensor = model.sensor(name)
         assert sensor.type[0] == spec.type
         read = mujoco.mj_id2name(model, sensor.objtype[0], sensor.objid[0])

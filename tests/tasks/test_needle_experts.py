@@ -10,8 +10,7 @@ from needlehoop.envs.controllers import controller, controllers, run_trials
 from needlehoop.envs.rollout import run_episodes
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks.needle_hoop.expert import Script, expert
-from needlehoop.tasks.needle_hoop.smooth import smooth
+from needlehoop.tasks.needle_hoop.expert import Script, expert, smooth
 
 EPISODES = 200 if ALL else 60
 

@@ -18,8 +18,7 @@ from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, crossing
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
-from needlehoop.tasks.needle_hoop.rules import NeedleRules
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
 from needlehoop.tasks.start import Start
 from needlehoop.tasks.stepping import is_terminated, is_truncated

@@ -18,9 +18,8 @@ from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.peg_transfer import TASK
-from needlehoop.tasks.peg_transfer.expert import cheat, expert
+from needlehoop.tasks.peg_transfer.expert import cheat, expert, smooth
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
-from needlehoop.tasks.peg_transfer.smooth import smooth
 from needlehoop.tasks.peg_transfer.start import place, start
 from needlehoop.tasks.psm import start_of
 

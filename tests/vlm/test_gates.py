@@ -14,7 +14,7 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import settings_from
 from needlehoop.rewards import reference_reward, written
-from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect

@@ -27,7 +27,7 @@ from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.tasks.needle_hoop.crossing import centre_line
 from needlehoop.tasks.needle_hoop.expert import expert
 from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.signals import TABLE
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.tasks.needle_hoop.telling import TELLING, sharp_end_is_nearer
 from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import all_channels

@@ -1,20 +1,17 @@
 """Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
 
 ``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
-``facts`` (with ``crossing``) what is true, ``rules`` from when on, ``expert`` and ``smooth`` who
-can do it, ``reward`` what the paper's author pays.
+``facts`` (with ``crossing``) what is true, ``expert`` who can do it, ``reward`` what the paper's
+author pays.
 """
 
 from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.needle_hoop.expert import cheat as cheat_script
-from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.expert import expert, smooth
 from needlehoop.tasks.needle_hoop.facts import FACTS, cheat, observe, success
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.rules import NeedleRules
-from needlehoop.tasks.needle_hoop.scene import MATERIALS, SENSORS, build
-from needlehoop.tasks.needle_hoop.signals import STATE, TABLE
-from needlehoop.tasks.needle_hoop.smooth import smooth
+from needlehoop.tasks.needle_hoop.scene import MATERIALS, SIGNALS, build
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
 from needlehoop.tasks.needle_hoop.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
@@ -27,8 +24,7 @@ TASK = Task(
     rules=NeedleRules,
     materials=MATERIALS,
     build=build,
-    sensors=SENSORS,
-    signals=TABLE,
+    signals=SIGNALS,
     classes={
         "needle": FlatClass(("needle",), (255, 230, 0)),
         "hoop": FlatClass(("hoop",), (255, 0, 80)),
@@ -44,7 +40,10 @@ TASK = Task(
         Phase("lift", "lifted", ("pickup_point", "goal")),
         Phase("insert", "threaded", ("needle_tip", "goal")),
     ),
-    state=STATE,
+    state=(
+        *("tool_midpoint", "pickup_point", "needle_tip", "goal", "lift_position", "needle_quat"),
+        *("joints", "jaw", "jaw_command", "grasped", "lifted"),
+    ),
     controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
     teacher="smooth",
     human=Human,

@@ -1,4 +1,4 @@
-"""Sizes and placement of needle and hoop."""
+"""Sizes and placement of needle and hoop; when a fact holds, and what success is."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from needlehoop.config.strict import Range, Share
+from needlehoop.tasks.episode import ArmEpisode, check_option
 from needlehoop.tasks.layout import Angle, ArmLayout, Length, Place, Spread, Turn
 
 
@@ -66,3 +67,25 @@ class NeedleLayout(ArmLayout):
         return self.needle_radius * np.stack(
             (1.0 - np.cos(angles), np.sin(angles), np.zeros_like(angles)), -1
         )
+
+
+SUCCESSES = ("thread", "touch")
+
+
+@dataclass(frozen=True)
+class NeedleRules(ArmEpisode):
+    """When a fact of needle and hoop holds, and what success is; values in ``conf/episode``."""
+
+    lift_radius: Annotated[float, Range(0.0, 1.0, above=True)]
+    """``lifted``: the pickup point came this near the lift position, m."""
+    goal_radius: Annotated[float, Range(0.0, 1.0, above=True)]
+    """``touched``: the tip is this near the goal, m."""
+    thread_depth: Annotated[float, Range(-1.0, 1.0)]
+    """``threaded``: the tip is at least this far beyond the hoop's plane, m."""
+    success: str = SUCCESSES[0]
+    """``thread``: the needle is through the hoop. ``touch``: its tip is at the goal, as in the
+    paper."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_option("success", self.success, SUCCESSES)

@@ -1,4 +1,4 @@
-"""Needle, hoop and its stand as MuJoCo bodies, and the sensors of the scene."""
+"""Needle, hoop and its stand as MuJoCo bodies, and the table of signals."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ import mujoco
 import numpy as np
 
 from needlehoop.robot.shapes import collision, torus, tube
-from needlehoop.scene.signals import SensorSpec
+from needlehoop.scene.signals import fact, of_body, of_site, verdict
 from needlehoop.scene.spec import Materials, add_mesh
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
-from needlehoop.tasks.needle_hoop.rules import NeedleRules
-from needlehoop.tasks.psm import JOINT_SENSORS, TOOL_SENSORS, touch_sensors
+from needlehoop.tasks.grasping import add_weld
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.psm import signals
 
 NEEDLE_SEGMENTS = 7
 HOOP_SEGMENTS = 16
-
-WELD = "grasp"
-"""Name of the weld between wrist and needle."""
 
 MATERIALS: Materials = {
     "needle": ((0.93, 0.94, 0.97), 0.9, 0.7),
@@ -26,37 +23,36 @@ MATERIALS: Materials = {
     "stand": ((0.88, 0.88, 0.90), 0.2, 0.3),
 }
 
-_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
-
-SENSORS: dict[str, SensorSpec] = {
-    **TOOL_SENSORS,
-    "pickup_point": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "pickup_point"),
-    "needle_tip": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "needle_tip"),
-    "needle_quat": SensorSpec(_SENS.mjSENS_FRAMEQUAT, _OBJ.mjOBJ_SITE, "pickup_point"),
-    "goal": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "goal"),
-    "hoop_axis": SensorSpec(_SENS.mjSENS_FRAMEZAXIS, _OBJ.mjOBJ_SITE, "goal"),
-    "lift_position": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "lift_position"),
-    **JOINT_SENSORS,
-    **touch_sensors("needle"),
+_THINGS = {
+    "pickup_point": of_site("position", "pickup_point", "where the needle should be grasped"),
+    "needle_tip": of_site("position", "needle_tip", "the needle's sharp end"),
+    "needle_quat": of_site(
+        "orientation",
+        "pickup_point",
+        "needle frame at the pickup point: y towards the sharp end, x towards the arc's centre",
+    ),
+    "goal": of_site("position", "goal", "centre of the hoop's opening"),
+    "hoop_axis": of_site("axis", "goal", "unit vector through the opening: the world's y"),
+    "lift_position": of_body(
+        "position", "lift_position", "above the pickup point's start, at the goal's height"
+    ),
 }
-"""Every sensor of the scene, in the order of ``sensordata``."""
+
+_FACTS = {
+    "grasped": fact("the needle is held"),
+    "lifted": fact("the held needle has reached the lift position; stays true"),
+    "touched": verdict("the tip is within the goal's radius"),
+    "threaded": verdict("the held needle passes through the opening"),
+}
+
+SIGNALS = signals(_THINGS, _FACTS, touched="needle")
 
 
 def build(spec: mujoco.MjSpec, layout: NeedleLayout, rules: NeedleRules) -> None:
     """Add needle and hoop, and the (inactive) weld for ``episode.grasp=weld``."""
     _add_needle(spec, layout)
     _add_hoop(spec, layout)
-    if rules.grasp == "weld":
-        spec.add_equality(
-            name=WELD,
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="wrist_yaw",
-            name2="needle",
-            active=False,
-            solref=[0.004, 1.0],
-            solimp=[0.99, 0.999, 0.0001, 0.5, 2.0],
-        )
+    add_weld(spec, rules, "needle", solref=[0.004, 1.0], solimp=[0.99, 0.999, 0.0001, 0.5, 2.0])
 
 
 def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
-from needlehoop.tasks.psm import servos, start_of
+from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Start, scatter
 
 DRAWS = 9
@@ -28,11 +28,9 @@ def start(layout: NeedleLayout, uniform: Tensor) -> Start:
     needle_xy = scatter(uniform[:, 0:2], layout.needle_position, layout.needle_position_range)
     yaw = scatter(uniform[:, 2:3], [layout.needle_yaw], [layout.needle_yaw_range])[:, 0]
     hoop = scatter(uniform[:, 3:6], layout.hoop_position, layout.hoop_position_range)
-    tool = scatter(uniform[:, 6:9], layout.tool_position, layout.tool_position_range)
     height = torch.full_like(needle_xy[:, :1], layout.needle_thickness / 2 - _SUNK)
-    roll, jaw = torch.full_like(yaw, layout.tool_roll), torch.full_like(yaw, layout.tool_jaw)
     needle = torch.cat((needle_xy, height, geo.about_z(yaw)), -1)
-    return place(start_of(layout, tool, roll, jaw), needle, hoop)
+    return place(tool_start(layout, uniform[:, 6:9]), needle, hoop)
 
 
 def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:
@@ -42,9 +40,5 @@ def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:
     """
     stand = torch.cat((hoop[:, :2], torch.zeros_like(hoop[:, :1])), -1)
     lift = torch.cat((needle[:, :2], hoop[:, 2:]), -1)
-    return Start(
-        robot=robot,
-        free={"needle": needle},
-        mocap={"stand": stand, "hoop": hoop, "lift_position": lift},
-        control=servos(robot),
-    )
+    places = {"stand": stand, "hoop": hoop, "lift_position": lift}
+    return begun(robot, places, {"needle": needle})

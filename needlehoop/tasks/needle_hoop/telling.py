@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from needlehoop.tasks.contract import Telling
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
-from needlehoop.tasks.needle_hoop.rules import NeedleRules
-from needlehoop.tasks.psm_telling import arm_values, grasped, millimetres
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.psm_telling import arm_values, grasped
 
 
 def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
@@ -19,11 +19,8 @@ def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
     pickup = (*layout.needle_position, layout.needle_thickness / 2)
     return {
         **arm_values(layout, rules),
-        "needle_radius": millimetres(layout.needle_radius),
         "needle_arc": round(math.degrees(layout.needle_arc)),
-        "needle_thickness": millimetres(layout.needle_thickness),
         "sharp": "nearer to" if sharp_end_is_nearer(layout) else "farther from",
-        "hoop_opening": millimetres(layout.hoop_opening),
         "hoop_height": round(1000 * z),
         "hoop_away": round(1000 * math.dist((x, y), layout.needle_position)),
         "tool_away": round(1000 * math.dist(layout.tool_position, pickup)),

@@ -1,20 +1,17 @@
 """Peg transfer, the first exercise of the FLS curriculum: a hollow block goes from peg to peg.
 
 ``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
-``facts`` what is true, ``rules`` from when on, ``expert`` and ``smooth`` who can do it, ``reward``
-what a person would pay. ``docs/peg_transfer.md`` says where the sizes are from.
+``facts`` what is true, ``expert`` who can do it, ``reward`` what a person would pay.
+``docs/peg_transfer.md`` says where the sizes are from.
 """
 
 from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.peg_transfer.expert import cheat as cheat_script
-from needlehoop.tasks.peg_transfer.expert import expert
+from needlehoop.tasks.peg_transfer.expert import expert, smooth
 from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe, success
-from needlehoop.tasks.peg_transfer.layout import PegLayout
+from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
 from needlehoop.tasks.peg_transfer.reward import Human
-from needlehoop.tasks.peg_transfer.rules import PegRules
-from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SENSORS, build
-from needlehoop.tasks.peg_transfer.signals import STATE, TABLE
-from needlehoop.tasks.peg_transfer.smooth import smooth
+from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SIGNALS, build
 from needlehoop.tasks.peg_transfer.start import DRAWS, start
 from needlehoop.tasks.peg_transfer.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
@@ -27,8 +24,7 @@ TASK = Task(
     rules=PegRules,
     materials=MATERIALS,
     build=build,
-    sensors=SENSORS,
-    signals=TABLE,
+    signals=SIGNALS,
     classes={
         "block": FlatClass(("block",), (255, 60, 0)),
         "marked": FlatClass(("marked",), (0, 255, 60)),
@@ -46,7 +42,10 @@ TASK = Task(
         Phase("carry", "over", ("block_position", "above_goal")),
         Phase("place", "placed", ("block_position", "goal")),
     ),
-    state=STATE,
+    state=(
+        *("tool_midpoint", "pickup_point", "block_position", "block_quat", "goal"),
+        *("joints", "jaw", "jaw_command", "grasped", "lifted"),
+    ),
     controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
     teacher="smooth",
     human=Human,

@@ -1,7 +1,4 @@
-"""A scripted expert that transfers the block, and a cheat that does not let go.
-
-They see signals and act through the agent's own actions, so what they do an agent can.
-"""
+"""A sharp expert, one that can be imitated, and a cheat that never lets go."""
 
 from __future__ import annotations
 
@@ -11,64 +8,43 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
+from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks import scripted
 from needlehoop.tasks.peg_transfer.facts import lower_edge
-from needlehoop.tasks.peg_transfer.layout import PegLayout
-from needlehoop.tasks.peg_transfer.rules import PegRules
+from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
+from needlehoop.tasks.scripted import Funnel, aside_of, blade_turn, descend, direction
 
-GAIN = 0.4
-"""Share of the remaining error that an action asks for; the servos lag behind."""
-HOVER = 0.016
+_HOVER = 0.016
 """Height above the pickup point at which the open jaws line up, m."""
-_CENTRED = 0.0014
+_LOWERED = 0.0014
 """Distance of the hole's centre from the peg's axis at which the block is lowered, m."""
 
 
 @dataclass(frozen=True)
-class Script:
-    """A controller for ``control=tip``, without memory: phases follow from the signals.
+class Script(scripted.Script):
+    """The sharp expert.
 
     Args:
-        layout: sizes.
-        episode: action scales.
         lets_go: height of the block's lower edge above the board below which the jaws open over
             the marked peg, m; negative: never.
     """
 
-    layout: PegLayout
-    episode: PegRules
     lets_go: float
-
-    def __post_init__(self) -> None:
-        if self.episode.control != "tip":
-            raise ValueError(
-                f"episode.control: {self.episode.control!r}; the expert drives control=tip"
-            )
 
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         s = signals
         turn = self.turn(s)
         done = s.over & s.arrived & ~s.grasped
-        move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), self._approach(s, turn))
-        move = torch.where(done.unsqueeze(-1), self._leave(s), move)
-        free = (~s.grasped & ~done).double()
-        return self.action(move, turn * free, self._jaw(s, done))
-
-    def action(self, move: Tensor, turn: Tensor, jaw: Tensor) -> Tensor:
-        """Actions that ask for a share of a move ``(n, 3)`` in m and a turn ``(n,)`` in rad."""
-        translation = (GAIN * move / self.episode.translation).clamp(-1, 1)
-        rotation = (GAIN * turn / self.episode.rotation).clamp(-1, 1)
-        return torch.cat((translation, rotation.unsqueeze(-1), jaw.unsqueeze(-1)), -1)
+        approach = descend(s, turn, _HOVER, askew=0.1)
+        move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), approach)
+        move = torch.where(done.unsqueeze(-1), self._up(s, (s.jaw > 0.6) * _HOVER), move)
+        return self.action(move, turn * (~s.grasped & ~done), self._jaw(s, done))
 
     def turn(self, s: Signals) -> Tensor:
         """Rotation about the instrument that lays the blades along the wall, rad."""
-        out = torch.tensor((1.0, 0.0, 0.0), dtype=torch.float64).expand(len(s.jaw), 3)
-        across = geo.rotate(s.block_quat, out)
-        x, y, _ = geo.rotate(geo.conjugate(s.tool_quat), across).unbind(-1)
-        # The blades open along the tool's y; either sense will do.
-        sense = torch.where(y < 0, -1.0, 1.0)
-        return geo.angle(y * sense, -x * sense)
+        return blade_turn(s, direction(s.block_quat, 1.0, 0.0, 0.0))
 
     def low(self, s: Signals) -> Tensor:
         """Height of the block's lower edge ``(n,)``, m: the arm leans, and the block with it."""
@@ -79,22 +55,11 @@ class Script:
         """Height at which a carried block's lower edge is, m."""
         return self.layout.marked_height + self.layout.carry_height
 
-    def _approach(self, s: Signals, turn: Tensor) -> Tensor:
-        """Above the pickup point, then down onto it once lined up."""
-        away = s.pickup_point - s.tool_midpoint
-        aside = aside_of(away)
-        lined_up = (aside < 0.0012) & (turn.abs() < 0.1)
-        low = away[:, 2].abs() < 0.006
-        descend = lined_up | (low & (aside < 0.0025))
-        away[:, 2] = torch.where(descend, away[:, 2], away[:, 2] + HOVER)
-        return away
-
     def _carry(self, s: Signals) -> Tensor:
         """Squeeze, lift off the peg, carry above the marked peg, lower."""
         squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         away = s.goal - s.block_position
-        aside = aside_of(away)
-        down = (aside < _CENTRED) | (s.over & ~s.lifted)
+        down = (aside_of(away) < _LOWERED) | (s.over & ~s.lifted)
         # Upwards first: below the pegs' tops there is no way aside.
         clear = s.lifted | down
         climb = self.carried - self.low(s)
@@ -102,19 +67,71 @@ class Script:
         move = torch.where(down.unsqueeze(-1), away, level)
         return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
 
-    def _leave(self, s: Signals) -> Tensor:
-        """Straight up, once the jaws are open."""
+    def _up(self, s: Signals, height: Tensor) -> Tensor:
+        """Straight up ``(n, 3)``, m, when the jaws have let go."""
         up = torch.zeros_like(s.tool_midpoint)
-        up[:, 2] = torch.where(s.jaw > 0.6, HOVER, 0.0)
+        up[:, 2] = height
         return up
 
     def _jaw(self, s: Signals, done: Tensor) -> Tensor:
         """Close when the wall is between the jaws and while it is held, until it is down."""
         near = geo.distance(s.tool_midpoint, s.pickup_point) < 0.0014
         down = s.over & (self.low(s) < self.lets_go)
-        shut = (s.grasped | near) & ~down & ~done
-        wanted = torch.where(shut, self.layout.jaw_closed, self.layout.tool_jaw)
-        return ((wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
+        return self.jaw_to((s.grasped | near) & ~down & ~done, s)
+
+
+_FUNNEL = Funnel(
+    free=0.0035, edge=0.008, height=(0.005, 0.002), aside=(0.009, 0.004), shut=(0.40, 0.25)
+)
+
+_CLEAR = 0.002
+"""Half the range of heights about the marked peg's top, m, over which the block starts to move
+aside."""
+
+_FAR, _CENTRED = 0.007, 0.0035
+"""Distances from the marked peg's axis at which the block is carried and lowered, m."""
+
+_BELOW = 0.006
+"""How far below the board it is sent, m."""
+
+_OPEN, _HOLD = 0.0045, 0.008
+"""Heights of its lower edge above the board at which the jaws open over the peg and stay shut."""
+
+_ABOUT, _BESIDE = 0.006, 0.010
+"""Distances of a block from the marked peg's axis at which it is left alone, and fetched."""
+
+
+class Smooth(Script):
+    """The expert's phases with ramps for its switches: actions change little where signals do."""
+
+    def __call__(self, signals: Signals) -> Tensor:
+        """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
+        s = signals
+        aside, low = aside_of(s.goal - s.block_position), self.low(s)
+        sunk = ramp(low, self.layout.marked_height, 0.5 * self.layout.marked_height)
+        about = ramp(aside, _BESIDE, _ABOUT)
+        home = about * sunk
+        # The faster up the wider the jaws are open.
+        leave = self._up(s, self.asking(1.0) * ramp(s.jaw, 0.4, 0.8))
+        free = torch.lerp(_FUNNEL.approach(self, s), leave, home.unsqueeze(-1))
+        move = torch.where(s.grasped.unsqueeze(-1), self._transfer(s, aside, low), free)
+        # That low it is about the peg, wherever it seems to be.
+        lets_go = about * ramp(low, _HOLD, _OPEN)
+        shut = torch.where(s.grasped, 1.0 - lets_go, _FUNNEL.near(s) * (1.0 - home))
+        return self.action(move, self.turn(s) * (~s.grasped * (1.0 - home)), 1.0 - 2.0 * shut)
+
+    def _transfer(self, s: Signals, aside: Tensor, low: Tensor) -> Tensor:
+        """Up and slowly until the block is off the board, to the marked peg, and down about it."""
+        away = s.goal - s.block_position
+        centred = ramp(aside, _FAR, _CENTRED)
+        top = self.layout.marked_height
+        clear = ramp(low, top - _CLEAR, top + _CLEAR)
+        about = ramp(aside, _BESIDE, _ABOUT)
+        away[:, :2] *= torch.maximum(clear, about).unsqueeze(-1)
+        height = torch.lerp(self.carried - low, -_BELOW - low, centred)
+        _, most = self.slowly(s.block_position[:, 2] - self.layout.block_height / 2)
+        away[:, 2] = torch.minimum(height, most)
+        return away
 
 
 def expert(layout: PegLayout, episode: PegRules) -> Script:
@@ -122,11 +139,11 @@ def expert(layout: PegLayout, episode: PegRules) -> Script:
     return Script(layout, episode, lets_go=0.0012)
 
 
+def smooth(layout: PegLayout, episode: PegRules) -> Smooth:
+    """The controller that transfers the block and can be imitated."""
+    return Smooth(layout, episode, lets_go=_OPEN)
+
+
 def cheat(layout: PegLayout, episode: PegRules) -> Script:
     """The controller that holds the block about the marked peg and never lets go."""
     return replace(expert(layout, episode), lets_go=-1.0)
-
-
-def aside_of(away: Tensor) -> Tensor:
-    """Horizontal length of vectors ``(n, 3)``, m."""
-    return torch.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)

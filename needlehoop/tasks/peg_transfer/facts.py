@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 
 import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks import psm_grasp
 from needlehoop.tasks.contract import Fact, Memory, Weld
-from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout
-from needlehoop.tasks.peg_transfer.rules import PegRules
-from needlehoop.tasks.peg_transfer.scene import WELD
+from needlehoop.tasks.grasping import hold
+from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout, PegRules
 
 FACTS = (
     Fact("grasped", remembered=True, once=True, column="has_grasped"),
@@ -32,20 +30,11 @@ _STEEP = 0.5
 def observe(
     layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
 ) -> tuple[dict[str, Tensor], dict[str, Weld]]:
-    """Decide the facts from the scene's readings.
-
-    Args:
-        layout: sizes of block and pegs.
-        rules: thresholds.
-        memory: after the action.
-        readings: named sensor readings, current (read after a forward).
-
-    Returns:
-        The facts ``(n,)`` by name, and what the grasp's weld has to become.
-    """
+    """Decide the facts, see ``contract.Task``."""
     r = readings
     position, quat = r["block_position"], r["block_quat"]
-    grasped = psm_grasp.grasped(rules, memory, r, lambda: _wall_points(layout, position, quat))
+    walls = partial(_wall_points, layout, position, quat)
+    grasped, welds = hold(rules, memory, r, walls, position, quat)
     low = lower_edge(layout, position, quat)
     x, y, _ = (position - r["goal"]).unbind(-1)
     near = torch.sqrt(x * x + y * y) < rules.arrive_radius
@@ -58,8 +47,7 @@ def observe(
         "over": over,
         "placed": over & released & _stands(rules, r),
     }
-    weld = psm_grasp.weld(memory, r, grasped, position, quat)
-    return facts, {WELD: weld} if rules.grasp == "weld" else {}
+    return facts, welds
 
 
 def success(rules: PegRules, signals: Signals) -> Tensor:

@@ -1,4 +1,4 @@
-"""Sizes and placement of block and pegs."""
+"""Sizes and placement of block and pegs, and when a fact holds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from needlehoop.config.strict import Range
+from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, Turn
 
 WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
@@ -105,3 +106,21 @@ class PegLayout(ArmLayout):
     def carried(self) -> float:
         """Height of the block's centre when it is carried upright."""
         return self.marked_height + self.carry_height + self.block_height / 2
+
+
+_Above = Annotated[float, Range(0.0, 10.0, above=True)]
+
+
+@dataclass(frozen=True)
+class PegRules(ArmEpisode):
+    """When a fact of the peg transfer holds, m, rad, m/s and rad/s; values in ``conf/episode``."""
+
+    arrive_radius: _Above
+    """``arrived``: the hole's centre is this near the marked peg's axis."""
+    rest_gap: _Above
+    """``placed``: the block's centre is this near the height at which it stands on the board."""
+    rest_tilt: _Above
+    """``placed``: the block's axis is this near the vertical."""
+    rest_speed: _Above
+    rest_spin: _Above
+    """``placed``: the block moves and turns slower than this."""

@@ -1,4 +1,4 @@
-"""Block, pegs and board as MuJoCo bodies, and the sensors of the scene."""
+"""Block, pegs and board as MuJoCo bodies, and the table of signals."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ import math
 import mujoco
 
 from needlehoop.robot.shapes import collision
-from needlehoop.scene.signals import SensorSpec
+from needlehoop.scene.signals import fact, of_body, of_site, verdict
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout
-from needlehoop.tasks.peg_transfer.rules import PegRules
-from needlehoop.tasks.psm import JOINT_SENSORS, TOOL_SENSORS, touch_sensors
-
-WELD = "grasp"
-"""Name of the weld between wrist and block."""
+from needlehoop.tasks.grasping import add_weld
+from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout, PegRules
+from needlehoop.tasks.psm import signals
 
 MATERIALS: Materials = {
     "block": ((0.93, 0.30, 0.16), 0.3, 0.4),
@@ -23,22 +20,36 @@ MATERIALS: Materials = {
     "board": ((0.20, 0.21, 0.27), 0.05, 0.1),
 }
 
-_SENS, _OBJ = mujoco.mjtSensor, mujoco.mjtObj
-
-SENSORS: dict[str, SensorSpec] = {
-    **TOOL_SENSORS,
-    "pickup_point": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "pickup_point"),
-    "block_position": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "block"),
-    "block_quat": SensorSpec(_SENS.mjSENS_FRAMEQUAT, _OBJ.mjOBJ_XBODY, "block"),
-    "block_velocity": SensorSpec(_SENS.mjSENS_FRAMELINVEL, _OBJ.mjOBJ_XBODY, "block"),
-    "block_spin": SensorSpec(_SENS.mjSENS_FRAMEANGVEL, _OBJ.mjOBJ_XBODY, "block"),
-    "goal": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "goal"),
-    "above_goal": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_SITE, "above_goal"),
-    "lift_position": SensorSpec(_SENS.mjSENS_FRAMEPOS, _OBJ.mjOBJ_XBODY, "lift_position"),
-    **JOINT_SENSORS,
-    **touch_sensors("block"),
+_THINGS = {
+    "pickup_point": of_site(
+        "position", "pickup_point", "where the block should be grasped: in one of its walls"
+    ),
+    "block_position": of_body("position", "block", "middle of the block and of its hole"),
+    "block_quat": of_body(
+        "orientation",
+        "block",
+        "block frame: z along the hole, x from the hole through the wall that is to be grasped",
+    ),
+    "block_velocity": of_body("velocity", "block", "of the block's middle"),
+    "block_spin": of_body("spin", "block", "angular velocity of the block"),
+    "goal": of_site("position", "goal", "middle of a block that stands over the marked peg"),
+    "above_goal": of_site(
+        "position", "above_goal", "middle of a block that is carried above the marked peg"
+    ),
+    "lift_position": of_body(
+        "position", "lift_position", "above the block's start, at the height of above_goal"
+    ),
 }
-"""Every sensor of the scene, in the order of ``sensordata``."""
+
+_FACTS = {
+    "grasped": fact("the block is held"),
+    "lifted": fact("the block's lower edge is above the marked peg's top"),
+    "arrived": verdict("the block is at the marked peg, lower than its top: about it or beside it"),
+    "over": verdict("the marked peg's axis runs through the block's hole"),
+    "placed": verdict("the block stands over the marked peg, on the board, released and at rest"),
+}
+
+SIGNALS = signals(_THINGS, _FACTS, touched="block")
 
 OTHER_PEGS = tuple(f"peg_{index}" for index in range(PEGS - 1))
 """Bodies of the pegs that are not marked."""
@@ -60,17 +71,7 @@ def build(spec: mujoco.MjSpec, layout: PegLayout, rules: PegRules) -> None:
     spec.option.ls_iterations = 50
     _add_board(spec, layout)
     _add_block(spec, layout)
-    if rules.grasp == "weld":
-        spec.add_equality(
-            name=WELD,
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1="wrist_yaw",
-            name2="block",
-            active=False,
-            solref=[0.008, 1.0],
-            solimp=[0.95, 0.99, 0.001, 0.5, 2.0],
-        )
+    add_weld(spec, rules, "block", solref=[0.008, 1.0], solimp=[0.95, 0.99, 0.001, 0.5, 2.0])
 
 
 def _add_block(spec: mujoco.MjSpec, layout: PegLayout) -> None:

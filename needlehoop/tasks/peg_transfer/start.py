@@ -8,7 +8,7 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.peg_transfer.layout import PegLayout
 from needlehoop.tasks.peg_transfer.scene import OTHER_PEGS
-from needlehoop.tasks.psm import servos, start_of
+from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Start, scatter
 
 DRAWS = 10
@@ -29,12 +29,10 @@ def start(layout: PegLayout, uniform: Tensor) -> Start:
     shift = scatter(uniform[:, 2:4], (0.0, 0.0), layout.board_range)
     yaw = scatter(uniform[:, 4:5], [layout.block_yaw], [layout.block_yaw_range])[:, 0]
     off = scatter(uniform[:, 5:7], (0.0, 0.0), layout.block_position_range)
-    tool = scatter(uniform[:, 7:10], layout.tool_position, layout.tool_position_range)
-    roll, jaw = torch.full_like(yaw, layout.tool_roll), torch.full_like(yaw, layout.tool_jaw)
     places = torch.tensor(layout.pegs, dtype=torch.float64)
     height = torch.full_like(shift[:, :1], layout.block_height / 2 - _SUNK)
     block = torch.cat((places[begins] + shift + off, height, geo.about_z(yaw)), -1)
-    return place(layout, start_of(layout, tool, roll, jaw), block, shift, marked)
+    return place(layout, tool_start(layout, uniform[:, 7:10]), block, shift, marked)
 
 
 def place(
@@ -62,12 +60,7 @@ def place(
     lift = torch.cat((block[:, :2], torch.full_like(flat, layout.carried)), -1)
     board = torch.cat((shift, flat), -1)
     mocap |= {"board": board, "marked": standing(marked), "lift_position": lift}
-    return Start(
-        robot=robot,
-        free={"block": block},
-        mocap=mocap,
-        control=servos(robot),
-    )
+    return begun(robot, mocap, {"block": block})
 
 
 def _choose(layout: PegLayout, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:

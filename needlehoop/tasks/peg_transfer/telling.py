@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from needlehoop.tasks.contract import Telling
-from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout
-from needlehoop.tasks.peg_transfer.rules import PegRules
-from needlehoop.tasks.psm_telling import arm_values, grasped, millimetres
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout, PegRules
+from needlehoop.tasks.psm_telling import arm_values, grasped
 
 
 def values(layout: PegLayout, rules: PegRules) -> dict[str, object]:
@@ -16,23 +16,13 @@ def values(layout: PegLayout, rules: PegRules) -> dict[str, object]:
     return {
         **arm_values(layout, rules),
         "walls": len(WALLS),
-        "wall": millimetres(layout.wall),
         "wall_length": millimetres(layout.wall_length),
-        "block_height": millimetres(layout.block_height),
-        "hole_radius": millimetres(layout.hole_radius),
         "pegs": PEGS,
         "others": PEGS - 1,
-        "peg_radius": millimetres(layout.peg_radius),
-        "peg_height": millimetres(layout.peg_height),
-        "marked_radius": millimetres(layout.marked_radius),
-        "marked_height": millimetres(layout.marked_height),
-        "mark_radius": millimetres(layout.mark_radius),
         "tool_height": round(1000 * layout.tool_position[2]),
         "places": _places(layout, range(PEGS)),
         "starts": _places(layout, layout.starts),
         "goals": _places(layout, layout.goals),
-        "pickup_depth": millimetres(layout.pickup_depth),
-        "carry_height": millimetres(layout.carry_height),
         "grasped": grasped(rules, "block", "a wall of the block"),
     }
 

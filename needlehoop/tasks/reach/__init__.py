@@ -11,7 +11,7 @@ from needlehoop.tasks.reach.expert import expert, smooth
 from needlehoop.tasks.reach.facts import FACTS, observe, success
 from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
 from needlehoop.tasks.reach.reward import Human
-from needlehoop.tasks.reach.scene import MATERIALS, SENSORS, STATE, TABLE, build
+from needlehoop.tasks.reach.scene import MATERIALS, SIGNALS, build
 from needlehoop.tasks.reach.start import DRAWS, start
 from needlehoop.tasks.reach.telling import TELLING
 
@@ -23,8 +23,7 @@ TASK = Task(
     rules=ReachRules,
     materials=MATERIALS,
     build=build,
-    sensors=SENSORS,
-    signals=TABLE,
+    signals=SIGNALS,
     classes={
         "target": FlatClass(("target",), (255, 230, 0)),
         "marks": FlatClass(tuple(f"mark_{i}" for i in range(BUMPS)), (255, 0, 80)),
@@ -40,7 +39,7 @@ TASK = Task(
         Phase("approach", "near", ("tool_midpoint", "target")),
         Phase("stay", "stayed", ("tool_midpoint", "target")),
     ),
-    state=STATE,
+    state=("tool_midpoint", "target", "joints", "jaw", "jaw_command"),
     controllers={"expert": expert, "smooth": smooth},
     teacher="smooth",
     human=Human,

@@ -17,17 +17,7 @@ FACTS = (Fact("near", once=True, timed=True, column="has_near"), Fact("stayed"))
 def observe(
     layout: ReachLayout, rules: ReachRules, memory: Memory, readings: Mapping[str, Tensor]
 ) -> tuple[dict[str, Tensor], dict[str, Weld]]:
-    """Decide the facts from the scene's readings.
-
-    Args:
-        layout: sizes.
-        rules: thresholds.
-        memory: after the action.
-        readings: named sensor readings, current (read after a forward).
-
-    Returns:
-        The facts ``(n,)`` by name; nothing is welded.
-    """
+    """Decide the facts, see ``contract.Task``."""
     near = distance(readings["tool_midpoint"], readings["target"]) < rules.near_radius
     lasted = memory["steps"] - memory["near_since"]
     return {"near": near, "stayed": near & (lasted >= rules.near_steps)}, {}

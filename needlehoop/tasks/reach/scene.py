@@ -1,19 +1,13 @@
-"""Phantom, marks and target as MuJoCo bodies; the scene's sensors, and its signals in words."""
+"""Phantom, marks and target as MuJoCo bodies; and the table of signals."""
 
 from __future__ import annotations
 
 import mujoco
 
 from needlehoop.robot.shapes import collision
-from needlehoop.scene.signals import ELAPSED, SensorSpec, Signal
+from needlehoop.scene.signals import of_body, verdict
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.psm import (
-    JAW_COMMAND,
-    JOINT_SENSORS,
-    JOINT_SIGNALS,
-    TOOL_SENSORS,
-    TOOL_SIGNALS,
-)
+from needlehoop.tasks.psm import signals
 from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
 
 MATERIALS: Materials = {
@@ -22,28 +16,13 @@ MATERIALS: Materials = {
     "target": ((1.0, 0.86, 0.10), 0.2, 0.3),
 }
 
-SENSORS: dict[str, SensorSpec] = {
-    **TOOL_SENSORS,
-    "target": SensorSpec(mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj.mjOBJ_XBODY, "target"),
-    **JOINT_SENSORS,
-}
-"""Every sensor of the scene, in the order of ``sensordata``."""
-
-TABLE: dict[str, Signal] = {
-    **TOOL_SIGNALS,
-    "target": Signal((3,), "m", "world", "sensor", "point just above the middle of the button"),
-    **JOINT_SIGNALS,
-    "jaw_command": JAW_COMMAND,
-    "elapsed": ELAPSED,
-    "near": Signal((), "bool", "-", "verdict", "the point between the jaws is at the target"),
-    "stayed": Signal(
-        (), "bool", "-", "verdict", "it has been there for as many steps as the task asks for"
-    ),
-}
-"""The signals, in words."""
-
-STATE = ("tool_midpoint", "target", "joints", "jaw", "jaw_command")
-"""What ``obs=signals`` reports: enough to do the task without eyes."""
+SIGNALS = signals(
+    {"target": of_body("position", "target", "point just above the middle of the button")},
+    {
+        "near": verdict("the point between the jaws is at the target"),
+        "stayed": verdict("it has been there for as many steps as the task asks for"),
+    },
+)
 
 _MARK = (-0.0010, 0.0005)
 """Lower and upper face of a mark, m above the top of its bump: flat, where the bump is round."""

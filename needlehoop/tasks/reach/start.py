@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from needlehoop.tasks.psm import servos, start_of
+from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.reach.layout import BUMPS, ReachLayout
 from needlehoop.tasks.start import Start, scatter
 
@@ -26,29 +26,21 @@ def start(layout: ReachLayout, uniform: Tensor) -> Start:
         for i, (x, y) in enumerate(layout.bump_positions)
     ]
     chosen = (BUMPS * uniform[:, 3 * BUMPS]).long()
-    tool = scatter(uniform[:, -3:], layout.tool_position, layout.tool_position_range)
-    return place(layout, tool, torch.stack(tops, 1), chosen)
+    robot = tool_start(layout, uniform[:, -3:])
+    return place(layout, robot, torch.stack(tops, 1), chosen)
 
 
-def place(layout: ReachLayout, tool: Tensor, tops: Tensor, chosen: Tensor) -> Start:
+def place(layout: ReachLayout, robot: dict[str, Tensor], tops: Tensor, chosen: Tensor) -> Start:
     """A start from places.
 
     Args:
         layout: sizes.
-        tool: ``tool_midpoint`` ``(n, 3)``, m.
+        robot: of a ``Start``.
         tops: of the bumps ``(n, BUMPS, 3)``, m.
         chosen: index of the target's bump ``(n,)``.
     """
-    n = len(tool)
     up = torch.tensor((0.0, 0.0, layout.target_above_bump), dtype=tops.dtype)
-    places = {"target": tops[torch.arange(n), chosen] + up}
+    places = {"target": tops[torch.arange(len(tops)), chosen] + up}
     for index in range(BUMPS):
         places[f"bump_{index}"] = places[f"mark_{index}"] = tops[:, index]
-    roll, jaw = (tool.new_full((n,), x) for x in (layout.tool_roll, layout.tool_jaw))
-    robot = start_of(layout, tool, roll, jaw)
-    return Start(
-        robot=robot,
-        free={},
-        mocap=places,
-        control=servos(robot),
-    )
+    return begun(robot, places)

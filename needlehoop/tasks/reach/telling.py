@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from needlehoop.tasks.contract import Telling
-from needlehoop.tasks.psm_telling import arm_values, millimetres
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.psm_telling import arm_values
 from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
 
 
@@ -19,10 +20,6 @@ def values(layout: ReachLayout, rules: ReachRules) -> dict[str, object]:
         "thickest": millimetres(max(layout.bump_radii)),
         "lowest": millimetres(height - spread),
         "highest": millimetres(height + spread),
-        "mark_radius": millimetres(layout.mark_radius),
-        "target_radius": millimetres(layout.target_radius),
-        "target_height": millimetres(layout.target_height),
-        "clearance": millimetres(layout.clearance),
         "target_above_bump": millimetres(layout.target_above_bump),
         "tool_height": round(1000 * layout.tool_position[2]),
     }

@@ -1,9 +1,10 @@
-"""When the PSM's jaws hold a thing, by the weld or by friction."""
+"""How the PSM's jaws hold a thing: by a weld of the wrist with it, or by friction."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
+import mujoco
 import torch
 from torch import Tensor
 
@@ -14,17 +15,46 @@ from needlehoop.tasks.episode import ArmEpisode
 
 Readings = Mapping[str, Tensor]
 
+_WELD = "grasp"
+"""Name of the weld."""
 
-def grasped(
-    rules: ArmEpisode, memory: Memory, readings: Readings, points: Callable[[], Tensor]
-) -> Tensor:
-    """Whether the thing is held, ``(n,)`` bool.
+
+def add_weld(
+    spec: mujoco.MjSpec, rules: ArmEpisode, body: str, **softness: Sequence[float]
+) -> None:
+    """Add the (inactive) weld of the wrist with a body, for ``episode.grasp=weld``.
+
+    ``softness``: MuJoCo's ``solref`` and ``solimp`` of it.
+    """
+    if rules.grasp == "weld":
+        spec.add_equality(
+            name=_WELD,
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="wrist_yaw",
+            name2=body,
+            active=False,
+            **softness,
+        )
+
+
+def hold(
+    rules: ArmEpisode,
+    memory: Memory,
+    readings: Readings,
+    points: Callable[[], Tensor],
+    position: Tensor,
+    quat: Tensor,
+) -> tuple[Tensor, dict[str, Weld]]:
+    """Whether a thing is held, ``(n,)`` bool, and what the weld has to become.
 
     Args:
         rules: the kind of grasp, and the jaw commands that begin and end it.
-        memory: after the action.
+        memory: after the action; ``grasped`` says what was held before.
         readings: ``jaw_1_touch``, ``jaw_2_touch`` and the arm's.
         points: gives places inside the thing ``(n, k, 3)``, world frame, m; for friction alone.
+        position: of the welded body ``(n, 3)``, m.
+        quat: of it ``(n, 4)``.
     """
     one, two, jaw = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
     caught = one & two & (jaw < rules.close_below)
@@ -33,16 +63,12 @@ def grasped(
         # Where nothing but contacts holds it, jaws closed on top of a thing hold nothing.
         if bool(caught.any()):
             caught = caught & _between_jaws(readings, points())
-        held = held & (one | two)
-    return held | caught
-
-
-def weld(memory: Memory, readings: Readings, held: Tensor, position: Tensor, quat: Tensor) -> Weld:
-    """What the weld of the wrist and a thing at ``position`` and ``quat`` has to become."""
+        return held & (one | two) | caught, {}
+    held = held | caught
     inverse = geo.conjugate(readings["wrist_quat"])
     place = geo.rotate(inverse, position - readings["wrist_pos"])
     pose = torch.cat((place, geo.multiply(inverse, quat)), -1)
-    return Weld(held != memory["grasped"], held, pose)
+    return held, {_WELD: Weld(held != memory["grasped"], held, pose)}
 
 
 def _between_jaws(readings: Readings, points: Tensor) -> Tensor:

@@ -1,0 +1,153 @@
+"""What scripted controllers of tasks with the PSM share.
+
+They see signals and act through the agent's own actions, so what they do an agent can. Two kinds
+go down onto a thing, grasp it and rise. The sharp one has switches. The smooth one can be imitated
+from images: who learns from images of 64 px knows places to 2 or 3 mm, and does what the expert
+would do on average over what may be there. So every switch is a ramp, wider than that; and where
+the arm is to arrive, the target lies beyond, since half of a small action leads nowhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from needlehoop.robot import geometry as geo
+from needlehoop.robot.geometry import ramp
+from needlehoop.scene.signals import Signals
+
+_GAIN = 0.4
+"""Share of the remaining error that an action asks for; the servos lag behind."""
+
+_START, _OFF = 0.3, (0.002, 0.008)
+"""The action with which a thing begins to rise; and its heights off the ground, m, at which it is
+seen to come along, not at all and for sure. So what closing, holding and having missed ask for
+hardly differs until it shows which it is: held, the thing rises; missed, the jaws open again."""
+
+_JAMMED, _ABOVE = (0.9, 0.5), (0.003, 0.006)
+"""Angles of the jaws, rad, and heights of them, m, at which they would come down on the thing and
+rest there: none and all of that. There the only way is up."""
+
+
+@dataclass(frozen=True)
+class Script:
+    """A controller for ``control=tip``, without memory: phases follow from the signals.
+
+    Args:
+        layout: sizes, an ``ArmLayout``.
+        episode: action scales, a ``ToolEpisode``.
+    """
+
+    layout: Any
+    episode: Any
+
+    def __post_init__(self) -> None:
+        if self.episode.control != "tip":
+            raise ValueError(
+                f"episode.control: {self.episode.control!r}; the expert drives control=tip"
+            )
+
+    def action(self, move: Tensor, turn: Tensor, jaw: Tensor) -> Tensor:
+        """Actions ``(n, 5)`` that ask for a share of a move ``(n, 3)`` m and a turn ``(n,)`` rad.
+
+        ``jaw`` ``(n,)`` is the action itself.
+        """
+        translation = (_GAIN * move / self.episode.translation).clamp(-1, 1)
+        rotation = (_GAIN * turn / self.episode.rotation).clamp(-1, 1)
+        return torch.cat((translation, rotation.unsqueeze(-1), jaw.unsqueeze(-1)), -1)
+
+    def asking(self, action: float) -> float:
+        """The distance, m, for which an action is asked."""
+        return action * self.episode.translation / _GAIN
+
+    def jaw_to(self, shut: Tensor, s: Signals) -> Tensor:
+        """The jaw's action ``(n,)``: shut where ``shut`` ``(n,)`` is true, else open."""
+        wanted = torch.where(shut, self.layout.jaw_closed, self.layout.tool_jaw)
+        return ((wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
+
+    def slowly(self, height: Tensor) -> tuple[Tensor, Tensor]:
+        """How surely a thing so high off the ground ``(n,)`` has come along, from 0 to 1; and the
+        most that it may rise by, m."""
+        off = ramp(height, *_OFF)
+        fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
+        return off, self.asking(1.0) * fastest
+
+
+@dataclass(frozen=True)
+class Funnel:
+    """How the smooth kind comes down on a thing, m and rad.
+
+    Args:
+        free: radius of the funnel's bottom about the pickup point.
+        edge: the distance aside at which the jaws are no more sent below the pickup point.
+        height: over the pickup point, at which the jaws open and shut.
+        aside: distances aside of it, the same.
+        shut: angles of the jaws between which they begin to rise. A thing between them keeps
+            them open by more than the second, and whether it is held yet no image shows.
+    """
+
+    free: float
+    edge: float
+    height: tuple[float, float]
+    aside: tuple[float, float]
+    shut: tuple[float, float]
+
+    hover, slope, press = 0.012, 1.5, 0.003
+    """Height and slope of the funnel; and how far below the pickup point the jaws are sent: onto
+    what stops them."""
+
+    def approach(self, script: Script, s: Signals) -> Tensor:
+        """Down the funnel; up, where the jaws shut too early or on nothing. ``(n, 3)``, m."""
+        away = s.pickup_point - s.tool_midpoint
+        aside = aside_of(away)
+        wall = (self.slope * (aside - self.free)).clamp(0.0, self.hover)
+        down = away[:, 2] + wall - self.press * ramp(aside, self.edge, self.free)
+        begun = torch.full_like(down, script.asking(_START))
+        height = torch.lerp(down, begun, ramp(s.jaw, *self.shut))
+        jammed = ramp(s.jaw, *_JAMMED) * ramp(-away[:, 2], *_ABOVE)
+        away[:, 2] = torch.lerp(height, away[:, 2] + self.hover, jammed)
+        return away
+
+    def near(self, s: Signals) -> Tensor:
+        """How surely the thing is between the jaws, from 0 to 1 ``(n,)``."""
+        away = s.tool_midpoint - s.pickup_point
+        return ramp(away[:, 2], *self.height) * ramp(aside_of(away), *self.aside)
+
+
+def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
+    """The sharp kind's way down ``(n, 3)``, m: above the pickup point, then onto it once lined up.
+
+    Args:
+        s: with ``pickup_point``.
+        turn: that is missing ``(n,)``, rad.
+        hover: height at which the open jaws line up, m.
+        askew: turn at which they are lined up, rad.
+    """
+    away = s.pickup_point - s.tool_midpoint
+    aside = aside_of(away)
+    lined_up = (aside < 0.0012) & (turn.abs() < askew)
+    low = away[:, 2].abs() < 0.006
+    down = lined_up | (low & (aside < 0.0025))
+    away[:, 2] = torch.where(down, away[:, 2], away[:, 2] + hover)
+    return away
+
+
+def blade_turn(s: Signals, across: Tensor) -> Tensor:
+    """Turn about the instrument ``(n,)``, rad, after which the blades open along ``(n, 3)``."""
+    x, y, _ = geo.rotate(geo.conjugate(s.tool_quat), across).unbind(-1)
+    # The blades open along the tool's y; either sense will do.
+    sense = torch.where(y < 0, -1.0, 1.0)
+    return geo.angle(y * sense, -x * sense)
+
+
+def direction(quat: Tensor, *axis: float) -> Tensor:
+    """An axis of turned frames ``(n, 4)`` in the world ``(n, 3)``."""
+    return geo.rotate(quat, torch.tensor(axis, dtype=quat.dtype).expand(len(quat), 3))
+
+
+def aside_of(away: Tensor) -> Tensor:
+    """Horizontal length of vectors ``(n, 3)``, m."""
+    return torch.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
