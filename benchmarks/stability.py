@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from needlehoop.engines.contract import Engine
+from needlehoop.engines.engine import Engine
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings, compose_settings
 

@@ -11,21 +11,12 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Positive
-from needlehoop.robot.geometry import about_z, distance
+from needlehoop.robot.geometry import about_z, aside, distance
 from needlehoop.robot.shapes import collision
-from needlehoop.scene.signals import (
-    ELAPSED,
-    Signal,
-    fact,
-    of_body,
-    of_joints,
-    of_site,
-    touch,
-    verdict,
-)
+from needlehoop.scene import signals
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Layout, Length, Place, Spread
+from needlehoop.tasks.layout import Length, Place, Spread, ToolLayout
 from needlehoop.tasks.start import Start, scatter
 
 from .expert import expert
@@ -34,7 +25,7 @@ from .telling import TELLING
 
 
 @dataclass(frozen=True)
-class CubeLayout(Layout):
+class CubeLayout(ToolLayout):
     """Sizes and placement, m; ranges are half-widths about the nominal value."""
 
     cube: Length
@@ -45,10 +36,6 @@ class CubeLayout(Layout):
     spot_position: tuple[Place, Place]
     position_range: tuple[Spread, Spread]
     """Of cube and spot."""
-    tool_position: tuple[Place, Place, Place]
-    tool_position_range: tuple[Spread, Spread, Spread]
-    workspace_lower: tuple[Place, Place, Place]
-    workspace_upper: tuple[Place, Place, Place]
     open: Length
     """Most that a finger's joint opens."""
 
@@ -97,8 +84,7 @@ def observe(
 ) -> tuple[dict[str, Tensor], dict[str, Weld]]:
     """Held: both fingers touch the cube. Placed: it lies on the spot and no finger touches it."""
     r = readings
-    x, y, _ = (r["cube"] - r["spot"]).unbind(-1)
-    there = x * x + y * y < rules.spot_radius**2
+    there = aside(r["cube"] - r["spot"]) < rules.spot_radius
     lies = r["cube"][:, 2] < layout.cube / 2 + 0.0005
     one, two = r["finger_1_touch"], r["finger_2_touch"]
     return {"held": one & two, "placed": there & lies & ~one & ~two}, {}
@@ -132,16 +118,20 @@ TASK = Task(
     materials={"cube": ((0.9, 0.3, 0.2), 0.2, 0.3), "spot": ((0.95, 0.9, 0.4), 0.1, 0.2)},
     build=build,
     signals={
-        "tool": of_site("position", f"{PREFIX}tool", "middle between the fingers"),
-        "cube": of_body("position", "cube", "middle of the cube"),
-        "spot": of_body("position", "spot", "middle of the spot, on the table"),
-        "grip": of_joints([f"{PREFIX}finger_1"], "m", "opening of a finger, 0 where it is closed"),
-        "finger_1_touch": touch(f"{PREFIX}pad_1", "cube", "first finger touches the cube"),
-        "finger_2_touch": touch(f"{PREFIX}pad_2", "cube", "second finger touches the cube"),
-        "grip_command": Signal((), "m", "joint", "command", "commanded opening of a finger"),
-        "elapsed": ELAPSED,
-        "held": fact("both fingers touch the cube"),
-        "placed": verdict("the cube lies on the spot, let go"),
+        "tool": signals.of_site("position", f"{PREFIX}tool", "middle between the fingers"),
+        "cube": signals.of_body("position", "cube", "middle of the cube"),
+        "spot": signals.of_body("position", "spot", "middle of the spot, on the table"),
+        "grip": signals.of_joints(
+            [f"{PREFIX}finger_1"], "m", "opening of a finger, 0 where it is closed"
+        ),
+        "finger_1_touch": signals.touch(f"{PREFIX}pad_1", "cube", "first finger touches the cube"),
+        "finger_2_touch": signals.touch(f"{PREFIX}pad_2", "cube", "second finger touches the cube"),
+        "grip_command": signals.Signal(
+            (), "m", "joint", "command", "commanded opening of a finger"
+        ),
+        "elapsed": signals.ELAPSED,
+        "held": signals.fact("both fingers touch the cube"),
+        "placed": signals.verdict("the cube lies on the spot, let go"),
     },
     classes={
         "cube": FlatClass(("cube",), (255, 0, 80)),

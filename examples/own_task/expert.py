@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from needlehoop.robot.geometry import distance, ramp
+from needlehoop.robot.geometry import aside, distance, ramp
 from needlehoop.tasks.contract import Controller
 
 _HOVER = 0.02
@@ -18,15 +18,15 @@ def expert(layout: Any, rules: Any) -> Controller:
     """Above the cube, down, close, up, above the spot, down, open, up."""
 
     def act(s: Any) -> Tensor:
-        high, aside = s.cube[:, 2] - layout.cube / 2, _aside(s.cube, s.spot)
-        done = (aside < 0.6 * rules.spot_radius) & (high < 0.001)
+        high, away = s.cube[:, 2] - layout.cube / 2, aside(s.cube - s.spot)
+        done = (away < 0.6 * rules.spot_radius) & (high < 0.001)
         around = distance(s.tool, s.cube) < 0.003
         # Ramps and not switches, where a learner sees places to 2 or 3 mm.
         pick, carry, leave = s.cube - s.tool, s.spot - s.cube, torch.zeros_like(s.tool)
-        pick[:, 2] += _HOVER * ramp(_aside(s.tool, s.cube), 0.003, 0.008)
-        free = torch.maximum(ramp(high, 0.005, 0.012), (aside < 0.006).double())
+        pick[:, 2] += _HOVER * ramp(aside(pick), 0.003, 0.008)
+        free = torch.maximum(ramp(high, 0.005, 0.012), (away < 0.006).double())
         carry[:, :2] *= free.unsqueeze(-1)
-        carry[:, 2] = _HOVER * ramp(aside, 0.002, 0.006) - high
+        carry[:, 2] = _HOVER * ramp(away, 0.002, 0.006) - high
         leave[:, 2] = torch.where(s.grip > 0.004, _HOVER, 0.0)
         move = torch.where(s.held.unsqueeze(-1), carry, pick)
         move = torch.where(done.unsqueeze(-1), leave, move)
@@ -34,9 +34,3 @@ def expert(layout: Any, rules: Any) -> Controller:
         return torch.cat(((0.5 * move / rules.translation).clamp(-1, 1), grip), -1)
 
     return act
-
-
-def _aside(a: Tensor, b: Tensor) -> Tensor:
-    """Horizontal distance ``(n,)``, m."""
-    x, y, _ = (a - b).unbind(-1)
-    return torch.sqrt(x * x + y * y)

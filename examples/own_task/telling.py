@@ -4,17 +4,18 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.tasks.contract import Telling
+from needlehoop.tasks.layout import lengths, millimetres
 
 
 def values(layout: Any, rules: Any) -> dict[str, object]:
     """What fills the gaps of ``prompts/*.txt``, by name."""
-    lengths = {"edge": layout.cube, "half": layout.cube / 2, "spot": layout.spot}
-    lengths["height"] = layout.tool_position[2]
     return {
-        **{name: f"{1000 * length:g}" for name, length in lengths.items()},
+        **lengths(layout),
+        "half": millimetres(layout.cube / 2),
+        "height": millimetres(layout.tool_position[2]),
         "open": f"{layout.open:g}",
-        "control": f"moves the gripper by up to {1000 * rules.translation:g} mm along each of x,"
-        f" y and z, and opens or closes each finger by up to {1000 * rules.grip:g} mm",
+        "control": f"moves the gripper by up to {millimetres(rules.translation)} mm along each of"
+        f" x, y and z, and opens or closes each finger by up to {millimetres(rules.grip)} mm",
     }
 
 

@@ -1,7 +1,4 @@
-"""What an engine is: physics and cameras of ``n`` copies of one scene.
-
-An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
-"""
+"""What engines and renderers are told, and what they give. Imports no simulator."""
 
 from __future__ import annotations
 
@@ -12,12 +9,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
 from needlehoop.config.strict import Range
 
 if TYPE_CHECKING:
-    import mujoco
     import numpy as np
     from torch import Tensor
-
-    from needlehoop.tasks.contract import Weld
-    from needlehoop.tasks.start import Start
 
 KINDS = ("cpu", "dm_control")
 """What steps the physics."""
@@ -107,60 +100,4 @@ class Renderer(Protocol):
             fields: MjData ``FIELDS`` with a leading dimension of ``n``.
             ids: environments to render ``(k,)``; all by default.
         """
-        ...
-
-
-class Engine(Protocol):
-    """Physics and cameras of ``num_envs`` scenes."""
-
-    num_envs: int
-    model: mujoco.MjModel
-
-    def reset(self, ids: Tensor, start: Start) -> None:
-        """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
-        ...
-
-    def step(self, control: Tensor) -> None:
-        """Advance all by one control step under ``control`` ``(n, nu)``, then forward."""
-        ...
-
-    def diverged(self) -> Tensor:
-        """Environments ``(n,)`` bool whose physics broke down since their reset.
-
-        MuJoCo puts such a scene back to where it was compiled, and goes on.
-        """
-        ...
-
-    def weld(self, welds: Mapping[str, Weld]) -> None:
-        """Switch welds, by name; they act from the next step on."""
-        ...
-
-    def sensordata(self) -> Tensor:
-        """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
-        ...
-
-    def snapshot(self) -> dict[str, Tensor]:
-        """The physics' whole state, as copies."""
-        ...
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        """Go on from a ``snapshot``, and forward."""
-        ...
-
-    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        """Scale friction of all geoms and mass of free bodies, by factors ``(k,)``.
-
-        Of the model as it was compiled; to be called before these environments' ``reset``.
-        """
-        ...
-
-    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
-        """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
-
-        Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
-        """
-        ...
-
-    def data(self, env: int) -> mujoco.MjData:
-        """One environment's MjData, forwarded, to look at; valid until the next call."""
         ...

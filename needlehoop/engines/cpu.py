@@ -1,19 +1,19 @@
-"""The CPU engine: mujoco.batch on all cores and a renderer on threads."""
+"""The CPU engine: mujoco.batch on all cores."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import mujoco
+import numpy as np
 import torch
 from mujoco.batch import Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, changed_welds, varied_model, weld_data
-from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
-from needlehoop.engines.quiet_start import silence_mujoco
-from needlehoop.engines.renderers import make_renderer
-from needlehoop.runs.machine import available_cpus
+from needlehoop.engines.addresses import STATE, changed_welds, varied_model, weld_data
+from needlehoop.engines.contract import FIELDS
+from needlehoop.engines.engine import Engine
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
@@ -21,51 +21,16 @@ _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 
 
-class CpuEngine:
-    """``n`` scenes on the CPU; see ``contract.Engine``.
+class CpuEngine(Engine):
+    """``n`` scenes on the CPU: mujoco.batch on threads."""
 
-    Args:
-        model: the compiled scene.
-        robot: in it.
-        num_envs: copies of it.
-        substeps: physics steps per control step.
-        views: channels to render by view; empty for no cameras.
-        size: image width and height, px.
-        quality: see ``Tracer``.
-        config: threads and renderer.
-
-    Raises:
-        ValueError: fewer than one environment.
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        robot: Robot,
-        num_envs: int,
-        substeps: int,
-        views: Mapping[str, Channels],
-        size: int,
-        quality: int,
-        config: EngineConfig,
-    ):
-        if num_envs < 1:
-            raise ValueError(f"num_envs: {num_envs} must be at least 1")
-        silence_mujoco()
-        self.num_envs, self.model = num_envs, model
-        self._substeps = substeps
-        threads = config.threads or available_cpus()
-        self._batch = Batch(model, num_envs, threads)
-        self._addresses = Addresses(model, robot)
+    def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, *given: Any):
+        super().__init__(model, robot, num_envs, *given)
+        self._batch = Batch(model, num_envs, self._threads)
         self._sensordata = self._batch.bind("sensordata")
-        self._renderer = (
-            make_renderer(config.renderer, model, num_envs, views, size, threads, quality)
-            if views
-            else None
-        )
         self._scratch_data: mujoco.MjData | None = None
         self._scratch_model: mujoco.MjModel | None = None
-        self._fields = {name: self._batch.bind(name) for name in FIELDS} if views else {}
+        self._fields = {name: self._batch.bind(name) for name in FIELDS if self._renderer}
         if self._addresses.welds:
             self._weld_data = self._batch.expand("eq_data")
             self._weld_active = self._batch.bind("eq_active")
@@ -108,17 +73,14 @@ class CpuEngine:
         self._batch.forward(stage=_VELOCITY)
 
     def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        rows, model = ids.numpy(), self.model
-        varied = varied_model(model, friction.numpy(), mass.numpy())
+        rows = ids.numpy()
+        varied = varied_model(self.model, friction.numpy(), mass.numpy())
         for name, value in varied.items():
             self._batch.expand(name)[rows] = value
         self._batch.set_const(rows)
 
-    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
-        if self._renderer is None:
-            return {}
-        fields = self._fields if optics is None else optics(self._fields)
-        return self._renderer.render(fields, None if ids is None else ids.numpy())
+    def _drawn(self) -> Mapping[str, np.ndarray]:
+        return self._fields
 
     def data(self, env: int) -> mujoco.MjData:
         self._scratch_data = self._batch.get_data(env, self._scratch_data)

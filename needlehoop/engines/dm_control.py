@@ -21,11 +21,10 @@ from dm_env import specs
 from torch import Tensor
 
 from needlehoop.engines.addresses import STATE, Addresses, changed_welds, varied_model, weld_data
-from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
+from needlehoop.engines.contract import FIELDS
+from needlehoop.engines.engine import Engine
 from needlehoop.engines.quiet_start import silence_mujoco
-from needlehoop.engines.renderers import make_renderer
-from needlehoop.runs.machine import available_cpus
-from needlehoop.tasks.contract import Robot, Weld
+from needlehoop.tasks.contract import Weld
 from needlehoop.tasks.start import Start
 
 mujoco.set_mju_user_warning(None)  # dm_control's prints.
@@ -103,50 +102,17 @@ def build_environment(
     return control.Environment(physics, task, n_sub_steps=substeps, legacy_step=False)
 
 
-class DmControlEngine:
-    """``n`` dm_control Environments; see ``contract.Engine``.
+class DmControlEngine(Engine):
+    """``n`` dm_control Environments, each with a copy of the scene."""
 
-    Args:
-        model: the compiled scene; every environment has a copy.
-        robot: in it.
-        num_envs: environments.
-        substeps: physics steps per control step.
-        views: channels to render by view; empty for no cameras.
-        size: image width and height, px.
-        quality: see ``Tracer``.
-        config: renderer, and threads for it alone.
-
-    Raises:
-        ValueError: fewer than one environment.
-    """
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        robot: Robot,
-        num_envs: int,
-        substeps: int,
-        views: Mapping[str, Channels],
-        size: int,
-        quality: int,
-        config: EngineConfig,
-    ):
-        if num_envs < 1:
-            raise ValueError(f"num_envs: {num_envs} must be at least 1")
-        self.num_envs, self.model = num_envs, model
-        threads = config.threads or available_cpus()
-        self._renderer = (
-            make_renderer(config.renderer, model, num_envs, views, size, threads, quality)
-            if views
-            else None
-        )
-        addresses = Addresses(model, robot)
-        self._tasks = [Servos(addresses) for _ in range(num_envs)]
+    def __init__(self, model: mujoco.MjModel, *given: Any):
+        super().__init__(model, *given)
+        self._tasks = [Servos(self._addresses) for _ in range(self.num_envs)]
         self.environments = [
-            build_environment(Physics.from_model(MjModel(copy(model))), task, substeps)
+            build_environment(Physics.from_model(MjModel(copy(model))), task, self._substeps)
             for task in self._tasks
         ]
-        self._welds = addresses.welds
+        self._welds = self._addresses.welds
 
     def reset(self, ids: Tensor, start: Start) -> None:
         for row, env in enumerate(ids.tolist()):
@@ -199,12 +165,8 @@ class DmControlEngine:
                 getattr(model, name)[:] = value[row]
             mujoco.mj_setConst(model, data)
 
-    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
-        if self._renderer is None:
-            return {}
-        fields = {name: self._gather(name) for name in FIELDS}
-        fields = fields if optics is None else optics(fields)
-        return self._renderer.render(fields, None if ids is None else ids.numpy())
+    def _drawn(self) -> Mapping[str, np.ndarray]:
+        return {name: self._gather(name) for name in FIELDS}
 
     def data(self, env: int) -> mujoco.MjData:
         model, data = self._inside(env)

@@ -8,7 +8,6 @@ import numpy as np
 from needlehoop import rewards
 from needlehoop.disturbances.disturbance import Disturbance
 from needlehoop.disturbances.scene import add_objects
-from needlehoop.engines.factory import build_engine
 from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
@@ -49,10 +48,13 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     workers = Workers(s.engine.threads or available_cpus())
     imager = Imager(model, s.definition.paint, cameras, s.views, s.renderings, workers)
     views = channels_of(cameras, s.renderings)
+    if s.engine.kind == "dm_control":
+        # Imported where it is asked for: dm_control takes a while.
+        from needlehoop.engines.dm_control import DmControlEngine as Kind
+    else:
+        from needlehoop.engines.cpu import CpuEngine as Kind
     robot, substeps = s.definition.robot, s.episode.substeps
-    engine = build_engine(
-        model, robot, s.num_envs, substeps, views, s.image_size, s.quality, s.engine
-    )
+    engine = Kind(model, robot, s.num_envs, substeps, views, s.image_size, s.quality, s.engine)
     reward = rewards.load(s.reward, s.definition)
     own = (engine, s.definition, s.task, s.episode, reward, s.seed, first_env)
     return Simulation(*own, _disturbance(s, model)), imager

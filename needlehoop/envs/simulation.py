@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,7 +12,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from needlehoop.disturbances.disturbance import Disturbance
-from needlehoop.engines.contract import Engine
 from needlehoop.envs.images import Imager
 from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals
@@ -21,6 +20,9 @@ from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Layout
 from needlehoop.tasks.start import draws
 from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
+
+if TYPE_CHECKING:
+    from needlehoop.engines.engine import Engine
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,12 @@ def distance(a: Tensor, b: Tensor) -> Tensor:
     return torch.sqrt(dot(d, d))
 
 
+def aside(vector: Tensor) -> Tensor:
+    """Horizontal length of ``(..., 3)`` vectors."""
+    x, y = vector[..., 0], vector[..., 1]
+    return torch.sqrt(x * x + y * y)
+
+
 def rotate(quat: Tensor, vector: Tensor) -> Tensor:
     """``vector`` ``(..., 3)`` turned by ``quat`` ``(..., 4)``."""
     w, axis = quat[..., :1], quat[..., 1:]

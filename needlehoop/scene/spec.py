@@ -7,6 +7,7 @@ right. SI units.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import mujoco
 
@@ -47,6 +48,12 @@ def add_table(spec: mujoco.MjSpec) -> None:
         friction=[0.8, 0.002, 0.0001],
         solref=[0.004, 1.0],
     )
+
+
+def attach(spec: mujoco.MjSpec, file: Path, prefix: str) -> None:
+    """Add what an MJCF file has; ``prefix`` goes before its names."""
+    part = mujoco.MjSpec.from_file(str(file))
+    spec.attach(part, prefix=prefix, frame=spec.worldbody.add_frame())
 
 
 def add_cameras(spec: mujoco.MjSpec, views: Mapping[str, View]) -> None:

@@ -90,22 +90,34 @@ class FlatClass:
     """RGB, 0 to 255; a rendering may name another."""
 
 
-@dataclass(frozen=True)
+def at_commands(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
+    """Writes a start's servo commands into the joints that the servos hold, all of them."""
+    columns = model.jnt_qposadr[model.actuator_trnid[:, 0]]
+
+    def write(qpos: np.ndarray, start: Start) -> None:
+        qpos[:, columns] = start.control.numpy()
+
+    return write
+
+
+@dataclass(frozen=True, kw_only=True)
 class Robot:
     """Arms, and how actions move them."""
 
     add: Callable[[mujoco.MjSpec, Any, str], None]
     """Adds bodies, joints, servos to a scene, from a layout and the setting ``psm``."""
-    poser: Callable[[mujoco.MjModel], Callable[[np.ndarray, Start], None]]
+    poser: Callable[[mujoco.MjModel], Callable[[np.ndarray, Start], None]] = at_commands
     """For a compiled scene, what writes a start's robot into ``qpos`` ``(k, nq)``."""
-    begin: Callable[[Any, Start], dict[str, Tensor]]
+    begin: Callable[[Any, Start], dict[str, Tensor]] = lambda rules, start: {
+        name: value.clone() for name, value in start.robot.items()
+    }
     """From rules and a start, what the robot remembers."""
     act: Callable[[Any, Any, Memory, Tensor], tuple[dict[str, Tensor], Tensor]]
     """From layout, rules, memory and an action ``(n, action_size)``, what it remembers now, and
     the servos' commands ``(n, nu)``."""
     commands: Callable[[Memory], dict[str, Tensor]]
     """Signals that come from the memory and not from sensors."""
-    materials: Materials
+    materials: Materials = field(default_factory=dict)
     """RGB, specular and shininess by name."""
     body: str
     """Root of its bodies: class ``robot`` of flat renderings."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, get_type_hints
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from needlehoop.config.strict import Range
 
@@ -35,24 +37,42 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class ArmLayout(Layout):
-    """Where the PSM stands, begins and may go.
+class ToolLayout(Layout):
+    """Where a robot's tool begins and may go.
 
-    Lengths in m, angles in rad, positions in the world frame. Ranges are half-widths of
-    uniform distributions about the nominal value.
+    Lengths in m, positions in the world frame. Ranges are half-widths of uniform distributions
+    about the nominal value.
     """
 
     tool_position: tuple[Place, Place, Place]
-    """Nominal start of ``tool_midpoint``."""
+    """Nominal start of the tool."""
     tool_position_range: tuple[Spread, Spread, Spread]
+    workspace_lower: tuple[Place, Place, Place]
+    workspace_upper: tuple[Place, Place, Place]
+    """Corners of the box that clamps the tool's target."""
+
+    def __post_init__(self) -> None:
+        lower, upper = self.workspace_lower, self.workspace_upper
+        if not all(a < b for a, b in zip(lower, upper, strict=True)):
+            raise ValueError(f"task.workspace_lower: {lower} must be below {upper}")
+
+    def clamp(self, place: Tensor) -> Tensor:
+        """Places ``(n, 3)``, m, brought into the workspace."""
+        lower, upper = torch.tensor(
+            (self.workspace_lower, self.workspace_upper), dtype=torch.float64
+        )
+        return place.clamp(lower, upper)
+
+
+@dataclass(frozen=True)
+class ArmLayout(ToolLayout):
+    """Where the PSM stands, begins and may go; its tool is ``tool_midpoint``. Angles in rad."""
+
     tool_roll: Turn
     """Start of the rotation about the instrument's axis."""
     tool_jaw: Turn
     """Start of the jaw angle."""
 
-    workspace_lower: tuple[Place, Place, Place]
-    workspace_upper: tuple[Place, Place, Place]
-    """Corners of the box that clamps ``tool_midpoint``'s target."""
     roll_range: Spread
     """The rotation's target stays within this of ``tool_roll``."""
     jaw_closed: Turn
@@ -65,9 +85,7 @@ class ArmLayout(Layout):
     """Distance of ``tool_midpoint`` from the wrist-yaw axis, along the blades."""
 
     def __post_init__(self) -> None:
-        lower, upper = self.workspace_lower, self.workspace_upper
-        if not all(a < b for a, b in zip(lower, upper, strict=True)):
-            raise ValueError(f"task.workspace_lower: {lower} must be below {upper}")
+        super().__post_init__()
         if not self.jaw_closed < self.jaw_open:
             raise ValueError(f"task.jaw_closed: {self.jaw_closed} must be below {self.jaw_open}")
 

@@ -138,9 +138,7 @@ def act(
         The same five, moved; and the servos' commands ``(n, 7)``: the six joints (rad, m)
         and the jaw (rad).
     """
-    lower = torch.tensor(layout.workspace_lower, dtype=torch.float64)
-    upper = torch.tensor(layout.workspace_upper, dtype=torch.float64)
-    target = (memory["target"] + rules.translation * action[:, :3]).clamp(lower, upper)
+    target = layout.clamp(memory["target"] + rules.translation * action[:, :3])
     jaw = memory["jaw"] + rules.jaw * action[:, -1]
     jaw = jaw.clamp(layout.jaw_closed, layout.jaw_open)
     roll, quat = memory["tool_roll"], memory["quat"]

@@ -102,7 +102,7 @@ class Funnel:
     def approach(self, script: Script, s: Signals) -> Tensor:
         """Down the funnel; up, where the jaws shut too early or on nothing. ``(n, 3)``, m."""
         away = s.pickup_point - s.tool_midpoint
-        aside = aside_of(away)
+        aside = geo.aside(away)
         wall = (self.slope * (aside - self.free)).clamp(0.0, self.hover)
         down = away[:, 2] + wall - self.press * ramp(aside, self.edge, self.free)
         begun = torch.full_like(down, script.asking(_START))
@@ -114,7 +114,7 @@ class Funnel:
     def near(self, s: Signals) -> Tensor:
         """How surely the thing is between the jaws, from 0 to 1 ``(n,)``."""
         away = s.tool_midpoint - s.pickup_point
-        return ramp(away[:, 2], *self.height) * ramp(aside_of(away), *self.aside)
+        return ramp(away[:, 2], *self.height) * ramp(geo.aside(away), *self.aside)
 
 
 def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
@@ -127,7 +127,7 @@ def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
         askew: turn at which they are lined up, rad.
     """
     away = s.pickup_point - s.tool_midpoint
-    aside = aside_of(away)
+    aside = geo.aside(away)
     lined_up = (aside < 0.0012) & (turn.abs() < askew)
     low = away[:, 2].abs() < 0.006
     down = lined_up | (low & (aside < 0.0025))
@@ -146,8 +146,3 @@ def blade_turn(s: Signals, across: Tensor) -> Tensor:
 def direction(quat: Tensor, *axis: float) -> Tensor:
     """An axis of turned frames ``(n, 4)`` in the world ``(n, 3)``."""
     return geo.rotate(quat, torch.tensor(axis, dtype=quat.dtype).expand(len(quat), 3))
-
-
-def aside_of(away: Tensor) -> Tensor:
-    """Horizontal length of vectors ``(n, 3)``, m."""
-    return torch.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)

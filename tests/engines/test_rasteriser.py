@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from needlehoop.engines.contract import FIELDS, Channels
+from needlehoop.engines.engine import make_renderer
 from needlehoop.engines.rasteriser.renderer import Rasteriser
 from needlehoop.engines.rasteriser.surfaces import surface_of
-from needlehoop.engines.renderers import make_renderer
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
@@ -280,7 +280,7 @@ def test_no_pixels_and_too_many_are_refused(scene, size, message):
 
 def test_pictures_for_people_are_traced(scene):
     kinds = {
-        (kind, quality): type(make_renderer(kind, scene[0], 1, {"front": ALL}, 8, 1, quality))
+        (kind, quality): type(make_renderer(kind, quality, scene[0], 1, {"front": ALL}, 8, 1))
         for kind in ("rasteriser", "tracer")
         for quality in (1, 2)
     }

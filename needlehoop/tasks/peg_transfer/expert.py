@@ -13,7 +13,7 @@ from needlehoop.scene.signals import Signals
 from needlehoop.tasks import scripted
 from needlehoop.tasks.peg_transfer.facts import lower_edge
 from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
-from needlehoop.tasks.scripted import Funnel, aside_of, blade_turn, descend, direction
+from needlehoop.tasks.scripted import Funnel, blade_turn, descend, direction
 
 _HOVER = 0.016
 """Height above the pickup point at which the open jaws line up, m."""
@@ -59,7 +59,7 @@ class Script(scripted.Script):
         """Squeeze, lift off the peg, carry above the marked peg, lower."""
         squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         away = s.goal - s.block_position
-        down = (aside_of(away) < _LOWERED) | (s.over & ~s.lifted)
+        down = (geo.aside(away) < _LOWERED) | (s.over & ~s.lifted)
         # Upwards first: below the pegs' tops there is no way aside.
         clear = s.lifted | down
         climb = self.carried - self.low(s)
@@ -107,7 +107,7 @@ class Smooth(Script):
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         s = signals
-        aside, low = aside_of(s.goal - s.block_position), self.low(s)
+        aside, low = geo.aside(s.goal - s.block_position), self.low(s)
         sunk = ramp(low, self.layout.marked_height, 0.5 * self.layout.marked_height)
         about = ramp(aside, _BESIDE, _ABOUT)
         home = about * sunk

@@ -36,8 +36,7 @@ def observe(
     walls = partial(_wall_points, layout, position, quat)
     grasped, welds = hold(rules, memory, r, walls, position, quat)
     low = lower_edge(layout, position, quat)
-    x, y, _ = (position - r["goal"]).unbind(-1)
-    near = torch.sqrt(x * x + y * y) < rules.arrive_radius
+    near = geo.aside(position - r["goal"]) < rules.arrive_radius
     over = is_over(layout, position, quat, r["goal"])
     released = ~grasped & ~r["jaw_1_touch"] & ~r["jaw_2_touch"]
     facts = {

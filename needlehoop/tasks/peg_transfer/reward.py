@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Positive, Real
-from needlehoop.robot.geometry import distance
+from needlehoop.robot.geometry import aside, distance
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
@@ -44,8 +44,7 @@ class Human:
         rise = (off / (s.above_goal[:, 2] - s.goal[:, 2])).clamp(0.0, 1.0)
         high = torch.logical_or(s.lifted, s.over)
         raised = torch.where(high, one, 0.8 * rise)
-        x, y, _ = (s.block_position - s.goal).unbind(-1)
-        close = torch.exp(-self.carry_rate * torch.sqrt(x * x + y * y))
+        close = torch.exp(-self.carry_rate * aside(s.block_position - s.goal))
         carried = torch.where(s.over, one, 0.8 * close)
         reach = torch.exp(-self.reach_rate * distance(s.tool_midpoint, s.pickup_point))
         return {

@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from needlehoop.robot.geometry import aside
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks import scripted
 from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
-from needlehoop.tasks.scripted import aside_of
 
 _HOVER = 0.012
 """Height above the target at which the tool crosses the phantom, m."""
@@ -29,7 +29,7 @@ class Script(scripted.Script):
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         away = signals.target - signals.tool_midpoint
-        away[:, 2] += self._height(aside_of(away))
+        away[:, 2] += self._height(aside(away))
         # Neither the turn about the instrument nor the jaws matter.
         none = torch.zeros_like(away[:, 0])
         return self.action(away, none, none)
