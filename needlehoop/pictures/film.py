@@ -13,7 +13,7 @@ from needlehoop.envs.images import Imager
 from needlehoop.envs.rollout import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.pictures.stills import Photographer, to_rgb
+from needlehoop.pictures.stills import Photographer, scaled
 
 
 def record(
@@ -68,9 +68,8 @@ def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
     tile = height // max(3, len(images)) // 16 * 16
     column = Image.new("RGB", (tile, height))
     for row, camera in enumerate(settings.cameras):
-        depth = settings.renderings[camera.rendering].depth
-        seen = np.ascontiguousarray(to_rgb(images[camera.name][0].numpy(), depth))
-        picture = Image.fromarray(seen).resize((tile, tile), Image.Resampling.NEAREST)
+        image = images[camera.name][0].numpy()
+        picture = scaled(image, settings.renderings[camera.rendering], tile)
         _label(picture, camera.name)
         column.paste(picture, (0, row * tile))
     return np.concatenate((scene, np.asarray(column)), 1)

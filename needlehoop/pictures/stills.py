@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import Step, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.cameras import Rendering
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 4
@@ -66,8 +68,14 @@ def portrait(settings: Settings, size: int) -> Image.Image:
 def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
     """An agent's image ``(channels, h, w)`` as ``(h, w, 3)``; a depth channel as grey."""
     if rendering_depth == "channel":
-        return np.repeat(image[-1:], 3, axis=0).transpose(1, 2, 0)
-    return image.transpose(1, 2, 0)
+        image = np.repeat(image[-1:], 3, axis=0)
+    return np.ascontiguousarray(image.transpose(1, 2, 0))
+
+
+def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True) -> Image.Image:
+    """The same as a picture of ``size`` px; ``raw`` leaves its pixels to be seen."""
+    resampling = Image.Resampling.NEAREST if raw else Image.Resampling.BOX
+    return Image.fromarray(to_rgb(image, rendering.depth)).resize((size, size), resampling)
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
@@ -87,7 +95,14 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     pixels = settings.image_size if raw else size * _OVERSAMPLING
     s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
     states = list(stages(s, "start", "goal").values())
-    return _lay_out(s, states, size, Image.Resampling.NEAREST if raw else Image.Resampling.BOX)
+    renderings, views = _ordered(s), list(s.views)
+
+    def tile(row: int, block: int, column: int) -> Image.Image:
+        kind = renderings[row]
+        image = states[block][f"{kind}_{views[column]}"]
+        return scaled(image, s.renderings[kind], size, raw)
+
+    return sheet(renderings, ("start", "goal"), views, size, tile)
 
 
 def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image]:
@@ -155,39 +170,38 @@ def _reached(step: Step, goal: bool) -> list[str]:
     return [*(["start"] if step.action is None else []), *facts, *(["goal"] if goal else [])]
 
 
-def _lay_out(
-    settings: Settings,
-    states: Sequence[dict[str, np.ndarray]],
+def sheet(
+    rows: Sequence[str],
+    blocks: Sequence[str],
+    columns: Sequence[str],
     size: int,
-    resampling: Image.Resampling,
+    tile: Callable[[int, int, int], Image.Image],
 ) -> Image.Image:
-    views, renderings = list(settings.views), _ordered(settings)
-    gap, margin = max(2, size // 64), size // 6
-    font = ImageFont.load_default(max(9, size // 12))
-    block = len(views) * (size + gap) + margin // 2
-    sheet = Image.new(
-        "RGB",
-        (margin + len(states) * block, 2 * margin + len(renderings) * (size + gap)),
-        _PAPER,
-    )
-    draw = ImageDraw.Draw(sheet)
-    for row, rendering in enumerate(renderings):
-        y = 2 * margin + row * (size + gap)
-        label = Image.new("RGB", (size, margin), _PAPER)
-        centre = (size // 2, margin // 2)
-        ImageDraw.Draw(label).text(centre, rendering, _INK, font=font, anchor="mm")
-        sheet.paste(label.rotate(90, expand=True), (0, y))
-        for column, images in enumerate(states):
-            for place, view in enumerate(views):
-                x = margin + column * block + place * (size + gap)
-                tile = to_rgb(images[f"{rendering}_{view}"], settings.renderings[rendering].depth)
-                picture = Image.fromarray(np.ascontiguousarray(tile))
-                sheet.paste(picture.resize((size, size), resampling), (x, y))
-    for column, title in enumerate(("start", "goal")):
-        x = margin + column * block
-        middle = x + (block - margin // 2) // 2
-        draw.text((middle, margin // 2), title, _INK, font=font, anchor="mm")
-        for place, view in enumerate(views):
-            at = (x + place * (size + gap) + size // 2, 3 * margin // 2)
-            draw.text(at, view, _INK, font=font, anchor="mm")
-    return sheet
+    """Tiles in rows and in blocks of columns, with the names of all.
+
+    Args:
+        rows: names at the left.
+        blocks: names at the top.
+        columns: names below them, the same in each block.
+        size: of a tile, px.
+        tile: the picture in a row, a block and a column, by their numbers.
+    """
+    gap, head, font = max(2, size // 32), size // 6, ImageFont.load_default(max(9, size // 12))
+    label = round(max(map(font.getlength, rows))) + 4 * gap
+    pace = len(columns) * (size + gap) + head // 2
+    whole = (label + len(blocks) * pace, 2 * head + len(rows) * (size + gap))
+    made = Image.new("RGB", whole, _PAPER)
+    draw = ImageDraw.Draw(made)
+    write = partial(draw.text, fill=_INK, font=font)
+    for row, name in enumerate(rows):
+        write((label - 2 * gap, 2 * head + row * (size + gap) + size // 2), name, anchor="rm")
+    for block, name in enumerate(blocks):
+        left = label + block * pace
+        write((left + (pace - head // 2) // 2, head // 2), name, anchor="mm")
+        for column, said in enumerate(columns):
+            x = left + column * (size + gap)
+            write((x + size // 2, 3 * head // 2), said, anchor="mm")
+            for row in range(len(rows)):
+                at = (x, 2 * head + row * (size + gap))
+                made.paste(tile(row, block, column), at)
+    return made
