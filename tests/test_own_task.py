@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from strength import ALL
 from tiny_runs import refusal, run_train
 
 import needlehoop
@@ -47,7 +48,7 @@ def test_it_is_short():
 
 
 def test_the_expert_puts_the_cube_on_the_spot():
-    simulation, _ = built("num_envs=200", "seed=4000")
+    simulation, _ = built(f"num_envs={200 if ALL else 50}", "seed=4000")
     act, moment = expert_of(simulation), simulation.reset()
     assert not moment.facts["success"].any()
     done = moment.facts["success"].clone()
@@ -63,7 +64,7 @@ def test_the_expert_puts_the_cube_on_the_spot():
 
 
 def test_a_cube_held_over_the_spot_is_not_placed():
-    simulation, _ = built("num_envs=20")
+    simulation, _ = built("num_envs=6")
     act, moment = expert_of(simulation), simulation.reset()
     for _ in range(simulation.episode.max_steps):
         action = act(moment.signals)
@@ -75,15 +76,15 @@ def test_a_cube_held_over_the_spot_is_not_placed():
 
 
 def test_random_actions_keep_the_physics_finite():
-    simulation, _ = built("num_envs=40")
+    simulation, _ = built("num_envs=10")
     generator = torch.Generator().manual_seed(0)
     simulation.reset()
-    for step in range(150):
+    for step in range(100):
         if step % 5 == 0:
-            action = 2.0 * torch.randint(0, 2, (40, 4), generator=generator).double() - 1.0
+            action = 2.0 * torch.randint(0, 2, (10, 4), generator=generator).double() - 1.0
         moment = simulation.step(action)
         assert torch.isfinite(moment.signals.cube).all()
-        assert all(np.isfinite(simulation.engine.data(env).qvel).all() for env in range(40))
+        assert all(np.isfinite(simulation.engine.data(env).qvel).all() for env in range(10))
         over = moment.terminated | moment.truncated
         if bool(over.any()):
             simulation.reset(over)
@@ -112,17 +113,24 @@ TINY += ["algo.shards=1", "engine.threads=1"]
 TINY += ["evaluation.every=0", "evaluation.final_episodes=20", "evaluation.video_episodes=0"]
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    """The folder of an agent that imitated the expert."""
-    results = tmp_path_factory.mktemp("own")
-    run_train("algo=dagger", f"task_dir={FOLDER}", f"results={results}", *TINY)
+SHORT = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]
+
+
+def trained(results: Path, *words: str) -> Path:
+    run_train("algo=dagger", f"task_dir={FOLDER}", f"results={results}", *TINY, *words)
     return results / "main/signals/expert/seed0"
 
 
-def test_an_agent_learns_it_by_imitation(run):
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """The folder of an agent that imitated the expert for a moment."""
+    return trained(tmp_path_factory.mktemp("own"), *SHORT)
+
+
+@pytest.mark.full
+def test_an_agent_learns_it_by_imitation(tmp_path):
     # How to pick the cube up; with four times as much of all it puts it down, too.
-    found = json.loads((run / "evaluation.json").read_text())
+    found = json.loads((trained(tmp_path) / "evaluation.json").read_text())
     assert found["held"] >= 0.5
 
 
@@ -154,8 +162,7 @@ def test_a_run_s_files_import_it_with_trust_alone(run, tmp_path, capsys):
 @pytest.mark.full
 def test_a_sweep_s_process_imports_it(tmp_path):
     words = ["-m", "seed=3", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "algo=dagger"]
-    tiny = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]
-    run_train(*words, f"task_dir={FOLDER}", f"results={tmp_path}", *TINY, *tiny)
+    run_train(*words, f"task_dir={FOLDER}", f"results={tmp_path}", *TINY, *SHORT)
     assert (tmp_path / "main/signals/expert/seed3/evaluation.json").exists()
 
 

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 import torch
+from strength import ALL
 
 from needlehoop.engines.contract import RENDERERS, EngineConfig
 from needlehoop.envs import dm_control_env as dm_env
@@ -32,8 +33,10 @@ def same_moment(batch, single, env):
             assert torch.equal(row[env], one[0]), field.name
 
 
-@pytest.mark.parametrize("psm", ["parallelogram", "serial"])
-@pytest.mark.parametrize("grasp", ["weld", "friction"])
+@pytest.mark.parametrize(
+    ("psm", "grasp"),
+    [("parallelogram", "weld"), pytest.param("serial", "friction", marks=pytest.mark.full)],
+)
 def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     settings = compose_settings(
         ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
@@ -74,15 +77,14 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     assert all(seen.values()), seen
 
 
-@pytest.mark.parametrize("control", ["tip", "pose"])
-def test_one_environment_agrees_with_dm_control_in_both_control_modes(control):
-    settings = compose_settings(["num_envs=1", f"episode.control={control}"])
+def test_one_environment_agrees_with_dm_control_in_the_other_control_mode():
+    settings = compose_settings(["num_envs=1", "episode.control=pose"])
     batch, _ = build(settings)
     single = dm_env.load(settings)
     act = random_controller(settings.episode.action_size, seed=3)
     moment = batch.reset()
     single.reset()
-    for _ in range(60):
+    for _ in range(30):
         action = act(moment.signals)
         moment = batch.step(action)
         single.step(action[0].numpy())
@@ -166,12 +168,12 @@ def test_an_episode_does_not_depend_on_its_neighbours():
 
 
 def test_a_needle_that_nobody_touches_stays_still():
-    settings = compose_settings(["num_envs=8"])
+    settings = compose_settings(["num_envs=2"])
     simulation, _ = build(settings)
     before = simulation.reset().signals
-    # 1,000 control steps are 10,000 physics steps; the tool stays where it is.
-    for _ in range(1000):
-        simulation.engine.step(simulation.act(torch.zeros(8, 5)))
+    # 400 control steps are 4,000 physics steps; the tool stays where it is.
+    for _ in range(400):
+        simulation.engine.step(simulation.act(torch.zeros(2, 5)))
     after = simulation.observe().signals
     for name in ("pickup_point", "needle_tip"):
         moved = (getattr(after, name) - getattr(before, name)).norm(dim=-1)
@@ -182,8 +184,9 @@ def test_a_needle_that_nobody_touches_stays_still():
 def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
     from stability import shake
 
-    settings = compose_settings(["num_envs=40", f"episode.grasp={grasp}"])
-    found = shake(settings, episodes=40)
+    count = 40 if ALL else 8
+    settings = compose_settings([f"num_envs={count}", f"episode.grasp={grasp}"])
+    found = shake(settings, episodes=count)
     assert found.not_finite == 0
     assert found.outside_table == 0
     assert found.deep_contacts < 0.005 * found.steps

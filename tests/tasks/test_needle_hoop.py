@@ -11,6 +11,7 @@ from hypothesis import given
 from needle_task import act, begin, draws, observe
 from torch import Tensor
 
+from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
@@ -18,6 +19,7 @@ from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, crossing
+from needlehoop.tasks.needle_hoop.expert import smooth
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
 from needlehoop.tasks.start import Start
@@ -604,8 +606,8 @@ def turning(layout, episode) -> list[tuple[Memory, float]]:
     action[:, 3:6] = torch.cat((torch.eye(3), -torch.eye(3)))
     state = begin(episode, nominal_start(layout, 6))
     passed = []
-    for _ in range(20):
-        state, _ = push(layout, episode, state, action, 10)
+    for _ in range(8):
+        state, _ = push(layout, episode, state, action, 25)
         back, _ = push(layout, episode, state, -action, 3)
         passed.append((state, float((back["joints"] - state["joints"]).abs().amax(-1).min())))
     return passed
@@ -783,3 +785,39 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
         assert_same_bits(weld._asdict(), [one._asdict() for _, _, one in single])
     if count > 2:
         assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
+
+
+# What the smooth expert does about its jaws.
+
+
+@pytest.fixture(scope="module")
+def begun(settings):
+    """The smooth expert, and what it sees with the open tool at the pickup point."""
+    simulation, _ = build(settings)
+    seen = simulation.reset().signals.clone()
+    seen.tool_midpoint = seen.pickup_point.clone()
+    return smooth(settings.task, settings.episode), seen
+
+
+@pytest.mark.parametrize(
+    ("jaw", "height", "rises"),
+    [(1.3, 0.007, False), (0.5, 0.007, True), (0.8, 0.0, False), (0.1, 0.0, True)],
+    ids=["open above", "half shut above", "shutting", "shut on nothing"],
+)
+def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(begun, jaw, height, rises):
+    script, seen = begun[0], begun[1].clone()
+    seen.tool_midpoint = seen.pickup_point + row(0.0, 0.0, height)
+    seen.jaw = seen.jaw_command = torch.full_like(seen.jaw, jaw)
+    up = script(seen)[:, 2]
+    assert (up > 0.2).all() if rises else (up < -0.1).all()
+
+
+def test_a_grasp_changes_little_before_the_needle_is_off_the_table(begun):
+    script, without = begun[0], begun[1].clone()
+    without.jaw = torch.full_like(without.jaw, 0.37)
+    held = without.clone()
+    held.grasped = torch.ones_like(held.grasped)
+    assert (script(without) - script(held))[:, [0, 1, 2, 4]].abs().max() < 0.4
+    assert (script(held)[:, 2] < 0.5).all()
+    held.pickup_point = held.pickup_point + row(0.0, 0.0, 0.01)
+    assert (script(held)[:, 2] == 1.0).all()

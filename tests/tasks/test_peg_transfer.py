@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.simulation import Moment
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.peg_transfer import TASK
-from needlehoop.tasks.peg_transfer.expert import cheat, expert, smooth
+from needlehoop.tasks.peg_transfer.expert import expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
 from needlehoop.tasks.peg_transfer.start import place, start
 from needlehoop.tasks.psm import start_of
@@ -159,17 +156,6 @@ def test_a_block_pushed_along_the_board_does_not_get_over_the_peg(grasp):
         assert not (moment.facts["over"] | moment.facts["success"]).any()
 
 
-@pytest.mark.parametrize("grasp", GRASPS)
-def test_a_block_held_in_place_is_a_cheat_and_not_placed(grasp):
-    settings = peg_settings("num_envs=8", f"episode.grasp={grasp}")
-    simulation, _ = build(settings)
-    moment = fly(simulation, cheat(settings.task, settings.episode))
-    assert moment.facts["over"].all()
-    assert moment.facts["cheat"].all()
-    assert not moment.facts["success"].any()
-    assert moment.potential.max() < 7.0
-
-
 # Geometry.
 
 
@@ -244,79 +230,10 @@ def test_a_layout_that_makes_no_sense_is_refused(word, message):
         peg_settings(word)
 
 
-# Who can do it.
-
-
-def fly(simulation: Simulation, script, steps: int | None = None) -> Moment:
-    """The last moment of an episode of each environment, which stays as it ended."""
-    moment = simulation.reset()
-    open_ = torch.ones(simulation.num_envs, dtype=torch.bool)
-    facts = {name: value.clone() for name, value in moment.facts.items()}
-    total = moment.potential.clone()
-    for _ in range(steps or simulation.episode.max_steps):
-        moment = simulation.step(script(moment.signals))
-        facts = {n: torch.where(open_, v, facts[n]) for n, v in moment.facts.items()}
-        total = torch.where(open_, moment.potential, total)
-        open_ = open_ & ~(moment.terminated | moment.truncated)
-        if not bool(open_.any()):
-            break
-    return replace(moment, facts=facts, potential=total)
-
-
-@pytest.mark.parametrize("script", [expert, smooth])
-@pytest.mark.parametrize(("grasp", "rate"), [("weld", 0.98), ("friction", 0.90)])
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_experts_transfer_the_block(layout, grasp, rate, script):
-    settings = peg_settings("num_envs=20", "seed=8", f"episode.grasp={grasp}", layout=layout)
-    simulation, _ = build(settings)
-    moment = fly(simulation, script(settings.task, settings.episode))
-    done = moment.facts["success"]
-    assert done.double().mean() >= rate
-    assert moment.potential[done].min() > 8.0
-
-
-def test_chance_does_not_transfer_the_block():
-    simulation, _ = build(peg_settings("num_envs=16"))
-    moment = fly(simulation, random_controller(5, seed=0))
-    assert not moment.facts["success"].any()
-    assert moment.potential.max() < 7.0
-
-
-@pytest.mark.parametrize("script", [expert, smooth])
-def test_the_experts_refuse_another_control_mode(script):
-    settings = peg_settings("episode.control=pose")
-    with pytest.raises(ValueError, match=r"episode\.control"):
-        script(settings.task, settings.episode)
-
-
-@pytest.mark.parametrize(("script", "least", "most"), [(smooth, 0.8, 1.0), (expert, 0.0, 0.2)])
-def test_only_the_smooth_expert_can_do_with_what_images_give(script, least, most):
-    settings = peg_settings("num_envs=16")
-    simulation, _ = build(settings)
-    generator = torch.Generator().manual_seed(0)
-    act = script(settings.task, settings.episode)
-    bias = torch.randn(16, 3, generator=generator, dtype=torch.float64)
-    bias *= 0.003 / bias.norm(dim=-1, keepdim=True)
-
-    def blurred(signals):
-        seen = signals.clone()
-        noise = 0.002 * torch.randn(16, 3, generator=generator, dtype=torch.float64)
-        seen.pickup_point = signals.pickup_point + bias + noise
-        seen.block_position = signals.block_position + bias + noise
-        turned = 0.15 * torch.randn(16, generator=generator, dtype=torch.float64)
-        seen.jaw = signals.jaw + turned
-        return seen
-
-    def learner(signals) -> Tensor:
-        return torch.stack([act(blurred(signals)) for _ in range(4)]).mean(0)
-
-    assert least <= fly(simulation, learner).facts["success"].double().mean() <= most
-
-
 # The physics.
 
 
-@pytest.mark.parametrize("grasp", GRASPS)
+@pytest.mark.parametrize("grasp", ["weld", pytest.param("friction", marks=pytest.mark.full)])
 def test_hostile_actions_leave_the_physics_finite_and_the_block_outside_of_things(grasp):
     settings = peg_settings("num_envs=9", f"episode.grasp={grasp}", layout="wide")
     simulation, _ = build(settings)
@@ -339,45 +256,3 @@ def test_hostile_actions_leave_the_physics_finite_and_the_block_outside_of_thing
             moment = simulation.reset(over)
             assert not moment.facts["success"][over].any()
     assert deepest < 0.0014
-
-
-@pytest.mark.parametrize("grasp", GRASPS)
-def test_dm_control_and_the_batch_agree_bit_for_bit(grasp):
-    settings = peg_settings("num_envs=2", "seed=5", f"episode.grasp={grasp}")
-    batch, _ = build(settings)
-    singles = [dm_env.load(settings, env=i) for i in range(2)]
-    script, chance = expert(settings.task, settings.episode), random_controller(5, seed=1)
-    moment = batch.reset()
-    for single in singles:
-        single.reset()
-    seen = {"grasped": False, "placed": False}
-    for _ in range(50):
-        action = script(moment.signals)
-        action[1] = torch.where(moment.signals.grasped[1], chance(moment.signals)[1], action[1])
-        moment = batch.step(action)
-        seen = {name: there | bool(moment.facts[name].any()) for name, there in seen.items()}
-        for env, single in enumerate(singles):
-            single.step(action[env].numpy())
-            same_moment(moment, single.task.moment, env)
-        over = moment.terminated | moment.truncated
-        if bool(over.any()):
-            moment = batch.reset(over)
-            for env, single in enumerate(singles):
-                if over[env]:
-                    single.reset()
-                    same_moment(moment, single.task.moment, env)
-    assert all(seen.values()), seen
-
-
-def same_moment(batch: Moment, single: Moment, env: int) -> None:
-    """Assert that row ``env`` of a batch's moment is the single environment's, bit for bit."""
-    for name in TASK.signals:
-        assert torch.equal(getattr(batch.signals, name)[env], getattr(single.signals, name)[0]), (
-            name
-        )
-    for field in fields(batch):
-        mine, other = getattr(batch, field.name), getattr(single, field.name)
-        if isinstance(mine, dict):
-            assert all(torch.equal(mine[n][env], other[n][0]) for n in mine), field.name
-        elif field.name != "signals":
-            assert torch.equal(mine[env], other[0]), field.name

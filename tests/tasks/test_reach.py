@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from needlehoop import rewards
-from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import Settings, compose_settings
@@ -172,69 +171,20 @@ def test_waiting_over_the_wrong_mark_pays_little():
     assert moment.potential.max() < 2.0
 
 
-# Who can do it.
-
-
-def success_rate(act, simulation: Simulation) -> float:
-    moment = simulation.reset()
-    done = torch.zeros(simulation.num_envs, dtype=torch.bool)
-    for _ in range(simulation.episode.max_steps):
-        moment = simulation.step(act(moment.signals))
-        done |= moment.facts["success"]
-        if bool(done.all()):
-            break
-    return float(done.double().mean())
-
-
-@pytest.mark.parametrize("script", [expert, smooth])
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_the_experts_reach_the_target(script, variant):
-    simulation = simulation_of(f"task=reach/{variant}", "num_envs=100", "seed=4000")
-    assert success_rate(script(simulation.layout, simulation.episode), simulation) >= 0.99
-
-
-def test_the_smooth_expert_can_do_with_what_images_give():
-    # A learner does what the expert would do on average over what may be there, and is wrong
-    # about it in the same way throughout an episode.
-    simulation = simulation_of("num_envs=40")
-    generator = torch.Generator().manual_seed(0)
-    script = smooth(simulation.layout, simulation.episode)
-    bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
-    bias *= 0.0015 / bias.norm(dim=-1, keepdim=True)
-
-    def learner(signals) -> Tensor:
-        guesses = []
-        for _ in range(8):
-            noise = 0.0025 * torch.randn(40, 3, generator=generator, dtype=torch.float64)
-            seen = signals.clone()
-            seen.target = signals.target + bias + noise
-            guesses.append(script(seen))
-        return torch.stack(guesses).mean(0)
-
-    assert success_rate(learner, simulation) >= 0.95
-
-
-@pytest.mark.parametrize("script", [expert, smooth])
-def test_the_experts_refuse_another_control_mode(script):
-    settings = settings_of("episode.control=pose")
-    with pytest.raises(ValueError, match=r"episode\.control"):
-        script(settings.task, settings.episode)
-
-
 # The scene.
 
 
 def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
-    simulation = simulation_of("num_envs=40", "task=reach/wide")
+    simulation = simulation_of("num_envs=10", "task=reach/wide")
     generator = torch.Generator().manual_seed(0)
     simulation.reset()
     deepest = 0.0
     for step in range(100):
         if step % 5 == 0:
-            action = 2.0 * torch.randint(0, 2, (40, 5), generator=generator).double() - 1.0
+            action = 2.0 * torch.randint(0, 2, (10, 5), generator=generator).double() - 1.0
             action[:, 2] = -1.0
         moment = simulation.step(action)
-        for env in range(40):
+        for env in range(10):
             data = simulation.engine.data(env)
             assert np.isfinite(data.qvel).all()
             deepest = max(deepest, -data.contact.dist.min(initial=0.0))
@@ -242,34 +192,6 @@ def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
         if bool(over.any()):
             simulation.reset(over)
     assert 1e-5 < deepest < 3e-3
-
-
-def test_both_engines_have_the_same_bits():
-    words = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5"]
-    words += ["engine.threads=1", "episode.max_steps=12"]
-    (one, look_one), (other, look_other) = (
-        build(settings_of(*words, f"engine={kind}")) for kind in KINDS
-    )
-    script = smooth(one.layout, one.episode)
-    moment, _ = one.reset(), other.reset()
-    near = ended = False
-    for _ in range(30):
-        action = script(moment.signals)
-        action[0] = 0.3
-        moment, same = one.step(action), other.step(action)
-        assert torch.equal(moment.reward, same.reward)
-        assert all(torch.equal(moment.facts[name], same.facts[name]) for name in moment.facts)
-        mine, theirs = one.engine.snapshot(), other.engine.snapshot()
-        assert all(torch.equal(mine[name], theirs[name]) for name in mine)
-        near |= bool(moment.facts["near"].any())
-        over = moment.terminated | moment.truncated
-        if bool(over.any()):
-            ended = True
-            moment, _ = one.reset(over), other.reset(over)
-    images, again = look_one(one.engine.render()), look_other(other.engine.render())
-    assert all(torch.equal(images[name], again[name]) for name in images)
-    assert near
-    assert ended
 
 
 @pytest.mark.parametrize("view", ["default", "front", "side"])

@@ -1,0 +1,163 @@
+"""Each task can be done, by scripts that see signals; not by chance; and it can be faked."""
+
+import pytest
+import torch
+from strength import ALL
+from torch import Tensor
+
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller, controllers, run_trials
+from needlehoop.envs.rollout import run_episodes
+from needlehoop.envs.settings import compose_settings
+from needlehoop.scene.signals import Signals
+
+EPISODES = 200 if ALL else 40
+
+
+def flown(task: str, grasp: str, who: str, rate: float, least: float, full: bool = False):
+    words = [f"task={task}", *([f"episode.grasp={grasp}"] if grasp else [])]
+    marks = [pytest.mark.full] if full else []
+    return pytest.param(words, who, rate, least, id=f"{task} {grasp} {who}", marks=marks)
+
+
+@pytest.mark.parametrize(
+    ("words", "who", "rate", "least"),
+    [
+        flown("standard", "weld", "expert", 0.98, 8.0),
+        flown("standard", "friction", "expert", 0.90, 8.0),
+        flown("near", "weld", "expert", 0.95, 8.0, full=True),
+        flown("wide", "weld", "expert", 0.95, 8.0, full=True),
+        # The smooth one is still on its way when the episode ends.
+        flown("standard", "weld", "smooth", 0.98, 7.4),
+        flown("wide", "friction", "smooth", 0.98, 7.4),
+        *(
+            flown(task, grasp, "smooth", 0.98, 7.4, full=True)
+            for task, grasp in (("near", "weld"), ("near", "friction"), ("wide", "weld"))
+        ),
+        flown("peg_transfer/standard", "weld", "expert", 0.98, 8.0),
+        flown("peg_transfer/wide", "friction", "smooth", 0.90, 8.0),
+        *(
+            flown(f"peg_transfer/{layout}", grasp, who, rate, 8.0, full=True)
+            for layout in ("near", "standard", "wide")
+            for grasp, rate in (("weld", 0.98), ("friction", 0.90))
+            for who in ("expert", "smooth")
+        ),
+        flown("reach/wide", "", "expert", 0.99, 7.9),
+        flown("reach/wide", "", "smooth", 0.99, 7.9),
+        *(
+            flown(f"reach/{layout}", "", who, 0.99, 7.9, full=True)
+            for layout in ("near", "standard")
+            for who in ("expert", "smooth")
+        ),
+    ],
+)
+def test_the_experts_succeed(words, who, rate, least):
+    outcome = run_trials(compose_settings(words), who, EPISODES)
+    assert outcome.success.double().mean() >= rate
+    done = outcome.potential[outcome.success]
+    assert least <= done.min() <= done.max() <= 9.2
+
+
+@pytest.mark.parametrize(
+    ("words", "column", "most"),
+    [
+        # The geometry allows it: the tip comes within the goal's radius before the opening.
+        ([], "touched", 9.0),
+        (["task=peg_transfer"], "over", 7.0),
+        (["task=peg_transfer", "episode.grasp=friction"], "over", 7.0),
+    ],
+)
+def test_a_cheat_is_told_apart(words, column, most):
+    outcome = run_trials(compose_settings(words), "cheat", 12)
+    assert outcome.facts[column].double().mean() >= 0.9
+    assert torch.equal(outcome.facts["cheat"], outcome.facts[column])
+    assert not outcome.success.any()
+    assert outcome.potential.max() < most
+
+
+@pytest.mark.parametrize(("words", "most"), [([], 4.0), (["task=peg_transfer"], 7.0)])
+def test_chance_does_not_do_it(words, most):
+    outcome = run_trials(compose_settings(words), "random", 16)
+    assert not outcome.success.any()
+    assert outcome.potential.max() < most
+
+
+def test_trials_do_not_depend_on_how_many_there_are():
+    few, many = (run_trials(compose_settings(), "expert", n) for n in (2, 5))
+    assert torch.equal(few.potential, many.potential[:2])
+
+
+def _blurred(
+    signals: Signals, places: tuple[str, ...], bias: Tensor, sigma: float, generator
+) -> Signals:
+    """Signals as read off small images.
+
+    ``places`` are off by ``bias`` and, as angles of the jaws (rad, for mm) are, by ``sigma`` in m
+    along each axis.
+    """
+    seen = signals.clone()
+
+    def noise(like: Tensor) -> Tensor:
+        return sigma * torch.randn(like.shape, generator=generator, dtype=like.dtype)
+
+    for name in places:
+        setattr(seen, name, getattr(signals, name) + bias + noise(bias))
+    turned = 70.0 * noise(signals.jaw)
+    seen.jaw, seen.jaw_command = signals.jaw + turned, signals.jaw_command + turned
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("task", "places", "away", "sigma", "who", "least", "most"),
+    [
+        ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "smooth", 0.9, 1.0),
+        ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "expert", 0.0, 0.2),
+        ("peg_transfer", ("pickup_point", "block_position"), 0.003, 0.002, "smooth", 0.8, 1.0),
+        ("peg_transfer", ("pickup_point", "block_position"), 0.003, 0.002, "expert", 0.0, 0.2),
+        ("reach", ("target",), 0.0015, 0.0025, "smooth", 0.95, 1.0),
+    ],
+)
+def test_only_the_smooth_expert_can_do_with_what_images_give(
+    task, places, away, sigma, who, least, most
+):
+    # A learner does what the expert would do on average over what may be there, and is wrong
+    # about it in the same way throughout an episode.
+    settings = compose_settings(["num_envs=20", f"task={task}"])
+    simulation, _ = build(settings)
+    generator = torch.Generator().manual_seed(0)
+    script = controller(who, settings)
+    bias = torch.randn(20, 3, generator=generator, dtype=torch.float64)
+    bias *= away / bias.norm(dim=-1, keepdim=True)
+
+    def learner(signals: Signals) -> Tensor:
+        guesses = [_blurred(signals, places, bias, sigma, generator) for _ in range(6)]
+        for seen in guesses if task == "standard" else ():
+            # Whether almost shut jaws hold the needle is a guess.
+            near = (signals.pickup_point - signals.tool_midpoint).norm(dim=-1) < 0.006
+            unsure = near & (signals.jaw < 0.45) & (torch.rand(20, generator=generator) < 0.4)
+            seen.grasped = signals.grasped ^ unsure
+        return torch.stack([script(seen) for seen in guesses]).mean(0)
+
+    assert least <= run_episodes(simulation, learner).success.double().mean() <= most
+
+
+@pytest.mark.parametrize("task", ["standard", "peg_transfer", "reach"])
+@pytest.mark.parametrize("who", ["expert", "smooth"])
+def test_actions_are_within_bounds_and_of_one_control_mode(task, who):
+    settings = compose_settings([f"task={task}"])
+    script, (simulation, _) = controller(who, settings), build(settings)
+    moment = simulation.reset()
+    for _ in range(60):
+        action = script(moment.signals)
+        assert action.shape == (8, 5)
+        assert action.abs().max() <= 1.0
+        moment = simulation.step(action)
+    other = compose_settings([f"task={task}", "episode.control=pose"])
+    with pytest.raises(ValueError, match=r"episode\.control"):
+        controller(who, other)
+
+
+def test_controllers_are_named():
+    assert set(controllers(compose_settings())) == {"expert", "smooth", "cheat", "random"}
+    with pytest.raises(ValueError, match=r"controller.*expert, smooth, cheat, random"):
+        controller("expart", compose_settings())
