@@ -11,10 +11,10 @@ from gymnasium.error import ResetNeeded
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import MODES, Stage, check_mode, check_options, info, row
-from needlehoop.pictures.stills import Photographer
+from needlehoop.gym.stage import Stage, check_options, info, row
 from needlehoop.pictures.window import Window, has_display
 
+MODES = ("human", "rgb_array")
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
 """Frames per second are those of the default control step, 40 ms; an environment's own count."""
 
@@ -52,13 +52,10 @@ class GymnasiumEnv(gymnasium.Env):
         render_mode: str | None = None,
         render_size: int = 480,
     ):
-        check_mode(render_mode, MODES, render_size)
         self.settings, self.render_mode = replace(settings, num_envs=1), render_mode
-        self._stage = Stage(self.settings, channels)
-        self._photographer = self._window = None
-        if render_mode == "rgb_array":
-            self._photographer = Photographer(self.simulation.engine.model, render_size)
-        elif render_mode == "human":
+        self._stage = Stage(self.settings, channels, render_mode, MODES, render_size)
+        self._window = None
+        if render_mode == "human":
             self._window = Window(
                 self.simulation, self.settings, "render_mode=rgb_array gives pictures"
             )
@@ -107,9 +104,7 @@ class GymnasiumEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:
         """The scene ``(size, size, 3)`` uint8; nothing in the mode ``human``."""
-        if self._photographer is None:
-            return None
-        return self._photographer(self.simulation.engine.data(0))
+        return self._stage.picture(0)
 
     def close(self) -> None:
         """Close the window, if there is one."""

@@ -18,9 +18,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment
-
-MODES = ("human", "rgb_array")
-"""Values of ``render_mode``."""
+from needlehoop.pictures.stills import Photographer
 
 CHANNELS = ("last", "first")
 """Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
@@ -32,6 +30,9 @@ class Stage:
     Args:
         settings: what to build; the seed is given to ``reset``.
         channels: one of ``CHANNELS``.
+        mode: ``render_mode``, one of ``modes`` or ``None``.
+        modes: that there are.
+        size: of the pictures of ``rgb_array``, px.
 
     Raises:
         ValueError: settings that do not go together, or nothing to observe; names the key.
@@ -41,13 +42,23 @@ class Stage:
     _used_in: int | None = None
     """The process in which an environment was used first: its threads are not in a fork."""
 
-    def __init__(self, settings: Settings, channels: str):
+    def __init__(
+        self,
+        settings: Settings,
+        channels: str,
+        mode: str | None,
+        modes: Iterable[str],
+        size: int,
+    ):
         if Stage._used_in not in (None, os.getpid()):
             raise Error(
                 "environments were used before this process was forked, and would hang or crash"
                 ' here; use AsyncVectorEnv(..., context="spawn"), or make_vec, which needs no'
                 " processes"
             )
+        if mode is not None and mode not in modes:
+            raise ValueError(f"render_mode: {mode!r} is unknown; choose from {', '.join(modes)}")
+        strict.structure(size, Pixels, "render_size")
         if channels not in CHANNELS:
             raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
         if not (settings.cams or vectors(settings.definition, settings.obs)):
@@ -57,6 +68,8 @@ class Stage:
             )
         self.simulation, imager = build(settings)
         self._observer = Observer(settings, self.simulation, imager)
+        model = self.simulation.engine.model
+        self._photographer = Photographer(model, size) if mode == "rgb_array" else None
         self._last = channels == "last"
         self.observation_space = self._space(settings)
         self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
@@ -88,6 +101,12 @@ class Stage:
         """One control step of every environment under ``action`` ``(n, action_size)``."""
         # A copy: torch would warn of arrays that it may not write to.
         return self.simulation.step(torch.from_numpy(np.array(action, dtype=np.float64)))
+
+    def picture(self, env: int) -> np.ndarray | None:
+        """The scene of an environment ``(size, size, 3)`` uint8, in the mode ``rgb_array``."""
+        if self._photographer is None:
+            return None
+        return self._photographer(self.simulation.engine.data(env))
 
     def numbers(self, action: Any, count: int | None = None) -> np.ndarray:
         """An action, or ``count`` of them, as an array of real numbers.
@@ -122,13 +141,6 @@ class Stage:
         return {name: _array(value) for name, value in (turned | vectors).items()}
 
 
-def check_mode(mode: str | None, modes: Iterable[str], size: Any) -> None:
-    """Raises ``ValueError`` for a mode that is not among ``modes``, or a bad ``render_size``."""
-    if mode is not None and mode not in modes:
-        raise ValueError(f"render_mode: {mode!r} is unknown; choose from {', '.join(modes)}")
-    strict.structure(size, Pixels, "render_size")
-
-
 def check_options(options: Any, valid: Iterable[str] = ()) -> None:
     """Raises Gymnasium's ``Error`` for options of ``reset`` that there are not."""
     if options is not None and not isinstance(options, Mapping):
@@ -141,14 +153,11 @@ def check_options(options: Any, valid: Iterable[str] = ()) -> None:
 
 def info(moment: Moment) -> dict[str, Any]:
     """What is known beside the observation, ``(n,)`` each: facts and terms by name, verdicts."""
+    facts = {name: _array(fact) for name, fact in moment.facts.items()}
     return {
-        "facts": {name: _array(fact) for name, fact in moment.facts.items()},
+        "facts": facts,
         "terms": {name: _array(term) for name, term in moment.terms.items()},
-        **{
-            name: _array(moment.facts[name])
-            for name in ("success", "cheat")
-            if name in moment.facts
-        },
+        **{name: facts[name].copy() for name in ("success", "cheat") if name in facts},
         "potential": _array(moment.potential),
         "steps": _array(moment.steps),
     }

@@ -12,8 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import Stage, check_mode, check_options, info, masked
-from needlehoop.pictures.stills import Photographer
+from needlehoop.gym.stage import Stage, check_options, info, masked
 
 _MODES = ("rgb_array",)
 
@@ -56,7 +55,6 @@ class GymnasiumVectorEnv(VectorEnv):
         render_size: int = 480,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ):
-        check_mode(render_mode, _MODES, render_size)
         self.settings, self.render_mode, self.num_envs = settings, render_mode, settings.num_envs
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.metadata = {
@@ -64,9 +62,7 @@ class GymnasiumVectorEnv(VectorEnv):
             "render_fps": 1.0 / settings.period,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._stage = Stage(settings, channels)
-        model = self.simulation.engine.model
-        self._photographer = Photographer(model, render_size) if render_mode else None
+        self._stage = Stage(settings, channels, render_mode, _MODES, render_size)
         self.single_observation_space = self._stage.observation_space
         self.single_action_space = self._stage.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -134,10 +130,8 @@ class GymnasiumVectorEnv(VectorEnv):
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The scene in each environment ``(size, size, 3)`` uint8."""
-        if self._photographer is None:
-            return None
-        engine = self.simulation.engine
-        return tuple(self._photographer(engine.data(env)) for env in range(self.num_envs))
+        pictures = (self._stage.picture(env) for env in range(self.num_envs))
+        return tuple(one for one in pictures if one is not None) or None
 
     def _reset_all(self, seed: int | None) -> tuple[Observation, dict[str, Any]]:
         if seed is not None and not isinstance(seed, int | np.integer):

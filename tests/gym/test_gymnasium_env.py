@@ -6,7 +6,6 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
@@ -14,7 +13,6 @@ import needlehoop
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.gym.env import GymnasiumEnv
 from needlehoop.pictures import window
 
 ID = "needlehoop:needlehoop/NeedleHoop-v0"
@@ -209,16 +207,3 @@ def test_a_mistake_is_told_by_its_key(kwargs, message):
     with pytest.raises(ValueError, match=message) as raised:
         gymnasium.make(ID, **kwargs)
     assert "\n" not in str(raised.value)
-
-
-def test_a_bad_action_is_refused():
-    env = GymnasiumEnv(compose_settings(["cams=[seg_side]"]))
-    with pytest.raises(ResetNeeded):
-        env.step(np.zeros(5))
-    env.reset(seed=0)
-    with pytest.raises(
-        InvalidAction, match=r"action: float64 \(4,\); expected real numbers \(5,\)"
-    ):
-        env.step(np.zeros(4))
-    with pytest.raises(ValueError, match="action: not finite"):
-        env.step(np.full(5, np.nan))

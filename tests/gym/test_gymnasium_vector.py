@@ -38,8 +38,7 @@ def test_make_vec_gives_one_engine():
     assert infos["success"].shape == (5,)
 
 
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-@pytest.mark.parametrize("stack", [1, 3])
+@pytest.mark.parametrize(("mode", "stack"), [(NEXT, 1), (SAME, 3)])
 def test_one_environment_gives_what_gymnasium_s_own_vector_environment_gives(mode, stack):
     words = ["obs.signals=true", f"obs.frame_stack={stack}"]
     ours = make(1, mode, words=words)

@@ -56,7 +56,7 @@ def test_a_setting_of_another_kind_is_a_value_error_on_every_face(face):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("size", [0, -1, 4097, 10**7, 10**30, 64.5, True, "big", None])
+@pytest.mark.parametrize("size", [0, 4097, 10**30, 64.5, True, None])
 @pytest.mark.filterwarnings("ignore:.*The environment is being initialised with render_mode")
 def test_a_picture_s_size_is_bounded_on_every_face(size):
     settings = compose_settings(["cams=[seg_side]", "num_envs=1", "engine.threads=1"])
@@ -100,6 +100,8 @@ def test_an_action_that_is_none_is_gymnasium_s_invalid_action():
         with pytest.raises(InvalidAction, match=r"action: .* expected real numbers"):
             many.step(np.asarray(action)[None].repeat(2, 0))
     env.step(np.zeros(5, int))
+    with pytest.raises(ValueError, match="action: not finite"):
+        env.step(np.full(5, np.nan))
 
 
 def test_torchrl_s_face_refuses_complex_actions_too():

@@ -22,10 +22,16 @@ def python(code):
 @pytest.mark.parametrize(
     "imports",
     [
-        "import gymnasium, needlehoop",
         "import needlehoop, gymnasium",
-        "import needlehoop, importlib.util as u; u.find_spec('gymnasium')\nimport gymnasium",
-        "import needlehoop\nfrom gymnasium.vector import VectorEnv\nimport gymnasium",
+        *(
+            pytest.param(words, marks=pytest.mark.full)
+            for words in (
+                "import gymnasium, needlehoop",
+                "import needlehoop, importlib.util as u\n"
+                "u.find_spec('gymnasium')\nimport gymnasium",
+                "import needlehoop\nfrom gymnasium.vector import VectorEnv\nimport gymnasium",
+            )
+        ),
     ],
 )
 def test_it_is_registered_in_any_order(imports):
@@ -77,8 +83,11 @@ def test_importing_needlehoop_imports_nothing_heavy():
 @pytest.mark.parametrize(
     ("package", "call", "extra"),
     [
-        ("gymnasium", "from needlehoop.gym.env import GymnasiumEnv", "gym"),
-        ("gymnasium", "needlehoop.make_sb3()", "gym"),
+        pytest.param(
+            *("gymnasium", "from needlehoop.gym.env import GymnasiumEnv", "gym"),
+            marks=pytest.mark.full,
+        ),
+        pytest.param("gymnasium", "needlehoop.make_sb3()", "gym", marks=pytest.mark.full),
         ("stable_baselines3", "needlehoop.make_sb3()", "sb3"),
     ],
 )

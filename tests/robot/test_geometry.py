@@ -107,6 +107,8 @@ FUNCTIONS: dict[str, tuple[Callable[..., Tensor], tuple[int, ...]]] = {
     "conjugate": (geo.conjugate, (4,)),
     "from_rotation_vector": (geo.from_rotation_vector, (3,)),
     "to_matrix": (geo.to_matrix, (4,)),
+    "aside": (geo.aside, (3,)),
+    "about_z": (lambda angle: geo.about_z(angle[:, 0]), (1,)),
 }
 
 
@@ -119,10 +121,3 @@ def test_a_row_is_the_same_bits_in_a_batch_of_any_size(name, count):
     together = function(*inputs)
     apart = [function(*(rows[i : i + 1] for rows in inputs)) for i in range(count)]
     assert torch.equal(together, torch.cat(apart))
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 257])
-def test_about_z_gives_the_same_bits_in_a_batch_of_any_size(count):
-    angle = torch.linspace(-3.0, 3.0, count, dtype=torch.float64)
-    apart = [geo.about_z(angle[i : i + 1]) for i in range(count)]
-    assert torch.equal(geo.about_z(angle), torch.cat(apart))
