@@ -128,4 +128,4 @@ def make_renderer(
     # Imported where it is used: mujoco_warp takes two seconds.
     from needlehoop.engines.tracer import Tracer
 
-    return Tracer(model, num_envs, views, size, threads, quality)
+    return Tracer(model, num_envs, views, size, quality)

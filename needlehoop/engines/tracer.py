@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from itertools import pairwise
 
 import mujoco
 import mujoco_warp as mjw
@@ -19,24 +17,17 @@ from needlehoop.engines.quiet_start import start_warp
 _GROUPS = [0, 1]
 """Geom groups that are drawn; collision shapes are in group 3."""
 
-_FEW = 4
-"""Worlds of the context that serves resets."""
-
 
 class Tracer:
-    """Renders ``n`` environments, split over threads.
+    """Renders ``n`` environments, one after the other.
 
     Args:
         model: the scene.
         num_envs: environments.
         views: channels to trace by view, e.g. ``{"front": Channels(True, True, False)}``.
         size: width and height of the images, px.
-        threads: render contexts, each with a thread of its own.
         quality: 1 traces one ray a pixel without shadows (what agents see); k > 1 traces
             k x k rays with shadows (pictures for people).
-
-    Raises:
-        ValueError: ``size`` or ``quality`` below 1.
     """
 
     def __init__(
@@ -45,74 +36,15 @@ class Tracer:
         num_envs: int,
         views: Mapping[str, Channels],
         size: int,
-        threads: int,
         quality: int = 1,
     ):
-        for key, value in (("image_size", size), ("quality", quality)):
-            if value < 1:
-                raise ValueError(f"{key}: {value} must be at least 1")
         start_warp()
-        self.views = dict(views)
-        self._num_envs = num_envs
-        edges = np.linspace(0, num_envs, min(threads, num_envs) + 1).astype(int).tolist()
-        self._parts = [
-            _Part(model, slice(a, b), self.views, size, quality) for a, b in pairwise(edges)
-        ]
-        self._few = _Part(model, slice(0, min(num_envs, _FEW)), self.views, size, quality)
-        self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
-
-    def render(
-        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
-    ) -> dict[str, Frame]:
-        """A frame per view.
-
-        Args:
-            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
-            ids: environments to render ``(k,)``; all by default.
-        """
-        if ids is not None and 2 * len(ids) < self._num_envs:
-            return self._render_few(fields, ids)
-        if self._pool is None:
-            parts = [self._parts[0].render(fields)]
-        else:
-            parts = list(self._pool.map(lambda part: part.render(fields), self._parts))
-        frames = _concatenate(parts)
-        return frames if ids is None else _rows(frames, torch.from_numpy(ids))
-
-    def _render_few(self, fields: Mapping[str, np.ndarray], ids: np.ndarray) -> dict[str, Frame]:
-        """A few environments, a handful at a time in a small context of its own.
-
-        Episodes end at different steps, so nearly every step resets somebody: tracing
-        everybody again would double the cost of a step.
-        """
-        width = self._few.worlds
-        rounds = []
-        for at in range(0, len(ids), width):
-            chosen = ids[at : at + width]
-            padded = np.concatenate((chosen, np.repeat(chosen[-1:], width - len(chosen))))
-            frames = self._few.render({name: fields[name][padded] for name in FIELDS})
-            rounds.append(_rows(frames, torch.arange(len(chosen))))
-        return _concatenate(rounds)
-
-
-class _Part:
-    """One render context over a slice of the environments."""
-
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        envs: slice,
-        views: Mapping[str, Channels],
-        size: int,
-        quality: int,
-    ):
-        self._envs, self._size, self._views = envs, size, views
-        self.worlds = worlds = envs.stop - envs.start
+        self.views, self._size = dict(views), size
         self._model = mjw.put_model(model)
-        self._data = mjw.make_data(model, nworld=worlds, nconmax=1, njmax=1)
+        self._data = mjw.make_data(model, nworld=num_envs, nconmax=1, njmax=1)
         self._context = mjw.create_render_context(
             model,
-            nworld=worlds,
+            nworld=num_envs,
             cam_res=(size, size),
             cam_active=list(views),
             render_rgb=[channels.colour for channels in views.values()],
@@ -132,30 +64,36 @@ class _Part:
         with _fast_compilation():
             self._launch()
 
-    def render(self, fields: Mapping[str, np.ndarray]) -> dict[str, Frame]:
+    def render(
+        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
+    ) -> dict[str, Frame]:
+        """A frame per view.
+
+        Args:
+            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
+            ids: environments to return ``(k,)``; all by default. All are traced.
+        """
         for name in FIELDS:
             target = getattr(self._data, name).numpy()
-            target[...] = fields[name][self._envs].reshape(target.shape)
+            target[...] = fields[name].reshape(target.shape)
         self._launch()
         context = self._context
         colour = wp.to_torch(context.rgb_data).view(torch.uint8)
-        depth, geom = wp.to_torch(context.depth_data), wp.to_torch(context.seg_data)
-        frames, at = {}, [0, 0, 0]
-        pixels = self._size**2
-        for view, channels in self._views.items():
+        kinds = (
+            colour.unflatten(1, (-1, 4)),
+            wp.to_torch(context.depth_data),
+            wp.to_torch(context.seg_data)[..., 0],
+        )
+        frames, at, pixels = {}, [0, 0, 0], self._size**2
+        for view, channels in self.views.items():
             picked = []
-            for i, (wanted, buffer) in enumerate(zip(channels, (colour, depth, geom), strict=True)):
-                picked.append(self._cut(buffer, i, at[i], pixels) if wanted else None)
+            for i, (wanted, kind) in enumerate(zip(channels, kinds, strict=True)):
+                own = kind[:, at[i] : at[i] + pixels] if wanted else None
                 at[i] += pixels * wanted
+                own = own if own is None else own.unflatten(1, (self._size, self._size))
+                picked.append(own if own is None or ids is None else own[torch.from_numpy(ids)])
             frames[view] = Frame(*picked)
         return frames
-
-    def _cut(self, buffer: torch.Tensor, channel: int, start: int, pixels: int) -> torch.Tensor:
-        square = (buffer.shape[0], self._size, self._size)
-        if channel == 0:
-            return buffer[:, 4 * start : 4 * (start + pixels)].reshape(*square, 4)
-        picked = buffer[:, start : start + pixels]
-        return picked.reshape(square) if channel == 1 else picked[..., 0].reshape(square)
 
     def _launch(self) -> None:
         mjw.refit_bvh(self._model, self._data, self._context)
@@ -177,26 +115,3 @@ def _fast_compilation() -> Iterator[None]:
         yield
     finally:
         wp.config.cpu_compiler_flags = before
-
-
-def _concatenate(parts: list[dict[str, Frame]]) -> dict[str, Frame]:
-    """Frames of consecutive slices as one."""
-    if len(parts) == 1:
-        return parts[0]
-    return {
-        view: Frame(
-            *(
-                None if buffers[0] is None else torch.cat(buffers)
-                for buffers in zip(*(part[view] for part in parts), strict=True)
-            )
-        )
-        for view in parts[0]
-    }
-
-
-def _rows(frames: dict[str, Frame], ids: torch.Tensor) -> dict[str, Frame]:
-    """A copy of the chosen environments' frames."""
-    return {
-        view: Frame(*(None if buffer is None else buffer[ids] for buffer in frame))
-        for view, frame in frames.items()
-    }

@@ -42,7 +42,7 @@ class Photographer:
         # Imported where it is used: mujoco_warp takes two seconds.
         from needlehoop.engines.tracer import Tracer
 
-        self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 1, 2)
+        self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 2)
 
     def __call__(self, data: mujoco.MjData) -> np.ndarray:
         """The scene as ``(size, size, 3)`` uint8."""

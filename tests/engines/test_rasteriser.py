@@ -54,7 +54,7 @@ def scene():
 def both(scene):
     """Renderers of all channels of all views: rasteriser and tracer."""
     views = dict.fromkeys(VIEWS, ALL)
-    return Rasteriser(scene[0], ENVS, views, 64, 1), Tracer(scene[0], ENVS, views, 64, 1)
+    return Rasteriser(scene[0], ENVS, views, 64, 1), Tracer(scene[0], ENVS, views, 64)
 
 
 def agreement(drawn, traced, depth=1e-3):
@@ -151,7 +151,10 @@ def test_nobody_asked_for_gives_no_images(scene, both):
 def test_any_size_goes(scene, size):
     model, fields = scene
     first = {name: values[:1] for name, values in fields["grasp"].items()}
-    renderers = [kind(model, 1, {"side": ALL}, size, 1) for kind in (Rasteriser, Tracer)]
+    renderers = [
+        Rasteriser(model, 1, {"side": ALL}, size, 1),
+        Tracer(model, 1, {"side": ALL}, size),
+    ]
     drawn, traced = (renderer.render(first)["side"] for renderer in renderers)
     geoms, depths, _ = agreement(drawn, traced)
     assert geoms >= 0.998
@@ -192,9 +195,8 @@ def look(bodies, position="0 0 0", axes="1 0 0 0 0 1", fovy=60, size=96):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     fields = {name: getattr(data, name)[None] for name in FIELDS}
-    return [
-        kind(model, 1, {"eye": ALL}, size, 1).render(fields)["eye"] for kind in (Rasteriser, Tracer)
-    ]
+    renderers = Rasteriser(model, 1, {"eye": ALL}, size, 1), Tracer(model, 1, {"eye": ALL}, size)
+    return [renderer.render(fields)["eye"] for renderer in renderers]
 
 
 @pytest.mark.parametrize("fovy", [35, 60, 120])

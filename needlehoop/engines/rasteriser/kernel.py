@@ -25,17 +25,22 @@ wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": _FLAGS})
 
 
 @wp.func
+def _packed(colour: wp.vec3) -> wp.uint32:
+    red, green, blue = (
+        int(255.0 * wp.clamp(colour[0], 0.0, 1.0)),
+        int(255.0 * wp.clamp(colour[1], 0.0, 1.0)),
+        int(255.0 * wp.clamp(colour[2], 0.0, 1.0)),
+    )
+    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
+
+
+@wp.func
 def _lit(solids: Solids, solid: Solid, normal: wp.vec3, scratch: ScratchBuffers) -> wp.uint32:
     """Colour of a surface with a normal in the camera frame."""
     light = solid.ambient
     for lamp in range(solids.lamps.shape[0]):
         light += wp.max(wp.dot(normal, scratch.lamps[lamp]), 0.0) * solids.lamps[lamp]
-    red, green, blue = (
-        int(255.0 * wp.clamp(solid.colour[0] * light[0], 0.0, 1.0)),
-        int(255.0 * wp.clamp(solid.colour[1] * light[1], 0.0, 1.0)),
-        int(255.0 * wp.clamp(solid.colour[2] * light[2], 0.0, 1.0)),
-    )
-    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
+    return _packed(wp.cw_mul(solid.colour, light))
 
 
 @wp.func
@@ -55,16 +60,6 @@ def _normal(
     normal = wp.normalize(scratch.turns[solids.owners[face]] * blend)
     ray = wp.vec3(x - eye.centre, y - eye.centre, eye.focal)
     return wp.where(wp.dot(normal, ray) > 0.0, -normal, normal)
-
-
-@wp.func
-def _packed(colour: wp.vec3) -> wp.uint32:
-    red, green, blue = (
-        int(255.0 * wp.clamp(colour[0], 0.0, 1.0)),
-        int(255.0 * wp.clamp(colour[1], 0.0, 1.0)),
-        int(255.0 * wp.clamp(colour[2], 0.0, 1.0)),
-    )
-    return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
 
 
 @wp.func
