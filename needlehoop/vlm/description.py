@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.language.expressions import MAX_EXPONENT
+from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.scene.cameras import Rendering, View
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Telling
