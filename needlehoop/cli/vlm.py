@@ -235,7 +235,7 @@ def _report(inquiry: Inquiry, found: dict[str, int], *written: str | Path) -> No
 
 def _check(options: argparse.Namespace) -> int:
     from needlehoop.config import composing, strict
-    from needlehoop.config.strict import Count
+    from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
     from needlehoop.rewards.written import find, read, scaled
@@ -268,7 +268,7 @@ def _check(options: argparse.Namespace) -> int:
         source = find(settings.cams, flavour, study, results, recording, sample)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
-    source = scaled(source, values["unit"], "unit")
+    source = scaled(source, strict.value(values, "unit", Positive | None), "unit")
     try:
         program = compile_program(source.text, settings.definition.signals)
     except ProgramError as error:
