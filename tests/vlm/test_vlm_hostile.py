@@ -18,7 +18,7 @@ from needlehoop.cli.main import main
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import Provider, ProviderError
-from needlehoop.vlm.providers.wire import LARGEST
+from needlehoop.vlm.providers.sdk import LARGEST
 from needlehoop.vlm.recorder import Recorder, RefusalError, persist
 from needlehoop.vlm.transcript import TRANSCRIPT, Transcript
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import base64
-import builtins
 import json
 import logging
+import sys
 import traceback
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -16,7 +16,7 @@ from vlm_server import KEY, Server, by_schema, serve
 
 from needlehoop.config import strict
 from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers import build_provider
+from needlehoop.vlm.providers import build_provider, contract
 from needlehoop.vlm.providers.contract import (
     LiveConfig,
     Provider,
@@ -199,14 +199,7 @@ def test_a_server_without_keys_is_asked_without_one(kind, server):
 
 def test_a_missing_package_says_what_to_install(kind, monkeypatch):
     monkeypatch.setenv("TEST_KEY", KEY)
-    real = builtins.__import__
-
-    def without(name, *arguments, **named):
-        if name.partition(".")[0] in ("google", "openai"):
-            raise ImportError(name)
-        return real(name, *arguments, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, {"gemini": "google.genai", "openai": "openai"}[kind], None)
     with pytest.raises(RuntimeError, match=r"pip install 'needlehoop\[vlm\]'"):
         build_provider(config_of(kind, None), NOWHERE)
 
@@ -234,7 +227,7 @@ def test_a_key_in_place_of_its_variable_is_refused_unrepeated(kind):
 def test_unknown_kinds_and_settings_name_the_valid_ones(monkeypatch):
     monkeypatch.setenv("TEST_KEY", KEY)
     with pytest.raises(ValueError, match="choose from replay, gemini, openai"):
-        build_provider(config_of("bard", None), NOWHERE)
+        contract.config_of("bard")
     with pytest.raises(ValueError, match=r"vlm.sampling: unknown key 'heat'"):
         build_provider(config_of("gemini", None, sampling={"heat": 2}), NOWHERE)
     values = asdict(config_of("gemini", None))
