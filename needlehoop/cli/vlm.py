@@ -163,10 +163,7 @@ def _reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                if trained is None:
-                    found = inquiry.reward(flavour, rules, samples)
-                else:
-                    found = inquiry.revise(flavour, rules, trained)
+                found = inquiry.reward(flavour, rules, samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise

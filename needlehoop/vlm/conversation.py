@@ -85,16 +85,17 @@ class Conversation:
         self._messages = (*self._messages, Message(role, parts))
 
 
-def totals_of(attempts: Sequence[Attempt]) -> dict[str, int]:
+def totals_of(conversations: Sequence[Conversation]) -> dict[str, int]:
     """Prompts, tokens and unusable answers."""
+    attempts = [attempt for one in conversations for attempt in one.attempts]
     invalid = sum(attempt.reason is not None for attempt in attempts)
     return totals([attempt.exchange for attempt in attempts], invalid)
 
 
-def models(attempts: Sequence[Attempt]) -> list[str]:
+def models(conversations: Sequence[Conversation]) -> list[str]:
     """The models that answered, each once, as ``provider model``."""
-    named = (f"{a.exchange.provider} {a.exchange.answered_by}" for a in attempts)
-    return list(dict.fromkeys(named))
+    exchanges = (attempt.exchange for one in conversations for attempt in one.attempts)
+    return list(dict.fromkeys(f"{e.provider} {e.answered_by}" for e in exchanges))
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:

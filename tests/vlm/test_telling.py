@@ -175,13 +175,13 @@ def test_another_tasks_cheat_is_seen_through():
     s = made("peg_transfer")
     rules = program_rules(s, replace(GATES, audit="refuse"))
     fooled = rules.judge("reward = 9 * exp(-20 * distance(block_position, goal))")
-    assert not fooled.accepted
+    assert fooled.reason is not None
     assert fooled.reason.startswith("an episode that fails at the task ends")
     assert s.definition.cheating in fooled.card["reasons"][0]
     honest = rules.judge(
         "near = exp(-20 * distance(block_position, goal))\nreward = near * (8 if jaw > 0.6 else 5)"
     )
-    assert honest.accepted, honest.reason
+    assert honest.reason is None
 
 
 def test_pictures_are_of_the_start_the_tasks_moments_and_the_goal():

@@ -39,7 +39,7 @@ def judge(source: str) -> Verdict:
     refused = "import" in source
     own = {"expert": float(worth(source)), "random": 0.0, "cheat": worth(source) ** 2 / 10}
     card = {"ok": True, **own, "paid": 0.5}
-    return Verdict(not refused, "line 1: import is not allowed" if refused else "", card)
+    return Verdict("line 1: import is not allowed" if refused else None, card)
 
 
 def values(source: str) -> list[float]:
@@ -58,7 +58,7 @@ def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    rules = ProgramRules({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
+    rules = ProgramRules(0.0, 9.0, judge, values)
     monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
     server.script.clear()
     server.requests.clear()
@@ -405,7 +405,7 @@ def test_the_sample_that_is_trained_on_is_chosen_and_named(study, words, server,
     assert run.config()["reward"]["sample"] == 2
     with pytest.raises(ValueError, match=r"no image reward \(sample 3\) .* samples=3 vlm=gemini"):
         trained(monkeypatch, "reward.sample=3", "seed=1")
-    with pytest.raises(ValueError, match=r"reward\.sample: 0 is not 1"):
+    with pytest.raises(ValueError, match=r"reward\.sample: 0 must be at least 1"):
         trained(monkeypatch, "reward.sample=0", "seed=2")
 
 

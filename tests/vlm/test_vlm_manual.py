@@ -29,13 +29,13 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    rules = ProgramRules({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, lambda _: [])
+    rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
     monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
 
 
 def judge(source: str) -> Verdict:
     refused = "import" in source
-    return Verdict(not refused, "line 1: import is not allowed" if refused else "", {"ok": True})
+    return Verdict("line 1: import is not allowed" if refused else None, {"ok": True})
 
 
 @contextmanager
