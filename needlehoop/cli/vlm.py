@@ -104,7 +104,7 @@ def _rank(options: argparse.Namespace) -> None:
 
     values = composing.compose(options.overrides, "vlm_rank")
     from needlehoop.study.data.sweeps import planned
-    from needlehoop.vlm.photographs import read_folder
+    from needlehoop.vlm.album import read_folder
     from needlehoop.vlm.questions import Lists, Questions
 
     chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from needlehoop.vlm.messages import Message, Part, Request
+from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.tables import totals
@@ -125,6 +125,5 @@ def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
     try:
         return form.model_validate_json(exchange.answer), None
     except ValidationError as error:
-        wrong = error.errors(include_url=False, include_context=False, include_input=False)[:5]
-        reasons = (f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in wrong)
-        return None, "it is not of the form that was asked for: " + "; ".join(reasons)
+        reasons = "; ".join(mistakes(error, "answer", 5))
+        return None, f"it is not of the form that was asked for: {reasons}"

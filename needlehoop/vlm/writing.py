@@ -65,7 +65,7 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         return Verdict(reason or None, found.as_dict())
 
     def values(source: str) -> list[float]:
-        return values_of(compile_program(source, table), trajectories, gates).tolist()
+        return values_of(compile_program(source, table), trajectories.moments, gates).tolist()
 
     return ProgramRules(gates.low, gates.high, judge, values)
 

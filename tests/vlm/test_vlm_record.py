@@ -152,7 +152,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     assert "altogether" not in said
 
     other = Request((Message("user", ("Something else altogether", Png(b"x"))),), {})
-    with pytest.raises(MissError, match=r"images: 1 recorded, 1 asked, 0 in both; the form"):
+    with pytest.raises(MissError, match="the images; the form"):
         replay(tmp_path).ask(other, "question")
 
 

@@ -165,6 +165,6 @@ def other_edition(folder: Path, asked: str) -> str | None:
     if made_with is None or made_with.sha256 == asked:
         return None
     return (
-        f"was recorded with the prompts of {made_with}, and these are others: replay it there, or"
-        " ask anew into another study="
+        f"it was recorded with the prompts of {made_with}, and these are others: replay it there,"
+        " or ask anew into another study="
     )

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.alias_generators import to_camel
 
 from needlehoop.runs.reading import UnreadableError, parse_json, printable
-from needlehoop.vlm.messages import Request
+from needlehoop.vlm.messages import Request, mistakes
 from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
 
 R = TypeVar("R", bound="ReplyPart")
@@ -217,10 +217,8 @@ def read_reply(text: str, form: type[R], key: str | None) -> R:
     except UnicodeEncodeError as error:
         raise WireError("unreadable", "the reply has halves of characters") from error
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"])) or "all of it"
-        said = f"the reply is of another form: {where}: {first['msg']}"
-        raise WireError("unreadable", said) from error
+        (said,) = mistakes(error)
+        raise WireError("unreadable", f"the reply is of another form: {said}") from error
 
 
 def outcome(text: str, refusal: str | None, finish: str, is_cut: bool) -> tuple[str, str]:
