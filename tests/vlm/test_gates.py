@@ -396,7 +396,7 @@ def test_check_reads_a_program_in_another_unit(capsys):
         (["a.txt", "gates.range=cut"], "range: 'cut'"),
         (["a.txt", "gates.rnage=clip"], "rnage"),
         (["cams=[rgb_default]", "reward.unit=0.1"], "reward.unit=0.1: the program is judged"),
-        (["cams=[rgb_default]", "flavour=text", "unit=no"], "unit: 'no' is not null"),
+        (["cams=[rgb_default]", "flavour=text", "unit=no"], "unit: 'no' is not a number"),
         (["cams=[rgb_default]", "flavour=text", "recording=claude", "unit=0.1"], "no line such as"),
     ],
 )
