@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from vlm_server import by_schema
 
 from needlehoop.envs.settings import Settings
+from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Guess, ProgramAnswer
@@ -65,6 +67,10 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     provider = Obliging()
     recorder = Recorder(Transcript(folder), provider, CONFIG)
     shown = album(settings)
+    patch = pytest.MonkeyPatch()
+    # Flown once, not for each that is told of them.
+    flown = moments.ranges(settings)
+    patch.setattr(description, "ranges", lambda _: flown)
 
     def begin() -> Conversation:
         return Conversation(recorder, "any", 1)
@@ -87,6 +93,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     order_pictures(begin(), bench, "", [*bench])
     trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
     begin().ask(trained.prompt(reward_prompt(seen, RULES, "image", shown)), ProgramAnswer)
+    patch.undo()
     return provider.asked
 
 

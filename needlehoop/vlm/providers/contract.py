@@ -171,7 +171,7 @@ class ManualConfig:
 AskingConfig = LiveConfig | ManualConfig
 """The settings of a provider that gives new answers."""
 
-KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
+KINDS: dict[str, type[ReplayConfig | LiveConfig | ManualConfig]] = {
     "replay": ReplayConfig,
     "gemini": LiveConfig,
     "openai": LiveConfig,
@@ -180,7 +180,7 @@ KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
 """The type of settings of each ``vlm.kind``."""
 
 
-def config_of(kind: str) -> type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]:
+def config_of(kind: str) -> type[ReplayConfig | LiveConfig | ManualConfig]:
     """The type of a kind's settings; ``ValueError`` for an unknown kind."""
     if kind not in KINDS:
         raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
@@ -195,11 +195,7 @@ class Provider(Protocol):
     """Somebody who answers."""
 
     def ask(self, request: Request) -> Reply:
-        """One try.
-
-        Raises:
-            ProviderError: no reply.
-        """
+        """One try; ``ProviderError`` if there is no reply."""
         ...
 
     def close(self) -> None:
