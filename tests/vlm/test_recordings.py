@@ -31,8 +31,14 @@ CLAUDE = RECORDINGS / "claude"
 RESULTS = CONF.parent / "results/rewards"
 TRAINED = RECORDINGS / "claude_8210a79"
 COVERED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
-TASKS = {"claude": "needle_hoop", "claude_peg_transfer": "peg_transfer", "claude_reach": "reach"}
-PROGRAMS = {"claude": 5, "claude_peg_transfer": 3, "claude_reach": 0}
+PLACEMENTS = "claude_placements"
+TASKS = {
+    "claude": "needle_hoop",
+    "claude_peg_transfer": "peg_transfer",
+    PLACEMENTS: "needle_hoop",
+    "claude_reach": "reach",
+}
+PROGRAMS = {"claude": 5, "claude_peg_transfer": 3, PLACEMENTS: 0, "claude_reach": 0}
 """Of each flavour."""
 PAIR = "dep_front+seg_side"
 
@@ -72,11 +78,12 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     made_rules = missing_reward.rules_of
     monkeypatch.setattr(missing_reward, "rules_of", rules_of)
     words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
-    words = words[1:] if name == "claude" else words
+    words = words[1:] if TASKS[name] == "needle_hoop" else words
     # With nothing told, two of the paper's three lists were ranked.
     nothing = f"lists={composing.compose([], 'vlm_rank')['lists'][:2]}"
     needle = (["samples=3"], ["afresh=true"], ["vlm.told=names"], ["vlm.told=nothing", nothing])
-    for own in needle if name == "claude" else ([],):
+    commands = {"claude": needle, PLACEMENTS: (["+experiment=placements", "study=main"],)}
+    for own in commands.get(name, ([],)):
         assert main(["vlm", "rank", *own, *words]) == 0
     for flavour in ("text", "image") if PROGRAMS[name] else ():
         own = [f"flavour={flavour}", f"samples={PROGRAMS[name]}", "cams=[dep_front,seg_side]"]
