@@ -259,7 +259,7 @@ class Inquiry(AbstractContextManager):
             path = self._reward_file(flavour, sample)
             try:
                 source, verdict = self._write_reward(tried, path, prompt, first)
-                accepted[sample] = tables.AcceptedProgram(verdict.card, rules.values(source))
+                accepted[sample] = tables.Accepted(verdict.card, rules.values(source))
                 if trained is not None:
                     self._write_descent(path, trained)
             except NoAnswerError as error:

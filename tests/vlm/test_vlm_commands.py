@@ -357,8 +357,7 @@ def test_several_samples_are_compared(study, words, server, capsys):
     assert [row["expert - random"] for row in rows] == ["3.000", "4.000", "5.000"]
     assert [row["expert - cheat"] for row in rows] == ["2.100", "2.400", "2.500"]
     assert [row["rho with 1"] for row in rows] == ["1.000", "-1.000", "1.000"]
-    said = capsys.readouterr().out
-    assert "most from random actions in sample 3, from cheating in sample 3" in said
+    assert "Samples compared" in capsys.readouterr().out
     # Asked again, all is there; without two of them, the record gives the same.
     assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 2
     before = contents(folder)

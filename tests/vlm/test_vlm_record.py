@@ -180,7 +180,7 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert prompts.edition(tmp_path).sha256 == PROMPTS
+    assert prompts.edition(tmp_path)["sha256"] == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):
