@@ -6,9 +6,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from vlm_server import by_schema
 
 from needlehoop.envs.settings import Settings
+from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Guess, ProgramAnswer
@@ -18,10 +20,10 @@ from needlehoop.vlm.providers.contract import LiveConfig, Reply
 from needlehoop.vlm.questions import (
     Lists,
     Questions,
+    opening,
+    order,
+    order_pictures,
     question,
-    rank,
-    rank_afresh,
-    rank_pictures,
 )
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.revision import Trained
@@ -30,10 +32,7 @@ from needlehoop.vlm.writing import ProgramRules, Verdict, guess_prompt, reward_p
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)
-FUNCTIONS = {"distance": ("distance(a, b)", "between two points")}
-RULES = ProgramRules(
-    FUNCTIONS, "It ends with reward.", 0.0, 9.0, lambda _: Verdict(True, "", {}), lambda _: []
-)
+RULES = ProgramRules(0.0, 9.0, lambda _: Verdict(None, {}), lambda _: [])
 CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
 
 
@@ -68,30 +67,33 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     provider = Obliging()
     recorder = Recorder(Transcript(folder), provider, CONFIG)
     shown = album(settings)
+    patch = pytest.MonkeyPatch()
+    # Flown once, not for each that is told of them.
+    flown = moments.ranges(settings)
+    patch.setattr(description, "ranges", lambda _: flown)
 
-    def begin(*_: int) -> Conversation:
+    def begin() -> Conversation:
         return Conversation(recorder, "any", 1)
 
-    def questioned(_: int) -> Conversation:
-        conversation = begin()
-        question(conversation, settings, shown, QUESTIONS)
-        return conversation
-
-    rank(questioned, LISTS)
+    (sets,) = LISTS.lists
+    conversation = begin()
+    question(conversation, settings, shown, QUESTIONS)
+    order(conversation, sets)
     seen = replace(settings, cams=("dep_front", "seg_side"))
     for flavour in ("text", "image"):
         begin().ask(reward_prompt(seen, RULES, flavour, shown), ProgramAnswer)
     for told in ("full", "names", "nothing"):
-        rank_afresh(begin, settings, shown, LISTS, told)
+        order(begin(), sets, opening(settings, shown, sets, told))
     for flavour in ("text", "image"):
         begin().ask(reward_prompt(seen, RULES, flavour, shown, "names"), ProgramAnswer)
     conversation = begin()
     conversation.ask(guess_prompt(seen, shown), Guess)
     conversation.ask(reward_prompt(seen, RULES, "image", shown, "nothing"), ProgramAnswer)
     bench = {name: Png(name.encode()) for name in ("left", "right")}
-    rank_pictures(begin, bench, "", LISTS)
+    order_pictures(begin(), bench, "", [*bench])
     trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
     begin().ask(trained.prompt(reward_prompt(seen, RULES, "image", shown)), ProgramAnswer)
+    patch.undo()
     return provider.asked
 
 

@@ -104,7 +104,7 @@ def _rank(options: argparse.Namespace) -> None:
 
     values = composing.compose(options.overrides, "vlm_rank")
     from needlehoop.study.data.sweeps import planned
-    from needlehoop.vlm.photographs import read_folder
+    from needlehoop.vlm.album import read_folder
     from needlehoop.vlm.questions import Lists, Questions
 
     chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
@@ -163,10 +163,7 @@ def _reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                if trained is None:
-                    found = inquiry.reward(flavour, rules, samples)
-                else:
-                    found = inquiry.revise(flavour, rules, trained)
+                found = inquiry.reward(flavour, rules, samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
@@ -235,7 +232,7 @@ def _report(inquiry: Inquiry, found: dict[str, int], *written: str | Path) -> No
 
 def _check(options: argparse.Namespace) -> int:
     from needlehoop.config import composing, strict
-    from needlehoop.config.strict import Count
+    from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
     from needlehoop.rewards.written import find, read, scaled
@@ -268,7 +265,7 @@ def _check(options: argparse.Namespace) -> int:
         source = find(settings.cams, flavour, study, results, recording, sample)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
-    source = scaled(source, values["unit"], "unit")
+    source = scaled(source, strict.value(values, "unit", Positive | None), "unit")
     try:
         program = compile_program(source.text, settings.definition.signals)
     except ProgramError as error:

@@ -1,36 +1,123 @@
 """Rewards: functions from signals to named terms. They prefer; they never decide success.
 
 The terms are summed to a potential, and each step pays the potential's difference. So an
-episode's return is its last potential.
+episode's return is its last potential. Here rewards are loaded by name.
 """
 
-from needlehoop.rewards.called import given
-from needlehoop.rewards.loader import (
-    NONE,
-    REWARDS,
-    allow,
-    check,
-    load,
-    pin,
-    recall,
-    reference_reward,
-    text,
-)
-from needlehoop.rewards.terms import Reward, potential
-from needlehoop.rewards.written import RewardError
+from __future__ import annotations
 
-__all__ = [
-    "NONE",
-    "REWARDS",
-    "Reward",
-    "RewardError",
-    "allow",
-    "check",
-    "given",
-    "load",
-    "pin",
-    "potential",
-    "recall",
-    "reference_reward",
-    "text",
-]
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from needlehoop.config import strict
+from needlehoop.config.strict import Real
+from needlehoop.rewards import called, written
+from needlehoop.rewards.called import given
+from needlehoop.rewards.terms import Reward, RewardError, Sparse, potential
+from needlehoop.runs.files import EXPERT, check_name
+from needlehoop.runs.reading import read_yaml
+from needlehoop.tasks.contract import Task
+from needlehoop.tasks.registry import conf_of
+
+__all__ = ["Reward", "RewardError", "given", "potential"]
+
+REWARDS = ("human", "sparse")
+"""Rewards that are classes. Other kinds are programs (``written``) or functions (``called``)."""
+
+NONE = {"kind": "sparse", "success": 1.0}
+"""The config of a reward for environments whose reward nobody reads."""
+
+
+@dataclass(frozen=True)
+class _Sparse:
+    success: Real
+
+
+def load(config: Mapping[str, Any], task: Task) -> Reward:
+    """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
+
+    Args:
+        config: of the reward.
+        task: whose human reward, goal and signals are meant.
+
+    Raises:
+        ValueError: an unknown kind, invalid values, an invalid name, or Python code that was not
+            allowed.
+    """
+    _check_kind(config)
+    if called.is_called(config):
+        return called.load(config)
+    if config["kind"] in written.KINDS:
+        return written.load(config, task.signals)
+    values = {key: value for key, value in config.items() if key not in ("kind", "name")}
+    if config["kind"] == "sparse":
+        return Sparse(strict.structure(values, _Sparse, "reward").success, task.goal)
+    return strict.structure(values, task.human, "reward")
+
+
+def reference_reward(task: Task) -> Reward:
+    """A task's human reward with its default values. Policies are compared by its return.
+
+    It is the same for all policies, whatever they were trained on.
+    """
+    return load(read_yaml(conf_of(task.name) / f"reward/human/{task.name}.yaml"), task)
+
+
+def check(config: Mapping[str, Any], task: Task) -> None:
+    """Check a reward's config without running its code. Errors as in ``load``."""
+    _check_kind(config)
+    if called.is_called(config):
+        called.check(config)
+    else:
+        load(config, task)
+
+
+def allow(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The config of a reward that somebody typed, ready for ``load``."""
+    _check_kind(config)
+    return called.allow(config) if called.is_called(config) else dict(config)
+
+
+def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
+    """The config of a reward that was read from a run's files, ready for ``load``.
+
+    Raises:
+        ValueError: it names Python code, and ``trust`` is false.
+    """
+    _check_kind(config)
+    return called.recall(config, trust) if called.is_called(config) else dict(config)
+
+
+def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A reward's config with the text of its program or function, for a run to keep.
+
+    Raises:
+        ValueError: as in ``load``.
+    """
+    if called.is_called(config):
+        return called.pin(config)
+    return written.pin(config) if config.get("kind") in written.KINDS else dict(config)
+
+
+def text(reward: Reward) -> str:
+    """A reward for the record: its values or its origin, then its source."""
+    if isinstance(reward, written.Written | called.Called):
+        return reward.text()
+    return f"{reward!r}\n\n{inspect.getsource(type(reward))}"
+
+
+def _check_kind(config: Mapping[str, Any]) -> None:
+    kind = config.get("kind")
+    valid = (*REWARDS, *written.KINDS, called.KIND, *called.kinds())
+    if not isinstance(kind, str) or kind not in valid:
+        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(valid)}")
+    # A run's folder is called by its reward's name.
+    name = strict.structure(config.get("name"), str | None, "reward.name")
+    if name is not None:
+        check_name("reward.name", name)
+        if name in {*valid, EXPERT} - {kind}:
+            raise ValueError(
+                f"reward.name: {name!r} means another reward; choose a name of your own"
+            )

@@ -21,11 +21,10 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
 from torch import Tensor
 
-from needlehoop.config.strict import shown
-from needlehoop.rewards.written import RewardError
+from needlehoop.config.strict import shown, structure
+from needlehoop.rewards.terms import RewardError, check_finite
 
 if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
@@ -36,10 +35,18 @@ KIND = "python"
 GROUP = "needlehoop.rewards"
 """The group of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
 
-_KEYS = {"function", "values", "source"}
-
 _CALL = "call"
 """Key of an allowed config: the function in use. No file can hold one."""
+
+
+@dataclass(frozen=True)
+class _Config:
+    """Values of the kind ``python``."""
+
+    kind: str
+    function: str
+    values: Mapping[str, Any] | None
+    source: Any
 
 
 @dataclass(frozen=True)
@@ -66,21 +73,15 @@ class Called:
         terms = {"reward": found} if isinstance(found, Tensor) else found
         if not isinstance(terms, Mapping) or not terms:
             raise RewardError(f"reward: {self.origin} returned {found!r}; expected named terms")
-        return {str(name): self._checked(name, term, signals) for name, term in terms.items()}
-
-    def _checked(self, name: Any, term: Any, signals: Signals) -> Tensor:
         n = len(signals)
-        if not isinstance(term, Tensor) or tuple(term.shape) != (n,):
-            shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
-            raise RewardError(
-                f"reward: term {name!r} of {self.origin} is {shape}; expected a tensor ({n},)"
-            )
-        if not bool(torch.isfinite(term).all()):
-            bad = (~torch.isfinite(term)).nonzero().flatten().tolist()
-            raise RewardError(
-                f"reward: term {name!r} of {self.origin} is not finite in environments {bad}"
-            )
-        return term.double()
+        for name, term in terms.items():
+            if not isinstance(term, Tensor) or tuple(term.shape) != (n,):
+                shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
+                raise RewardError(
+                    f"reward: term {name!r} of {self.origin} is {shape}; expected a tensor ({n},)"
+                )
+        check_finite(terms, self.origin)
+        return {str(name): term.double() for name, term in terms.items()}
 
     def text(self) -> str:
         """For the record: the function's origin, its values and its source."""
@@ -104,6 +105,17 @@ def is_called(config: Mapping[str, Any]) -> bool:
     return config.get("kind") == KIND or config.get("kind") in kinds()
 
 
+def check(config: Mapping[str, Any]) -> None:
+    """Check a config that ``is_called``; imports nothing.
+
+    Raises:
+        ValueError: missing or unknown keys, or ``values`` is not a mapping.
+    """
+    if config["kind"] == KIND:
+        values = {key: one for key, one in config.items() if key not in ("name", _CALL)}
+        structure(values, _Config, "reward")
+
+
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     """Import the function that a config names. Only for configs that somebody typed.
 
@@ -114,17 +126,16 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     if _CALL in config:
         return dict(config)
     check(config)
-    values = {key: value for key, value in config.items() if key not in ("kind", "name")}
     if config["kind"] != KIND:
         (entry,) = entry_points(group=GROUP, name=config["kind"])
+        values = {key: value for key, value in config.items() if key not in ("kind", "name")}
         call = Called(entry.load(), values, f"the entry point {entry.name} ({entry.value})")
         return {**config, _CALL: call}
-    function = _find(str(values["function"]))
-    if values["source"] not in (None, _source(function)):
-        raise ValueError(
-            f"reward.function: {values['function']} is no longer what the run began with"
-        )
-    return {**config, _CALL: Called(function, values["values"] or {}, str(values["function"]))}
+    name = config["function"]
+    function = _find(name)
+    if config["source"] not in (None, _source(function)):
+        raise ValueError(f"reward.function: {name} is no longer what the run began with")
+    return {**config, _CALL: Called(function, config["values"] or {}, name)}
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
@@ -141,36 +152,18 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with the function's source. A run goes on with that function alone.
+    """A config that ``is_called``, with the function's source. A run goes on with that alone.
 
     Raises:
-        ValueError: as in ``load``.
+        ValueError: as in ``allow``.
     """
-    if config.get("kind") != KIND:
+    if config["kind"] != KIND:
         return dict(config)
     reward, name = load(allow(config)), config["function"]
-    file, _, function = str(name).rpartition(":")
+    file, _, function = name.rpartition(":")
     if file.endswith(".py"):
         name = f"{Path(file).resolve()}:{function}"
     return {**config, "function": name, "source": _source(reward.function)}
-
-
-def check(config: Mapping[str, Any]) -> None:
-    """Check the keys of a config that ``is_called``; imports nothing.
-
-    Raises:
-        ValueError: missing or unknown keys, or ``values`` is not a mapping.
-    """
-    if config["kind"] != KIND:
-        return
-    if odd := _KEYS ^ (set(config) - {"kind", "name", _CALL}):
-        raise ValueError(
-            f"reward: {', '.join(sorted(odd))} missing or unknown; {KIND} takes"
-            f" {', '.join(sorted(_KEYS))}"
-        )
-    given = config["values"] or {}
-    if not isinstance(given, Mapping):
-        raise ValueError(f"reward.values: {shown(given)} is no mapping of names to values")
 
 
 def load(config: Mapping[str, Any]) -> Called:
@@ -199,7 +192,11 @@ def _find(name: str) -> Callable[..., Any]:
     if not separator:
         raise ValueError(f"reward.function: {name!r} is not module:name or file.py:name")
     try:
-        module = _module(Path(where)) if where.endswith(".py") else import_module(where)
+        if where.endswith(".py"):
+            file = Path(where)
+            module = _module(file.resolve(), file.stat().st_mtime_ns)
+        else:
+            module = import_module(where)
     except (ImportError, OSError) as error:
         raise ValueError(f"reward.function: {where!r}: {error}") from error
     found = getattr(module, attribute, None)
@@ -208,12 +205,8 @@ def _find(name: str) -> Callable[..., Any]:
     return found
 
 
-def _module(file: Path) -> Any:
-    return _loaded(file.resolve(), file.stat().st_mtime_ns)
-
-
 @cache
-def _loaded(file: Path, changed: int) -> Any:
+def _module(file: Path, changed: int) -> Any:
     # Settings are built many times. A file is run once, and again only after a change.
     spec = spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None:

@@ -1,8 +1,9 @@
-"""What a reward is, and what its terms add up to."""
+"""What a reward is, what its terms add up to, and the reward that pays for success alone."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Protocol
 
@@ -21,6 +22,38 @@ class Reward(Protocol):
         ...
 
 
+class RewardError(RuntimeError):
+    """A reward that is of no use at some state that training reached."""
+
+
+@dataclass(frozen=True)
+class Sparse:
+    """Pays ``success`` once the task's fact ``goal`` is true."""
+
+    success: float
+    goal: str
+
+    def __call__(self, signals: Signals) -> dict[str, Tensor]:
+        """Terms ``(n,)`` by name."""
+        return {"success": self.success * getattr(signals, self.goal).double()}
+
+
 def potential(terms: Mapping[str, Tensor]) -> Tensor:
     """Sum of the terms, in their order, ``(n,)``."""
     return reduce(torch.add, terms.values())
+
+
+def check_finite(terms: Mapping[str, Tensor], origin: str) -> None:
+    """Check the terms ``(n,)`` of a reward from outside the package.
+
+    Raises:
+        RewardError: a term is not finite. No number replaces it, because the agent would learn
+            from that number.
+    """
+    for name, term in terms.items():
+        finite = torch.isfinite(term)
+        if not bool(finite.all()):
+            bad = (~finite).nonzero().flatten().tolist()
+            raise RewardError(
+                f"reward: term {name!r} of {origin} is not finite in environments {bad}"
+            )

@@ -9,14 +9,13 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import torch
 from torch import Tensor
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Real
+from needlehoop.config.strict import Count, Positive, Real
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
-from needlehoop.rewards.terms import potential
+from needlehoop.rewards.terms import check_finite, potential
 from needlehoop.runs.reading import UnreadableError, read_text
 from needlehoop.runs.shipped import RECORDINGS
 
@@ -38,17 +37,12 @@ FIRST = 1
 CLIPPED = "clipped"
 """The term that keeps a total within its limits."""
 
-_EVERY = {"unit", "clip", "program"}
-_RECORDED = _EVERY | {"cams", "results", "study", "recording", "sample"}
-_KEYS = {"file": _EVERY | {"path"}, **dict.fromkeys(FLAVOURS, _RECORDED)}
-"""The keys of a config, by its kind."""
-
 _UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
 """The line of a program that gives the size of a scene unit in metres."""
 
 
-class RewardError(RuntimeError):
-    """A reward that is of no use at some state that training reached."""
+class NotWrittenError(ValueError):
+    """A program that is not there, and that a model can be asked for."""
 
 
 @dataclass(frozen=True)
@@ -68,22 +62,9 @@ class Written:
     clip: tuple[float, float] | None = None
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
-        """Terms ``(n,)`` float64 by name.
-
-        Raises:
-            RewardError: a term is not finite. No number replaces it, because the agent would
-                learn from that number.
-        """
+        """Terms ``(n,)`` float64 by name; errors as in ``check_finite``."""
         terms = self.program(signals)
-        for name, term in terms.items():
-            finite = torch.isfinite(term)
-            if not bool(finite.all()):
-                bad = (~finite).nonzero().flatten().tolist()
-                raise RewardError(
-                    f"reward: term {name!r} of the program from {self.origin} is"
-                    f" {float(term[bad[0]])} in environments {bad}; needlehoop vlm check"
-                    " shows where a program is not finite"
-                )
+        check_finite(terms, f"the program from {self.origin}")
         if self.clip is None:
             return terms
         total = potential(terms)
@@ -105,6 +86,59 @@ class Source:
     origin: str
 
 
+@dataclass(frozen=True)
+class _Config:
+    """Values of every reward that is a program."""
+
+    kind: str
+    unit: Positive | None
+    clip: tuple[Real, Real] | None
+    program: Mapping[str, Any] | None
+    """A run's own, as ``Source``."""
+
+    def __post_init__(self) -> None:
+        if self.clip is not None and not self.clip[0] < self.clip[1]:
+            raise ValueError(f"reward.clip: {self.clip[0]:g} must be below {self.clip[1]:g}")
+
+    def source(self) -> Source:
+        """The pinned program, or the one that the config points at, in its unit."""
+        if self.program is None:
+            return scaled(self._named(), self.unit, "reward.unit")
+        match self.program:
+            case {"text": str(text), "origin": str(origin)} if len(self.program) == 2:
+                return scaled(Source(text, origin), self.unit, "reward.unit")
+        raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
+
+    def _named(self) -> Source:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class _File(_Config):
+    path: str
+
+    def _named(self) -> Source:
+        return read(Path(self.path))
+
+
+@dataclass(frozen=True)
+class _Recorded(_Config):
+    cams: tuple[str, ...]
+    results: str
+    study: str | None
+    recording: str | None
+    sample: Count
+
+    def _named(self) -> Source:
+        place = self.study, self.results, self.recording
+        return find(self.cams, FLAVOURS[self.kind], *place, self.sample)
+
+
+def _typed(config: Mapping[str, Any]) -> _Config:
+    values = {key: one for key, one in config.items() if key != "name"}
+    return strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
+
+
 def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
     """The reward of a config whose ``kind`` is in ``KINDS``.
 
@@ -115,13 +149,13 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
     """
-    source = scaled(_source(config), config["unit"], "reward.unit")
-    clip = _limits(config["clip"])
+    typed = _typed(config)
+    source = typed.source()
     try:
         program = compile_program(source.text, table)
     except ProgramError as error:
         raise ValueError(f"reward: {source.origin}, {error}") from error
-    return Written(program, source.origin, clip)
+    return Written(program, source.origin, typed.clip)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,10 +164,23 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         ValueError: as in ``load``.
     """
-    if config.get("kind") not in KINDS:
-        return dict(config)
-    source = scaled(_source(config), config["unit"], "reward.unit")
+    source = _typed(config).source()
     return {**config, "program": {"text": source.text, "origin": source.origin}}
+
+
+def is_recorded(config: Mapping[str, Any]) -> bool:
+    """Whether the program that a reward's config asks for exists.
+
+    Raises:
+        ValueError: as in ``find``. A missing program that a model could write is no error.
+    """
+    if config["kind"] not in FLAVOURS:
+        return True
+    try:
+        _typed(config).source()
+    except NotWrittenError:
+        return False
+    return True
 
 
 def read(path: Path) -> Source:
@@ -148,21 +195,19 @@ def read(path: Path) -> Source:
         raise ValueError(f"reward.path: {str(path)!r} {error}") from error
 
 
-def scaled(source: Source, unit: Any, key: str) -> Source:
+def scaled(source: Source, unit: float | None, key: str) -> Source:
     """A program with another size of its scene unit.
 
     Args:
         source: the program.
-        unit: metres; ``None`` leaves the program as it is.
+        unit: m; ``None`` leaves the program as it is.
         key: of the unit, for messages.
 
     Raises:
-        ValueError: no length, or the program has no line that gives its scene unit.
+        ValueError: the program has no line that gives its scene unit.
     """
     if unit is None:
         return source
-    if isinstance(unit, bool) or not isinstance(unit, int | float) or not 0 < unit < float("inf"):
-        raise ValueError(f"{key}: {unit!r} is not null or a positive number of metres")
     if len(_UNIT.findall(source.text)) != 1:
         raise ValueError(
             f"{key}: {source.origin} has no line such as unit = 0.05 to put {unit} into;"
@@ -194,41 +239,52 @@ def find(
         sample: which of several programs for the same cameras.
 
     Raises:
-        ValueError: an unknown flavour or recording, neither study nor recording, or no program.
-            If a command can make the missing program, the message has it.
+        NotWrittenError: no program; the message has the command that makes it.
+        ValueError: an unknown flavour or recording, neither study nor recording, or no program
+            in a recording that is searched alone.
     """
     chosen = tuple(cams)
-    folders = _folders(flavour, study, results, recording)
-    name = file_name(flavour, _whole(sample))
-    found = _search(folders, chosen, name)
-    if found is None:
-        known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
-        which = "" if sample == FIRST else f" (sample {sample})"
-        missing = (
-            f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
-            f" (there is {', '.join(known) or 'none'})"
-        )
-        if study is None:
-            raise ValueError(f"{missing}; with reward.study=null only {recording} is looked into")
-        how = command(chosen, flavour, study, results, sample)
-        raise ValueError(f"{missing}; make one with: {how}")
-    return found
+    check_flavour(flavour)
+    if study is None and recording is None:
+        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
+    folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
+    if recording is not None:
+        shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
+        if recording not in shipped:
+            valid = ", ".join(shipped)
+            raise ValueError(f"recording: {recording!r} is unknown; choose from {valid}")
+        folders.append(RECORDINGS / recording / "rewards")
+    name = file_name(flavour, sample)
+    for folder in folders:
+        places = [_folder_of(folder, chosen)]
+        for place in [*places, folder / ANY] if flavour == "text" else places:
+            if (place / name).is_file():
+                return read(place / name)
+    known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
+    which = "" if sample == FIRST else f" (sample {sample})"
+    missing = (
+        f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
+        f" (there is {', '.join(known) or 'none'})"
+    )
+    if study is None:
+        raise ValueError(f"{missing}; with reward.study=null only {recording} is looked into")
+    how = command(chosen, flavour, study, results, sample)
+    raise NotWrittenError(f"{missing}; make one with: {how}")
 
 
-def is_recorded(config: Mapping[str, Any]) -> bool:
-    """Whether the program that a reward's config asks for exists.
+def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path:
+    """The folder of a camera set, in the given order or in another.
 
     Raises:
-        ValueError: as in ``find``. A missing program that a model could write is no error.
+        ValueError: there are two in other orders.
     """
-    flavour = FLAVOURS.get(config["kind"])
-    if flavour is None or config["program"] is not None:
-        return True
-    place, sample = _place(config), config["sample"]
-    if place[0] is None:
-        find(_cams(config), flavour, *place, sample)
-    name = file_name(flavour, _whole(sample))
-    return _search(_folders(flavour, *place), _cams(config), name) is not None
+    exact = folder / "+".join(cams)
+    if exact.is_dir() or not folder.is_dir():
+        return exact
+    same = [f for f in sorted(folder.iterdir()) if sorted(f.name.split("+")) == sorted(cams)]
+    if len(same) > 1:
+        raise ValueError(f"cams: {same[0]} and {same[1]} are the same cameras; remove one")
+    return same[0] if same else exact
 
 
 def file_name(flavour: str, sample: int = FIRST) -> str:
@@ -250,93 +306,3 @@ def command(
     place = f"study={study}" + ("" if results == "results" else f" results={results}")
     place += "" if sample == FIRST else f" samples={sample}"
     return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} {place} vlm=gemini"
-
-
-def _folders(flavour: str, study: str | None, results: str, recording: str | None) -> list[Path]:
-    check_flavour(flavour)
-    if study is None and recording is None:
-        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
-    folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
-    if recording is not None:
-        shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
-        if recording not in shipped:
-            valid = ", ".join(shipped)
-            raise ValueError(f"recording: {recording!r} is unknown; choose from {valid}")
-        folders.append(RECORDINGS / recording / "rewards")
-    return folders
-
-
-def _search(folders: Iterable[Path], cams: tuple[str, ...], name: str) -> Source | None:
-    for folder in folders:
-        for place in (_folder_of(folder, cams), folder / ANY if name.startswith("text") else None):
-            file = None if place is None else place / name
-            if file is not None and file.is_file():
-                return read(file)
-    return None
-
-
-def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path | None:
-    """The folder of a camera set, in the given order or in another.
-
-    Raises:
-        ValueError: there are two in other orders.
-    """
-    exact = folder / "+".join(cams)
-    if exact.is_dir() or not folder.is_dir():
-        return exact
-    same = [f for f in sorted(folder.iterdir()) if sorted(f.name.split("+")) == sorted(cams)]
-    if len(same) > 1:
-        raise ValueError(f"cams: {same[0]} and {same[1]} are the same cameras; remove one")
-    return same[0] if same else None
-
-
-def _whole(sample: Any) -> int:
-    if isinstance(sample, bool) or not isinstance(sample, int) or sample < FIRST:
-        raise ValueError(f"reward.sample: {sample!r} is not {FIRST} or a whole number above")
-    return sample
-
-
-def _limits(clip: Any) -> tuple[float, float] | None:
-    if clip is None:
-        return None
-    try:
-        low, high = strict.structure(clip, tuple[Real, Real], "reward.clip")
-    except ValueError as error:
-        raise ValueError(f"{error}; it is null or the least and the most, [0, 11]") from error
-    if low >= high:
-        raise ValueError(f"reward.clip: {low:g} must be below {high:g}")
-    return low, high
-
-
-def _source(config: Mapping[str, Any]) -> Source:
-    """The pinned program, or the one that the config points at."""
-    kind = config["kind"]
-    if odd := (_KEYS[kind] | {"kind"}) ^ set(config):
-        raise ValueError(
-            f"reward: {', '.join(sorted(odd))} missing or unknown; {kind} takes"
-            f" {', '.join(sorted(_KEYS[kind]))}"
-        )
-    pinned = config["program"]
-    if pinned is not None:
-        match pinned:
-            case {"text": str(text), "origin": str(origin)} if len(pinned) == 2:
-                return Source(text, origin)
-        raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
-    if kind == "file":
-        path = strict.structure(config["path"], str, "reward.path")
-        if not path:
-            raise ValueError(f"reward.path: {path!r} is no name of a file")
-        return read(Path(path))
-    return find(_cams(config), FLAVOURS[kind], *_place(config), config["sample"])
-
-
-def _cams(config: Mapping[str, Any]) -> tuple[str, ...]:
-    return strict.structure(config["cams"], tuple[str, ...], "reward.cams")
-
-
-def _place(config: Mapping[str, Any]) -> tuple[str | None, str, str | None]:
-    """The study, the results' folder and the shipped recording to search."""
-    study, recording = (
-        strict.structure(config[key], str | None, f"reward.{key}") for key in ("study", "recording")
-    )
-    return study, strict.structure(config["results"], str, "reward.results"), recording

@@ -39,7 +39,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
             flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
             found = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
-        raise written.RewardError(f"reward: no program was written: {error}") from error
+        raise rewards.RewardError(f"reward: no program was written: {error}") from error
     print(f"reward written to {found.paths[-1]}")
 
 

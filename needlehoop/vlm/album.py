@@ -5,20 +5,21 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageOps
 
+from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages
-from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.reading import UnreadableError, read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import prompts
-from needlehoop.vlm.messages import Part, Png
+from needlehoop.vlm.messages import PICTURE, Part, Png
 from needlehoop.vlm.transcript import Transcript
 
 PICTURES = "pictures.json"
@@ -27,6 +28,12 @@ SEEN = "seen"
 
 _GAP = 48
 """The gap between two pictures in one is their size divided by this."""
+
+
+ABOUT = "about.txt"
+"""The file beside the pictures that may say what the task is."""
+
+_KINDS = (".png", ".jpg", ".jpeg")
 
 
 class Album:
@@ -109,12 +116,15 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         text = json.dumps({"scene": scene, "pictures": names}, indent=2)
         Run(transcript.folder).write(PICTURES, text + "\n")
         return Album(pictures, settings.image_size)
-    kept = _index(index)
-    if kept["scene"] != scene:
+    try:
+        kept: _Index = strict.structure(read_json(index), _Index)
+    except ValueError as error:
+        raise ValueError(f"{index}: {error}; put it back") from error
+    if kept.scene != scene:
         other = prompts.other_edition(transcript.folder, prompts.sha256(settings.definition))
         if other is not None:
-            raise ValueError(f"{transcript.path} {other}")
-        odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
+            raise ValueError(f"{transcript.path}: {other}")
+        odd = [key for key in scene if kept.scene.get(key) != scene[key]]
         raise ValueError(
             f"{index} shows another scene (its {', '.join(odd)} differs); give the settings it"
             " was made with, or choose another study="
@@ -122,24 +132,18 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
     return Album(
         {
             state: {camera: transcript.picture(sha256) for camera, sha256 in shown.items()}
-            for state, shown in kept["pictures"].items()
+            for state, shown in kept.pictures.items()
         },
         settings.image_size,
     )
 
 
-def _index(path: Path) -> dict[str, Any]:
-    """The hashes of the kept pictures, and the scene they show."""
-    try:
-        kept = read_json(path)
-    except UnreadableError as error:
-        raise ValueError(f"{path} {error}") from error
-    shown = kept.get("pictures")
-    if not isinstance(kept.get("scene"), dict) or not isinstance(shown, dict):
-        raise ValueError(f"{path}: has no scene or no pictures; put it back")
-    if not all(isinstance(one, dict) for one in shown.values()):
-        raise ValueError(f"{path}: has other pictures than by state and camera; put it back")
-    return kept
+@dataclass(frozen=True)
+class _Index:
+    """``pictures.json``: the hashes of the pictures by stage and camera, and what they show."""
+
+    scene: Mapping[str, Any]
+    pictures: Mapping[str, Mapping[str, str]]
 
 
 def _scene(settings: Settings, size: int) -> dict[str, Any]:
@@ -185,7 +189,10 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
         for name in cameras
     }
     return {
-        stage: {name: _png(image) for name, image in images.items()}
+        stage: {
+            name: Png.of(Image.fromarray(np.ascontiguousarray(image)))
+            for name, image in images.items()
+        }
         for stage, images in pictures.items()
     }
 
@@ -195,7 +202,7 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
 
     A depth channel is shown in grey, to the right of the colours.
     """
-    flat = image.transpose(1, 2, 0)
+    flat = np.ascontiguousarray(image.transpose(1, 2, 0))
     if rendering.depth != "channel":
         return flat
     depth = np.repeat(flat[:, :, -1:], 3, axis=2)
@@ -210,7 +217,41 @@ def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.concatenate((left, gap, right), axis=1)
 
 
-def _png(image: np.ndarray) -> Png:
-    file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(file, "PNG")
-    return Png(file.getvalue())
+def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
+    """The pictures by their files' names, no larger than ``size`` pixels, and what the task is.
+
+    Args:
+        folder: of the pictures.
+        about: what the task is; ``None``: what ``about.txt`` says, if it is there.
+        size: of the longer side.
+
+    Raises:
+        ValueError: no folder, fewer than two pictures, two of one name, or one that is damaged.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"pictures: {folder} is no folder")
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _KINDS)
+    names = [file.stem for file in files]
+    if len(names) < 2 or len(set(names)) < len(names):
+        raise ValueError(
+            f"pictures: {folder} must have two or more pictures ({', '.join(_KINDS)}) of different"
+            f" names; it has: {', '.join(file.name for file in files) or 'none'}"
+        )
+    said = folder / ABOUT
+    try:
+        if about is None and said.exists():
+            about = read_bytes(said).decode()
+        pictures = {file.stem: _png(file, size) for file in files}
+    except (UnreadableError, OSError, ValueError, Image.DecompressionBombError) as error:
+        raise ValueError(f"pictures: {folder}: {error}") from error
+    return pictures, (about or "").strip()
+
+
+def _png(file: Path, size: int) -> Png:
+    try:
+        with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
+            # A telephone notes which way is up, and where it was taken: the latter is left out.
+            upright = ImageOps.exif_transpose(opened).convert("RGB")
+    except (OSError, UnreadableError) as error:
+        raise ValueError(f"{file.name}: no picture ({error})") from error
+    return Png.of(upright, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -13,7 +14,6 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import potential
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks.contract import Task
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import CHEAT, Trajectories, collect, random_signals
 
@@ -60,9 +60,8 @@ class Card:
         return {name: _plain(value) for name, value in plain.items()}
 
     def __str__(self) -> str:
-        g = self.gates
-        lines = [
-            f"terms        {', '.join(self.terms)}",
+        g, lines = self.gates, [f"terms        {', '.join(self.terms)}"]
+        lines += [
             f"not finite   {self.not_finite_random} of {self.random_signals} random signals,"
             f" {self.not_finite_recorded} of {self.recorded_moments} recorded moments",
             f"range        {self.lowest:.3f} to {self.highest:.3f} recorded"
@@ -71,30 +70,27 @@ class Card:
             f"expert       {self.expert:.3f} at the end",
             f"random       {self.random:.3f}; the expert is {self.expert - self.random:.3f}"
             f" above, at least {g.margin:g} is asked",
-            *(() if self.cheat is None else [self._audited(self.cheat)]),
-            f"paid         {100 * self.paid:.2f} % of random steps change it by {g.paid_by:g} or"
-            f" more; at least {100 * g.paid:g} % is asked (flag)",
-            *(self._short() if self.stopped else ()),
-            *(f"refused      {reason}" for reason in self.reasons),
-            *(f"flagged      {flag}" for flag in self.flags),
-            f"verdict      {'passed' if self.passed else 'refused'}"
-            f"{', flagged' if self.flags else ''}",
         ]
-        return "\n".join(lines)
-
-    def _audited(self, cheat: float) -> str:
-        g = self.gates
-        return (
-            f"cheat        {cheat:.3f}; the expert is {self.expert - cheat:.3f}"
-            f" above, at least {g.audit_margin:g} is asked ({g.audit})"
+        if self.cheat is not None:
+            lines.append(
+                f"cheat        {self.cheat:.3f}; the expert is {self.expert - self.cheat:.3f}"
+                f" above, at least {g.audit_margin:g} is asked ({g.audit})"
+            )
+        lines.append(
+            f"paid         {100 * self.paid:.2f} % of random steps change it by {g.paid_by:g} or"
+            f" more; at least {100 * g.paid:g} % is asked (flag)"
         )
-
-    def _short(self) -> tuple[str]:
-        worst, g = min(self.stopped, key=self.stopped.__getitem__), self.gates
-        return (
-            f"stopping     the teacher {worst} ends {self.stopped[worst]:.3f} below finishing, the"
-            f" least of {len(self.stopped)} ways; at least {g.stop_margin:g} is asked ({g.stop})",
-        )
+        if self.stopped:
+            worst = min(self.stopped, key=self.stopped.__getitem__)
+            lines.append(
+                f"stopping     the teacher {worst} ends {self.stopped[worst]:.3f} below finishing,"
+                f" the least of {len(self.stopped)} ways; at least {g.stop_margin:g} is asked"
+                f" ({g.stop})"
+            )
+        lines += [f"refused      {reason}" for reason in self.reasons]
+        lines += [f"flagged      {flag}" for flag in self.flags]
+        verdict = "passed" if self.passed else "refused"
+        return "\n".join([*lines, f"verdict      {verdict}{', flagged' if self.flags else ''}"])
 
 
 def card(
@@ -114,49 +110,50 @@ def card(
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
-    recorded, on_wild = _total(program, seen.moments), _total(program, wild)
-    bad_recorded, bad_wild = _count_bad(program, seen.moments), _count_bad(program, wild)
-    finals = {who: _judged(program, last, gates) for who, last in _level(seen.last).items()}
-    figures = {who: float(final.mean()) for who, final in finals.items()}
+    lowest, highest = _ends(program, seen.moments)
+    random_lowest, random_highest = _ends(program, wild)
+    last = dict(seen.last)
+    if CHEAT in last:
+        last[CHEAT] = last[CHEAT].clone()
+        last[CHEAT].elapsed = last["expert"].elapsed.clone()
+
+    def gained(before: Signals, after: Signals) -> Tensor:
+        return values_of(program, after, gates) - values_of(program, before, gates)
+
+    finals = {who: float(values_of(program, at, gates).mean()) for who, at in last.items()}
+    paid = gained(seen.before, seen.after).abs() >= gates.paid_by
     found = Card(
         terms=program.terms,
-        not_finite_random=bad_wild,
-        not_finite_recorded=bad_recorded,
+        not_finite_random=_count_bad(program, wild),
+        not_finite_recorded=_count_bad(program, seen.moments),
         random_signals=gates.random_signals,
-        recorded_moments=len(recorded),
-        lowest=_extreme(recorded, torch.min),
-        highest=_extreme(recorded, torch.max),
-        random_lowest=_extreme(on_wild, torch.min),
-        random_highest=_extreme(on_wild, torch.max),
-        expert=figures["expert"],
-        random=figures["random"],
-        cheat=figures.get(CHEAT),
-        paid=_paid(program, seen, gates),
-        stopped={
-            how: float((_judged(program, whole, gates) - _judged(program, short, gates)).mean())
-            for how, (short, whole) in seen.stopped.items()
-        },
+        recorded_moments=len(seen.moments),
+        lowest=lowest,
+        highest=highest,
+        random_lowest=random_lowest,
+        random_highest=random_highest,
+        expert=finals["expert"],
+        random=finals["random"],
+        cheat=finals.get(CHEAT),
+        paid=float(paid.double().mean()),
+        stopped={how: float(gained(*ends).mean()) for how, ends in seen.stopped.items()},
         gates=gates,
         reasons=(),
         flags=(),
     )
-    reasons, flags = _refusals(found), ()
-    for refuses, said in (
-        (gates.audit == "refuse", _audit(found, settings.definition)),
-        (gates.stop == "refuse", _stopping(found)),
-        (False, _seldom(found)),
-    ):
-        reasons, flags = (reasons + said, flags) if refuses else (reasons, flags + said)
-    return replace(found, reasons=reasons, flags=flags)
+    reasons, flags = _judge(found, settings.definition.cheating)
+    return replace(found, reasons=tuple(reasons), flags=tuple(flags))
 
 
-def values_of(program: Program, seen: Trajectories, gates: Gates) -> Tensor:
-    """A program's value at every recorded moment, ``(total,)``, clipped if the gates say so."""
-    return _judged(program, seen.moments, gates)
+def values_of(program: Program, signals: Signals, gates: Gates) -> Tensor:
+    """A program's value at moments, ``(n,)``, clipped if the gates say so."""
+    total = potential(program(signals))
+    return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
 
 
-def _refusals(c: Card) -> tuple[str, ...]:
-    g, reasons = c.gates, []
+def _judge(c: Card, cheating: str) -> tuple[list[str], list[str]]:
+    """Why a program is refused, and what is flagged. "not >=" holds for NaN too."""
+    g, reasons, flags = c.gates, [], []
     for count, of, what in (
         (c.not_finite_random, c.random_signals, "random signals"),
         (c.not_finite_recorded, c.recorded_moments, "recorded moments"),
@@ -164,7 +161,6 @@ def _refusals(c: Card) -> tuple[str, ...]:
         if count:
             reasons.append(f"not finite on {count} of {of} {what}")
     if g.range == "refuse":
-        # "not >=" refuses NaN too, which compares false with everything.
         if not c.lowest >= g.low - g.tolerance:
             reasons.append(f"falls to {c.lowest:.3f}; the least allowed is {g.low:g}")
         if not c.highest <= g.top + g.tolerance:
@@ -177,60 +173,22 @@ def _refusals(c: Card) -> tuple[str, ...]:
             f"the expert ends {c.expert - c.random:.3f} above a random policy; at least"
             f" {g.margin:g} is asked"
         )
-    return tuple(reasons)
-
-
-def _audit(c: Card, task: Task) -> tuple[str, ...]:
-    if c.cheat is None or c.expert - c.cheat >= c.gates.audit_margin:
-        return ()
-    return (
-        f"{task.cheating} ends {c.expert - c.cheat:.3f} below the expert;"
-        f" at least {c.gates.audit_margin:g} is asked",
-    )
-
-
-def _stopping(c: Card) -> tuple[str, ...]:
-    return tuple(
-        f"the teacher {how} ends {-below:.3f} above finishing the task"
-        if below < 0
-        else f"the teacher {how} ends only {below:.3f} below finishing the task"
-        for how, below in c.stopped.items()
-        # "not >=" flags NaN too.
-        if not below >= c.gates.stop_margin - c.gates.tolerance
-    )
-
-
-def _seldom(c: Card) -> tuple[str, ...]:
-    if c.paid >= c.gates.paid:
-        return ()
-    return (
-        f"{100 * c.paid:.2f} % of random steps are paid; at least {100 * c.gates.paid:g} % is"
-        " asked: what is hardly ever paid is hardly ever learnt",
-    )
-
-
-def _level(last: Mapping[str, Signals]) -> dict[str, Signals]:
-    """The last moments, with the expert's ``elapsed`` in place of the cheat's."""
-    if CHEAT not in last:
-        return dict(last)
-    cheat = last[CHEAT].clone()
-    cheat.elapsed = last["expert"].elapsed.clone()
-    return {**last, CHEAT: cheat}
-
-
-def _total(program: Program, signals: Signals) -> Tensor:
-    return potential(program(signals))
-
-
-def _judged(program: Program, signals: Signals, gates: Gates) -> Tensor:
-    total = _total(program, signals)
-    return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
-
-
-def _paid(program: Program, seen: Trajectories, gates: Gates) -> float:
-    """Share of random steps that change the judged value."""
-    change = _judged(program, seen.after, gates) - _judged(program, seen.before, gates)
-    return float((change.abs() >= gates.paid_by).double().mean())
+    if c.cheat is not None and not c.expert - c.cheat >= g.audit_margin:
+        (reasons if g.audit == "refuse" else flags).append(
+            f"{cheating} ends {c.expert - c.cheat:.3f} below the expert; at least"
+            f" {g.audit_margin:g} is asked"
+        )
+    for how, below in c.stopped.items():
+        if not below >= g.stop_margin - g.tolerance:
+            far = f"{-below:.3f} above" if below < 0 else f"only {below:.3f} below"
+            said = f"the teacher {how} ends {far} finishing the task"
+            (reasons if g.stop == "refuse" else flags).append(said)
+    if not c.paid >= g.paid:
+        flags.append(
+            f"{100 * c.paid:.2f} % of random steps are paid; at least {100 * g.paid:g} % is"
+            " asked: what is hardly ever paid is hardly ever learnt"
+        )
+    return reasons, flags
 
 
 def _count_bad(program: Program, signals: Signals) -> int:
@@ -239,12 +197,14 @@ def _count_bad(program: Program, signals: Signals) -> int:
     return int((~torch.stack([torch.isfinite(term) for term in terms]).all(0)).sum())
 
 
-def _extreme(total: Tensor, of: Any) -> float:
+def _ends(program: Program, signals: Signals) -> tuple[float, float]:
+    """The least and the greatest finite value; NaN where there is none."""
+    total = potential(program(signals))
     finite = total[torch.isfinite(total)]
-    return float(of(finite)) if len(finite) else float("nan")
+    return (float(finite.min()), float(finite.max())) if len(finite) else (math.nan, math.nan)
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not torch.isfinite(torch.tensor(value)):
+    if isinstance(value, float) and not math.isfinite(value):
         return None
     return list(value) if isinstance(value, tuple) else value

@@ -13,6 +13,19 @@ Samples = Annotated[int, Range(1, 10_000)]
 """How many conversations, each of which begins afresh."""
 
 
+class OneOf(tuple[str, ...]):
+    """The values that a text may have."""
+
+    def check(self, value: str) -> None:
+        """Raises ``ValueError`` for another."""
+        if value not in self:
+            raise ValueError(f"{value!r} is unknown; choose from {', '.join(self)}")
+
+
+Weight = Annotated[str, OneOf(("flag", "refuse"))]
+"""What failing a gate does to a program."""
+
+
 @dataclass(frozen=True)
 class InquiryConfig:
     """Values in ``conf/ask.yaml``."""
@@ -53,17 +66,15 @@ class Gates:
     high: Real
     bonus: Amount
     """How much a value may exceed ``high``."""
-    range: str
+    range: Annotated[str, OneOf(("refuse", "clip"))]
     """What happens to values outside: ``refuse`` the program, or ``clip`` them."""
     tolerance: Amount
     margin: Real
     """The least that the expert's final value must exceed a random policy's by."""
-    audit: str
-    """``flag`` or ``refuse``."""
+    audit: Weight
     audit_margin: Real
     """The least that the expert's final value must exceed the cheat's by."""
-    stop: str
-    """``flag`` or ``refuse``."""
+    stop: Weight
     stop_margin: Real
     """The least that a finished episode's final value must exceed that of one stopped short by."""
     stop_episodes: Annotated[int, Range(1, 100_000)]
@@ -76,13 +87,6 @@ class Gates:
     """The least share of random steps that must be paid."""
 
     def __post_init__(self) -> None:
-        weak = ("flag", "refuse")
-        for key, valid in (("range", ("refuse", "clip")), ("audit", weak), ("stop", weak)):
-            value = getattr(self, key)
-            if value not in valid:
-                raise ValueError(
-                    f"gates.{key}: {value!r} is unknown; choose from {', '.join(valid)}"
-                )
         if not self.low < self.top:
             raise ValueError(f"gates.low: {self.low} must be below high + bonus = {self.top}")
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from needlehoop.vlm.messages import Message, Part, Request
+from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.tables import totals
@@ -85,16 +85,17 @@ class Conversation:
         self._messages = (*self._messages, Message(role, parts))
 
 
-def totals_of(attempts: Sequence[Attempt]) -> dict[str, int]:
+def totals_of(conversations: Sequence[Conversation]) -> dict[str, int]:
     """Prompts, tokens and unusable answers."""
+    attempts = [attempt for one in conversations for attempt in one.attempts]
     invalid = sum(attempt.reason is not None for attempt in attempts)
     return totals([attempt.exchange for attempt in attempts], invalid)
 
 
-def models(attempts: Sequence[Attempt]) -> list[str]:
+def models(conversations: Sequence[Conversation]) -> list[str]:
     """The models that answered, each once, as ``provider model``."""
-    named = (f"{a.exchange.provider} {a.exchange.answered_by}" for a in attempts)
-    return list(dict.fromkeys(named))
+    exchanges = (attempt.exchange for one in conversations for attempt in one.attempts)
+    return list(dict.fromkeys(f"{e.provider} {e.answered_by}" for e in exchanges))
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:
@@ -124,6 +125,5 @@ def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
     try:
         return form.model_validate_json(exchange.answer), None
     except ValidationError as error:
-        wrong = error.errors(include_url=False, include_context=False, include_input=False)[:5]
-        reasons = (f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in wrong)
-        return None, "it is not of the form that was asked for: " + "; ".join(reasons)
+        reasons = "; ".join(mistakes(error, "answer", 5))
+        return None, f"it is not of the form that was asked for: {reasons}"

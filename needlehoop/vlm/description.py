@@ -11,12 +11,18 @@ from collections.abc import Mapping, Sequence
 
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.language.expressions import MAX_EXPONENT
+from needlehoop.rewards.language.compiler import MAX_EXPONENT
+from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.scene.cameras import Rendering, View
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Telling
 from needlehoop.vlm.moments import ranges
 from needlehoop.vlm.prompts import fill, fill_told, stages_of, telling_of
+
+_RESULT = (
+    "The program's value is what it last assigns to the variable reward. Assigned names may not be"
+    " those of signals or functions."
+)
 
 
 def scene(settings: Settings, told: str = "full") -> str:
@@ -158,15 +164,10 @@ def _depths(views: Mapping[str, View]) -> tuple[str, str]:
     return said(near), said({name: view.far for name, view in views.items()})
 
 
-def language(functions: Mapping[str, tuple[str, str]], result: str) -> str:
-    """The rules of reward programs.
-
-    Args:
-        functions: signature and meaning by name.
-        result: one sentence on how a program gives its value.
-    """
-    lines = "\n".join(f"- {signature}: {meaning}" for signature, meaning in functions.values())
-    return fill("language", functions=lines, result=result, exponent=MAX_EXPONENT)
+def language() -> str:
+    """The rules of reward programs."""
+    lines = "\n".join(f"- {row.signature}: {row.meaning}" for row in FUNCTIONS.values())
+    return fill("language", functions=lines, result=_RESULT, exponent=MAX_EXPONENT)
 
 
 def bullets(entries: Mapping[str, str]) -> str:

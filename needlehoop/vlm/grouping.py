@@ -5,7 +5,9 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise
-from typing import Any, Protocol
+from typing import Any
+
+import numpy as np
 
 _SEED = 0
 """Of the groups."""
@@ -13,22 +15,11 @@ _SEED = 0
 _PASSES = 500
 
 
-class Grouping(Protocol):
-    """How a list is split."""
-
-    @property
-    def group(self) -> int:
-        """Names in one question, at most."""
-        ...
-
-    @property
-    def rounds(self) -> int:
-        """Questions about each name."""
-        ...
-
-
 def rank_groups(
-    ask: Callable[[int, Sequence[str]], dict[str, Any]], names: Sequence[str], how: Grouping
+    ask: Callable[[int, Sequence[str]], dict[str, Any]],
+    names: Sequence[str],
+    group: int,
+    rounds: int,
 ) -> dict[str, Any]:
     """Rank a list of any length.
 
@@ -39,14 +30,15 @@ def rank_groups(
     Args:
         ask: ranks a group: ``places`` and ``sure``; for a question that counts from 1.
         names: the list.
-        how: the size of groups and the number of rounds.
+        group: names in one question, at most.
+        rounds: questions about each name.
 
     Returns:
         As one list of ``questions.rank``: ``combinations``, ``rankings``, ``sure``, ``agreement``;
         and ``scheme``, ``strengths`` by name and ``questions``, as asked and answered.
     """
-    groups = deal(names, how.group, how.rounds)
-    answers = [ask(number, group) for number, group in enumerate(groups, 1)]
+    groups = deal(names, group, rounds)
+    answers = [ask(number, dealt) for number, dealt in enumerate(groups, 1)]
     found = strengths(names, answers)
     order = sorted(names, key=lambda name: (-found[name], names.index(name)))
     reasons: dict[str, str] = {}
@@ -59,14 +51,14 @@ def rank_groups(
         "sure": [[round(found[a] / (found[a] + found[b]), 4) for a, b in pairwise(order)]],
         "agreement": None,
         "scheme": {
-            "groups_of": how.group,
-            "rounds": how.rounds,
+            "groups_of": group,
+            "rounds": rounds,
             "seed": _SEED,
             "fit": "Bradley-Terry",
         },
         "strengths": found,
         "questions": [
-            {"sets": list(group), **answer} for group, answer in zip(groups, answers, strict=True)
+            {"sets": dealt, **answer} for dealt, answer in zip(groups, answers, strict=True)
         ],
     }
 
@@ -89,23 +81,17 @@ def strengths(names: Sequence[str], answers: Sequence[dict[str, Any]]) -> dict[s
     Each name also has one tie with an average one, so that winning always has no strength without
     end.
     """
-    wins = {name: dict.fromkeys(names, 0.0) for name in names}
+    place = {name: number for number, name in enumerate(names)}
+    wins = np.zeros((len(names), len(names)))
     for answer in answers:
-        order = [place["name"] for place in answer["places"]]
+        order = [place[entry["name"]] for entry in answer["places"]]
         for first, second in combinations(range(len(order)), 2):
             tied = all(one == 0.5 for one in answer["sure"][first:second])
-            wins[order[first]][order[second]] += 0.5 if tied else 1.0
-            wins[order[second]][order[first]] += 0.5 if tied else 0.0
-    found = dict.fromkeys(names, 1.0)
+            wins[order[first], order[second]] += 0.5 if tied else 1.0
+            wins[order[second], order[first]] += 0.5 if tied else 0.0
+    found = np.ones(len(names))
     for _ in range(_PASSES):
-        new = {
-            a: (0.5 + sum(wins[a].values()))
-            / (
-                1 / (found[a] + 1.0)
-                + sum((wins[a][b] + wins[b][a]) / (found[a] + found[b]) for b in names if b != a)
-            )
-            for a in names
-        }
-        mean = sum(new.values()) / len(new)
-        found = {name: value / mean for name, value in new.items()}
-    return {name: round(value, 6) for name, value in found.items()}
+        met = (wins + wins.T) / (found[:, None] + found)
+        found = (0.5 + wins.sum(1)) / (1 / (found + 1.0) + met.sum(1))
+        found /= found.mean()
+    return {name: round(float(found[number]), 6) for name, number in place.items()}

@@ -17,18 +17,20 @@ from needlehoop.study.render.table import Table
 from needlehoop.vlm import prompts, tables
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import InquiryConfig
-from needlehoop.vlm.conversation import Attempt, Conversation, NoAnswerError, models, totals_of
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, totals_of
+from needlehoop.vlm.grouping import rank_groups
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
 from needlehoop.vlm.questions import (
     Lists,
     Questions,
+    Ranked,
+    opening,
+    order,
+    order_pictures,
     question,
     rank,
-    rank_afresh,
-    rank_pictures,
-    rank_sets,
     seen_by,
 )
 from needlehoop.vlm.recorder import Recorder
@@ -37,9 +39,9 @@ from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import (
     ProgramAttempts,
     ProgramRules,
+    Verdict,
     guess_prompt,
     reward_prompt,
-    write_program,
 )
 
 QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
@@ -63,7 +65,10 @@ class Rewards(NamedTuple):
 
 
 class Inquiry(AbstractContextManager):
-    """Asks a model and writes down its answers.
+    """Asks a model for one thing and writes down its answers.
+
+    All that asks raises ``NoAnswerError`` if no answer can be used within the attempts, and
+    ``RefusalError`` if the model would not answer.
 
     Args:
         settings: the scene.
@@ -78,9 +83,10 @@ class Inquiry(AbstractContextManager):
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
         asked = prompts.sha256(settings.definition)
-        self._settings, self._config = settings, config
+        self._settings, self._config, self._told = settings, config, vlm.told
         self._files = Run(config.folder)
-        self._live, self._told = not isinstance(vlm, ReplayConfig), vlm.told
+        self._held: list[Conversation] = []
+        self._live = not isinstance(vlm, ReplayConfig)
         if not isinstance(vlm, ReplayConfig):
             provider = build_provider(vlm, config.folder)
             self.transcript = Transcript(config.folder)
@@ -111,10 +117,7 @@ class Inquiry(AbstractContextManager):
         return tables.totals_of_transcript(self.transcript.exchanges)
 
     def question(self, questions: Questions) -> dict[str, Any]:
-        """Ask the questions on cameras, into ``questions.json`` and ``.csv``.
-
-        Errors as in ``questions.question``.
-        """
+        """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
         if self._told != FULL:
             raise ValueError(
                 f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
@@ -123,65 +126,72 @@ class Inquiry(AbstractContextManager):
         questions.check(self._settings)
         album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
-        conversation = self._begin("question")
+        return self._question(self._begin("question"), album, questions)
+
+    def _question(
+        self, conversation: Conversation, album: Album, questions: Questions
+    ) -> dict[str, Any]:
         answers = question(conversation, self._settings, album, questions)
-        return self._answered(answers, conversation)
+        asked = prompts.questioned(self._settings.definition)
+        found = self._write(QUESTIONS, {"answers": answers, "asked": asked})
+        self._files.write("questions.csv", tables.questions_csv(answers, asked))
+        return found
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
         """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
         Each sample begins with the questions on cameras, which the totals count too. Lists that
         are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
-        ``_nothing``) and so on. Errors as in ``questions.rank``.
+        ``_nothing``) and so on.
         """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
-        how, held = self.ranked(lists), []
+        how, told, words = self.ranked(lists), self._told, lists.words or not lists.sets
         album = self._album([*chain(*lists.sets)])
         self._clear(f"rank{how}", files=(f"rankings{how}.json",))
+        questioned: dict[int, Conversation] = {}
+        openings: dict[tuple[str, ...], list[Part]] = {}
 
-        def fresh(number: int, sample: int) -> Conversation:
-            held.append(self._begin(f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"))
-            return held[-1]
+        def afresh(number: int, sample: int, sets: Sequence[str]) -> Ranked:
+            own = seen_by(self._settings, sets)[1] if lists.sets else self._settings
+            if (shown := tuple(sets)) not in openings:
+                openings[shown] = opening(own, album, sets, told, words)
+            name = f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"
+            return order(self._begin(name), sets, openings[shown])
 
-        def questioned(sample: int) -> Conversation:
-            conversation = self._begin("question" if sample == 1 else f"rank/{sample}")
-            held.append(conversation)
-            answers = question(conversation, self._settings, album, questions)
-            if sample == 1:
-                self._answered(answers, conversation)
-                conversation.name = "rank"
-            return conversation
+        def after_questions(number: int, sample: int, sets: Sequence[str]) -> Ranked:
+            if sample not in questioned:
+                name = "question" if sample == 1 else f"rank/{sample}"
+                questioned[sample] = self._begin(name)
+                if sample == 1:
+                    self._question(questioned[sample], album, questions)
+                    questioned[sample].name = "rank"
+                else:
+                    question(questioned[sample], self._settings, album, questions)
+            return order(questioned[sample], sets)
 
-        if lists.sets:
-            ranked = rank_sets(fresh, self._settings, album, lists, self._told)
-        elif how:
-            ranked = rank_afresh(fresh, self._settings, album, lists, self._told)
-        else:
-            ranked = rank(questioned, lists)
-        return self._ranked(how, ranked, held)
+        return self._ranked(how, rank(afresh if how else after_questions, lists))
 
     def rank_pictures(
         self, pictures: Mapping[str, Png], about: str, lists: Lists
     ) -> dict[str, Any]:
         """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
 
-        Errors as in ``questions.rank``.
+        Args:
+            pictures: by the camera's name.
+            about: what the task is; may be empty.
+            lists: ``group`` and ``rounds``.
         """
-        held: list[Conversation] = []
         self._clear("rank_pictures", files=("rankings_pictures.json",))
 
-        def fresh(number: int) -> Conversation:
-            held.append(self._begin(f"rank_pictures/{number}"))
-            return held[-1]
+        def ask(number: int, names: Sequence[str]) -> Ranked:
+            return order_pictures(self._begin(f"rank_pictures/{number}"), pictures, about, names)
 
-        return self._ranked("_pictures", [rank_pictures(fresh, pictures, about, lists)], held)
+        found = rank_groups(ask, tuple(pictures), lists.group, lists.rounds)
+        return self._ranked("_pictures", [found])
 
-    def _ranked(
-        self, how: str, ranked: list[dict[str, Any]], held: Sequence[Conversation]
-    ) -> dict[str, Any]:
-        attempts = [attempt for conversation in held for attempt in conversation.attempts]
-        found = self._write(f"rankings{how}.json", {"lists": ranked}, attempts)
+    def _ranked(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
+        found = self._write(f"rankings{how}.json", {"lists": ranked})
         self._files.write(f"rankings{how}.csv", tables.rankings_csv(ranked))
         self._files.write(f"agreement{how}.csv", tables.agreement_csv(ranked))
         return found
@@ -193,130 +203,112 @@ class Inquiry(AbstractContextManager):
             return f"_sets{'' if lists.words else '_wordless'}{told}"
         return told or ("_afresh" if lists.afresh else "")
 
-    def reward(self, flavour: str, rules: ProgramRules, samples: int = FIRST) -> Rewards:
+    def reward(
+        self,
+        flavour: str,
+        rules: ProgramRules,
+        samples: int = FIRST,
+        trained: Trained | None = None,
+    ) -> Rewards:
         """Ask for reward programs for the settings' cameras.
 
         A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
-        recorded answers to it, as in the paper.
+        recorded answers to it, as in the paper. Attempts that failed are in files too.
 
         Args:
             flavour: ``text`` or ``image``.
-            rules: the language and its judge.
+            rules: the judge of programs.
             samples: how many programs, each from a conversation of its own.
+            trained: a run whose program is to be made better. The answer becomes the next free
+                sample, and ``<sample>.descent.json`` names the runs and programs that it descends
+                from, the latest last.
 
         Raises:
-            ValueError: no cameras, an unknown flavour, or the programs exist already.
-            NoAnswerError: some sample has no accepted program. It is raised after all samples
-                were asked for, and all attempts are in files.
-            RefusalError: the model would not answer.
+            ValueError: no cameras, an unknown flavour, too little told, or the programs exist
+                already.
         """
         cameras = "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
         check_flavour(flavour)
-        if samples < FIRST:
-            raise ValueError(f"samples: {samples} must be at least {FIRST}")
-        if self.has_rewards(flavour, samples) and not self._config.overwrite:
-            path = self._reward_file(flavour, FIRST)
-            raise ValueError(f"{path} exists; overwrite=true asks for another one")
+        if trained is not None and self._told != FULL:
+            raise ValueError(f"vlm.told: a program is revised with {FULL}")
         nothing = self._told == "nothing"
         if nothing and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
-        name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
-        name += "" if self._told == FULL else f"/{self._told}"
+        if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
+            path = self._reward_file(flavour, FIRST)
+            raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
-        self._clear(name)
         prompt = reward_prompt(self._settings, rules, flavour, album, self._told)
         first = guess_prompt(self._settings, album) if nothing and album else []
-        accepted, attempts, failed = {}, [], []
-        for sample in range(FIRST, FIRST + samples):
-            tried = ProgramAttempts(self._begin(name if sample == FIRST else f"{name}/{sample}"))
+        if trained is None:
+            name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
+            name += "" if self._told == FULL else f"/{self._told}"
+            self._clear(name)
+            names = {n: f"{name}/{n}" if n > FIRST else name for n in self._samples(samples)}
+        else:
+            prompt = trained.prompt(prompt)
+            name = f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"
+            names = {
+                next(n for n in count(FIRST) if not self._reward_file(flavour, n).exists()): name
+            }
+        accepted, failed = {}, []
+        for sample, name in names.items():
+            tried = ProgramAttempts(self._begin(name), rules)
+            path = self._reward_file(flavour, sample)
             try:
-                source = self._write_reward(tried, [first, prompt], rules, flavour, sample)
-                accepted[sample] = tables.AcceptedProgram(tried.card, rules.values(source))
+                source, verdict = self._write_reward(tried, path, prompt, first)
+                accepted[sample] = tables.Accepted(verdict.card, rules.values(source))
+                if trained is not None:
+                    self._write_descent(path, trained)
             except NoAnswerError as error:
                 failed.append(error)
-            attempts += tried.conversation.attempts
         table = None
         if len(accepted) > 1:
             table = tables.compared(f"{flavour}.samples", accepted)
-            place = f"rewards/{cameras}/{table.name}.csv"
-            self._files.write(place, table.csv())
+            self._files.write(f"rewards/{cameras}/{table.name}.csv", table.csv())
         if failed:
             raise NoAnswerError("; ".join(map(str, failed)))
         paths = tuple(self._reward_file(flavour, sample) for sample in accepted)
-        return Rewards(paths, totals_of(attempts), table)
-
-    def revise(self, flavour: str, rules: ProgramRules, trained: Trained) -> Rewards:
-        """Ask for a better program than the one that a run was trained on.
-
-        It becomes the next free sample. ``<sample>.descent.json`` names the runs and programs that
-        it descends from, the latest last.
-
-        Args:
-            flavour: ``text`` or ``image``; of the new program.
-            rules: the language and its judge.
-            trained: the run.
-
-        Raises:
-            ValueError: no cameras, or an unknown flavour.
-            NoAnswerError: no program was accepted; all attempts are in files.
-            RefusalError: the model would not answer.
-        """
-        cameras = "+".join(self._settings.cams)
-        if not cameras:
-            raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        check_flavour(flavour)
-        if self._told != FULL:
-            raise ValueError(f"vlm.told: a program is revised with {FULL}")
-        album = self._album() if flavour == "image" else None
-        prompt = trained.prompt(reward_prompt(self._settings, rules, flavour, album))
-        name = f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"
-        tried = ProgramAttempts(self._begin(name))
-        sample = next(n for n in count(FIRST) if not self._reward_file(flavour, n).exists())
-        self._write_reward(tried, [[], prompt], rules, flavour, sample)
-        path = self._reward_file(flavour, sample)
-        note = Path(trained.origin).with_suffix(DESCENT)
-        before = read_json(note)["line"] if note.is_file() else []
-        place = path.with_suffix(DESCENT).relative_to(self._files.folder)
-        line = json.dumps({"line": [*before, trained.note()]}, indent=2)
-        self._files.write(str(place), line + "\n")
-        return Rewards((path,), totals_of(tried.conversation.attempts), None)
+        return Rewards(paths, totals_of(self._held), table)
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""
-        wanted = range(FIRST, FIRST + samples)
-        return all(self._reward_file(flavour, sample).exists() for sample in wanted)
+        return all(self._reward_file(flavour, n).exists() for n in self._samples(samples))
+
+    def _samples(self, samples: int) -> range:
+        return range(FIRST, FIRST + samples)
 
     def _reward_file(self, flavour: str, sample: int) -> Path:
         cameras = "+".join(self._settings.cams)
         return self._files.folder / "rewards" / cameras / file_name(flavour, sample)
 
     def _write_reward(
-        self,
-        tried: ProgramAttempts,
-        asked: Sequence[list[Part]],
-        rules: ProgramRules,
-        flavour: str,
-        sample: int,
-    ) -> str:
-        """Write one program and the attempts at it into files. Errors as in ``reward``."""
-        path = self._reward_file(flavour, sample)
+        self, tried: ProgramAttempts, path: Path, prompt: list[Part], first: Sequence[Part]
+    ) -> tuple[str, Verdict]:
+        """Write one program and the attempts at it into files."""
         place = path.parent.relative_to(self._files.folder)
         try:
-            first, prompt = asked
-            program = write_program(tried, prompt, rules, first)
+            source, verdict = tried.write(prompt, first)
         finally:
             # Failed attempts are kept too.
             rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in tried.rows())
             if rows:
-                path.parent.mkdir(parents=True, exist_ok=True)
                 self._files.write(f"{place / path.stem}.attempts.jsonl", rows)
-        self._files.write(str(place / path.name), program)
-        return program
+        self._files.write(str(place / path.name), source)
+        return source, verdict
+
+    def _write_descent(self, path: Path, trained: Trained) -> None:
+        note = Path(trained.origin).with_suffix(DESCENT)
+        before = read_json(note)["line"] if note.is_file() else []
+        line = json.dumps({"line": [*before, trained.note()]}, indent=2)
+        place = path.with_suffix(DESCENT).relative_to(self._files.folder)
+        self._files.write(str(place), line + "\n")
 
     def _begin(self, name: str) -> Conversation:
-        return Conversation(self._recorder, name, self._config.attempts)
+        self._held.append(Conversation(self._recorder, name, self._config.attempts))
+        return self._held[-1]
 
     def _album(self, sets: Sequence[str] = ()) -> Album:
         """Of the scene's cameras, or of those of ``sets`` alone."""
@@ -333,18 +325,8 @@ class Inquiry(AbstractContextManager):
         for name in files:
             self._files.vacate(name)
 
-    def _answered(self, answers: dict[str, Any], conversation: Conversation) -> dict[str, Any]:
-        asked = prompts.questioned(self._settings.definition)
-        named = {"asked": asked}
-        found = self._write(QUESTIONS, {"answers": answers, **named}, conversation.attempts)
-        self._files.write("questions.csv", tables.questions_csv(answers, asked))
-        return found
-
-    def _write(
-        self, name: str, found: dict[str, Any], attempts: Sequence[Attempt]
-    ) -> dict[str, Any]:
+    def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""
-        whole = {**found, "models": models(attempts), "totals": totals_of(attempts)}
-        self._files.folder.mkdir(parents=True, exist_ok=True)
+        whole = {**found, "models": models(self._held), "totals": totals_of(self._held)}
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole

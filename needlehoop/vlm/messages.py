@@ -3,10 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from PIL import Image
+from pydantic import ValidationError
+from typing_extensions import TypedDict
+
+PICTURE = 64_000_000
+"""Bytes of a picture's file, at most."""
+
+
+class Turn(TypedDict):
+    """A turn of a canonical request: each part has a ``text``, or an ``image`` by its hash."""
+
+    role: str
+    parts: list[dict[str, str]]
+
+
+class Canonical(TypedDict):
+    """A request as plain values, with hashes in place of pictures."""
+
+    messages: list[Turn]
+    schema: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -14,6 +36,15 @@ class Png:
     """A picture as the bytes of a PNG file."""
 
     png: bytes
+
+    @classmethod
+    def of(cls, image: Image.Image, size: int | None = None) -> Png:
+        """An image; ``size``: pixels of its longer side, at most."""
+        if size is not None:
+            image.thumbnail((size, size))
+        file = io.BytesIO()
+        image.save(file, "PNG")
+        return cls(file.getvalue())
 
     @property
     def sha256(self) -> str:
@@ -42,14 +73,14 @@ class Request:
     messages: tuple[Message, ...]
     schema: Mapping[str, Any]
 
-    def canonical(self) -> dict[str, Any]:
-        """The request as plain values, with hashes in place of pictures."""
+    def canonical(self) -> Canonical:
+        """The request as it is hashed and recorded."""
         return {
             "messages": [
                 {"role": message.role, "parts": [_plain(part) for part in message.parts]}
                 for message in self.messages
             ],
-            "schema": self.schema,
+            "schema": dict(self.schema),
         }
 
     @property
@@ -75,3 +106,9 @@ class Request:
 
 def _plain(part: Part) -> dict[str, str]:
     return {"image": part.sha256} if isinstance(part, Png) else {"text": part}
+
+
+def mistakes(error: ValidationError, whole: str = "all of it", most: int = 1) -> list[str]:
+    """What is wrong in values that have another form, by field; ``whole`` names no field."""
+    wrong = error.errors(include_url=False, include_context=False, include_input=False)[:most]
+    return [f"{'.'.join(map(str, one['loc'])) or whole}: {one['msg']}" for one in wrong]

@@ -99,13 +99,12 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     task, act = s.definition, controller(s.definition.teacher, s)
     simulation, _ = build(s)
     simulation.reseed(gates.seed)
-    seen = _Path(task)
-    steps = map(seen.watch, rollout(simulation, act))
-    _, finished = _episodes(steps, task.goal)
+    firsts: dict[str, Tensor] = {}
+    _, finished = _episodes(_watched(rollout(simulation, act), task, firsts), task.goal)
     found = {}
-    opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name in seen.first]
+    opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name in firsts]
     loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens is not None else ()
-    for moment, first in seen.first.items():
+    for moment, first in firsts.items():
         for loosen in (False, True) if moment in loose else (False,):
             simulation.reseed(gates.seed)
             ended, last = _stop(simulation, act, first, opens if loosen else None, task.goal)
@@ -117,36 +116,29 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     return found
 
 
-class _Path:
-    """When each moment at which a task can be stopped short first came; ``first`` by its name.
+def _watched(steps: Iterator[Step], task: Task, firsts: dict[str, Tensor]) -> Iterator[Step]:
+    """The steps; notes when each moment at which a task can be stopped short first came.
 
-    Steps ``(n,)``; -1 where it did not come before the goal.
+    ``firsts`` has the steps ``(n,)`` by the moment's name; -1 where it did not come before the
+    goal.
     """
-
-    def __init__(self, task: Task):
-        self._task, self._step = task, 0
-        self.first: dict[str, Tensor] = {}
-        self._begun: dict[str, Tensor] = {}
-
-    def watch(self, step: Step) -> Step:
-        facts, signals = step.moment.facts, step.signals
+    begun_at: dict[str, Tensor] = {}
+    for number, step in enumerate(steps):
+        facts = step.moment.facts
         begun = torch.ones_like(step.alive)
-        moments = {f.name: facts[f.name] for f in self._task.facts if f.name != self._task.goal}
-        for phase in self._task.phases:
-            a, b = (getattr(signals, point) for point in phase.points)
+        moments = {f.name: facts[f.name] for f in task.facts if f.name != task.goal}
+        for phase in task.phases:
+            a, b = (getattr(step.signals, point) for point in phase.points)
             way = torch.linalg.vector_norm(a - b, dim=-1)
-            whole = self._begun.setdefault(phase.name, torch.full_like(way, torch.nan))
+            whole = begun_at.setdefault(phase.name, torch.full_like(way, torch.nan))
             whole[:] = torch.where(begun & whole.isnan(), way, whole)
             moments[f"half of {phase.name}"] = way <= whole / 2
-            begun = begun & (facts[phase.ends] | self._since(phase.ends))
+            since = firsts[phase.ends] >= 0 if phase.ends in firsts else False
+            begun = begun & (facts[phase.ends] | since)
         for name, now in moments.items():
-            first = self.first.setdefault(name, torch.full_like(step.moment.steps, -1))
-            first[now & step.alive & ~facts[self._task.goal] & (first < 0)] = self._step
-        self._step += 1
-        return step
-
-    def _since(self, fact: str) -> Tensor | bool:
-        return self.first[fact] >= 0 if fact in self.first else False
+            first = firsts.setdefault(name, torch.full_like(step.moment.steps, -1))
+            first[now & step.alive & ~facts[task.goal] & (first < 0)] = number
+        yield step
 
 
 def _stop(
@@ -190,7 +182,7 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     moments: list[Signals] = []
     for who in (s.definition.teacher, "random"):
         simulation.reseed(s.seed)
-        moments += [step.signals.clone() for step in rollout(simulation, controller(who, s))]
+        moments += _signals(simulation, who, s)
     joined = _join(moments)
     found = {}
     for name in s.definition.signals:
@@ -203,10 +195,15 @@ def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:
     """The moments before and after each step of episodes of uniformly random actions."""
     own = replace(settings, num_envs=gates.random_episodes)
     simulation, _ = build(own)
-    moments = [step.signals.clone() for step in rollout(simulation, controller("random", own))]
+    moments = _signals(simulation, "random", own)
     before, after = _join(moments[:-1]), _join(moments[1:])
     after.elapsed = before.elapsed.clone()
     return before, after
+
+
+def _signals(simulation: Simulation, who: str, settings: Settings) -> list[Signals]:
+    """The moments of whole episodes of a controller, step by step."""
+    return [step.signals.clone() for step in rollout(simulation, controller(who, settings))]
 
 
 def _join(moments: list[Signals]) -> Signals:
@@ -218,13 +215,12 @@ def _episodes(steps: Iterator[Step], goal: str) -> tuple[list[Signals], Signals]
     """The moments of episodes up to their goal, step by step, and each episode's last."""
     lived: list[Signals] = []
     last: Any = None
-    goes_on: Any = None
+    goes_on: Any = True
     for step in steps:
-        goes_on = step.alive if goes_on is None else goes_on & step.alive
+        goes_on = goes_on & step.alive
         now: Any = step.signals[goes_on].clone()
         lived.append(now)
-        if last is None:
-            last = now.clone()
+        last = now.clone() if last is None else last
         last[goes_on] = now
         goes_on = goes_on & ~step.moment.facts[goal]
         if not bool(goes_on.any()):

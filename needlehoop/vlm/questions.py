@@ -21,6 +21,9 @@ from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.prompts import fill, questioned
 from needlehoop.vlm.tables import agreement
 
+Ranked = dict[str, Any]
+"""An answer: the ``places``, best first, and how ``sure`` they are; see ``forms.ranking``."""
+
 
 @dataclass(frozen=True)
 class Questions:
@@ -123,7 +126,7 @@ def question(
         [fill("layouts", layouts=told, sure=_how_sure(ways))], ranking(ways)
     ).model_dump()
     placements = {
-        str(count): _order(conversation, sets, [], _ANSWERED)
+        str(count): order(conversation, sets)
         for count in (1, 2)
         if len(sets := ["+".join(chosen) for chosen in combinations(first, count)]) > 1
     }
@@ -138,60 +141,38 @@ def question(
     }
 
 
-def rank(begin: Callable[[int], Conversation], lists: Lists) -> list[dict[str, Any]]:
-    """Rank the lists in one or more conversations.
+def rank(ask: Callable[[int, int, Sequence[str]], Ranked], lists: Lists) -> list[dict[str, Any]]:
+    """Rank lists of camera sets; those of ``lists.sets`` in groups, each as ``rank_groups``.
 
     Args:
-        begin: gives the conversation of a sample (1, 2, …) in which ``question`` is done.
+        ask: ranks the sets of a list, or a group of them: for a list, and a sample or a group,
+            that count from 1.
         lists: what to rank, and how often.
 
     Returns:
         For each list its camera sets (``combinations``); by sample, the rankings, each the sets as
         ``name`` and ``reason``, best first, and how ``sure`` each place is; how far they agree.
-
-    Raises:
-        NoAnswerError: no usable answer to a question within its attempts.
-        RefusalError: the model would not answer.
     """
-    samples = []
-    for number in range(1, lists.samples + 1):
-        conversation = begin(number)
-        samples.append([_order(conversation, sets, [], _ANSWERED) for sets in lists.lists])
-    return _by_list(lists, samples)
-
-
-def rank_afresh(
-    begin: Callable[[int, int], Conversation],
-    settings: Settings,
-    album: Album,
-    lists: Lists,
-    told: str,
-) -> list[dict[str, Any]]:
-    """Rank each list in a conversation of its own, in which nothing else was asked.
-
-    Args:
-        begin: gives a new conversation, for a list and a sample that count from 1.
-        settings: the scene.
-        album: its pictures.
-        lists: what to rank, and how often.
-        told: how much is told: ``full``, ``names`` or ``nothing``.
-
-    Returns:
-        As ``rank``; errors too.
-    """
-    openings = [_afresh(settings, album, sets, told) for sets in lists.lists]
-    samples = [
-        [
-            _order(begin(number, sample), sets, opening, _SHOWN)
-            for number, (sets, opening) in enumerate(zip(lists.lists, openings, strict=True), 1)
+    if lists.sets:
+        return [
+            rank_groups(partial(ask, number), sets, lists.group, lists.rounds)
+            for number, sets in enumerate(lists.sets, 1)
         ]
+    samples = [
+        [ask(number, sample, sets) for number, sets in enumerate(lists.lists, 1)]
         for sample in range(1, lists.samples + 1)
     ]
-    return _by_list(lists, samples)
-
-
-_SHOWN = "Use what you saw in the pictures."
-_ANSWERED = "Use what you saw in the pictures and what you answered so far."
+    return [
+        {
+            "combinations": list(sets),
+            "rankings": [answer["places"] for answer in answers],
+            "sure": [answer["sure"] for answer in answers],
+            "agreement": agreement(
+                [[entry["name"] for entry in answer["places"]] for answer in answers]
+            ),
+        }
+        for sets, *answers in zip(lists.lists, *samples, strict=True)
+    ]
 
 
 def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Settings]:
@@ -208,56 +189,18 @@ def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Setting
     )
 
 
-def rank_sets(
-    begin: Callable[[int, int], Conversation],
-    settings: Settings,
-    album: Album,
-    lists: Lists,
-    told: str,
-) -> list[dict[str, Any]]:
-    """Rank ``lists.sets``, a few of a list at a time; each as ``rank_groups``.
-
-    Each question shows the cameras of its sets alone, and says where these stand if ``words``.
-    ``begin`` gives a new conversation, for a list and a question that count from 1.
-    """
-
-    def asked(number: int, place: int, sets: Sequence[str]) -> dict[str, Any]:
-        own = seen_by(settings, sets)[1]
-        opening = _afresh(own, album, sets, told, lists.words)
-        return _order(begin(number, place), sets, opening, _SHOWN)
-
-    return [
-        rank_groups(partial(asked, number), sets, lists)
-        for number, sets in enumerate(lists.sets, 1)
-    ]
-
-
-def rank_pictures(
-    begin: Callable[[int], Conversation], pictures: Mapping[str, Png], about: str, lists: Lists
-) -> dict[str, Any]:
-    """Rank cameras by a picture of each, a few at a time; as ``rank_groups``.
-
-    Args:
-        begin: gives a new conversation, for a question that counts from 1.
-        pictures: by the camera's name.
-        about: what the task is; may be empty.
-        lists: ``group`` and ``rounds``.
-    """
-
-    def ask(number: int, names: Sequence[str]) -> dict[str, Any]:
-        shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
-        told = about or "You are not told what the task is."
-        listed = "\n".join(f"- {name}" for name in names)
-        prompt = fill("rank_pictures", told=told, cameras=listed, sure=_how_sure(names))
-        return begin(number).ask([*shown, prompt], ranking(names)).model_dump()
-
-    return rank_groups(ask, tuple(pictures), lists)
-
-
-def _afresh(
+def opening(
     settings: Settings, album: Album, sets: Sequence[str], told: str, words: bool = True
 ) -> list[Part]:
-    """The scene and the pictures of all cameras of a list."""
+    """The scene and the pictures of all cameras of a list, where nothing else was asked before.
+
+    Args:
+        settings: the scene.
+        album: its pictures.
+        sets: the list.
+        told: how much is told: ``full``, ``names`` or ``nothing``.
+        words: whether cameras come with their places in words.
+    """
     cameras, _ = seen_by(settings, sets)
     kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
     said = [
@@ -266,32 +209,39 @@ def _afresh(
         description.stages(settings, told),
     ]
     names = description.stage_names(settings, told)
-    opening = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
-    return [opening, *album.show(cameras, names=names), *album.show_seen(cameras, names)]
+    text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
+    return [text, *album.show(cameras, names=names), *album.show_seen(cameras, names)]
 
 
-def _order(
-    conversation: Conversation, sets: Sequence[str], before: Sequence[Part], basis: str
-) -> dict[str, Any]:
-    """The sets as ``places``, and how ``sure`` they are."""
-    listed = "\n".join(f"- {name}" for name in sets)
-    prompt = fill("rank", combinations=listed, basis=basis, sure=_how_sure(sets))
+def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:
+    """Rank sets, after ``before`` or after all that was answered; errors as in ``question``."""
+    basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
+    prompt = fill(
+        "rank", combinations=_listed(sets), basis=f"Use what you {basis}.", sure=_how_sure(sets)
+    )
     return conversation.ask([*before, prompt], ranking(sets)).model_dump()
+
+
+def order_pictures(
+    conversation: Conversation, pictures: Mapping[str, Png], about: str, names: Sequence[str]
+) -> Ranked:
+    """Rank cameras by a picture of each; errors as in ``question``.
+
+    Args:
+        conversation: a new one.
+        pictures: by the camera's name.
+        about: what the task is; may be empty.
+        names: of the cameras.
+    """
+    shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
+    told = about or "You are not told what the task is."
+    prompt = fill("rank_pictures", told=told, cameras=_listed(names), sure=_how_sure(names))
+    return conversation.ask([*shown, prompt], ranking(names)).model_dump()
+
+
+def _listed(names: Sequence[str]) -> str:
+    return "\n".join(f"- {name}" for name in names)
 
 
 def _how_sure(ranked: Sequence[str]) -> str:
     return fill("sure", pairs=len(ranked) - 1)
-
-
-def _by_list(lists: Lists, samples: Sequence[Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-    return [
-        {
-            "combinations": list(sets),
-            "rankings": [answer["places"] for answer in answers],
-            "sure": [answer["sure"] for answer in answers],
-            "agreement": agreement(
-                [[entry["name"] for entry in answer["places"]] for answer in answers]
-            ),
-        }
-        for sets, *answers in zip(lists.lists, *samples, strict=True)
-    ]

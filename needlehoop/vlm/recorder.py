@@ -9,9 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 from needlehoop.vlm import prompts
-from needlehoop.vlm.messages import Request
+from needlehoop.vlm.messages import Canonical, Request
 from needlehoop.vlm.providers.contract import AskingConfig, Provider, ProviderError, Reply
 from needlehoop.vlm.transcript import Exchange, Transcript
+
+_SHOWN = 8
+"""Lines of a difference that are shown, at most."""
 
 
 def persist(
@@ -83,7 +86,11 @@ class Recorder:
         self._provider, self._config, self._sleep = provider, config, sleep
         self._used: Counter[str] = Counter()
         if config is not None:
-            _check_same(transcript, config)
+            for other in (e.asked for e in transcript.exchanges if e.asked != config.asked):
+                raise ValueError(
+                    f"{transcript.path} is a conversation with {_who(other)}; vlm= asks"
+                    f" {_who(config.asked)}: go on with the former, or choose another study="
+                )
 
     def ask(self, request: Request, conversation: str) -> Exchange:
         """A usable answer.
@@ -99,7 +106,11 @@ class Recorder:
         """
         exchange = self._recall(request) or self._put(request, conversation)
         if not exchange.usable:
-            raise RefusalError(_refusal(exchange))
+            who = f"{exchange.provider} ({exchange.answered_by or exchange.model})"
+            refused = exchange.outcome == "refused"
+            what = "refused to answer" if refused else "gave an empty answer"
+            raise RefusalError(f"{who} {what}: {exchange.detail}")
+        self._used[exchange.sha256] += 1
         return exchange
 
     def close(self) -> None:
@@ -109,141 +120,96 @@ class Recorder:
 
     def _recall(self, request: Request) -> Exchange | None:
         """The next recorded answer. A recorded refusal counts only if nobody can be asked."""
-        sha256 = request.sha256
-        found = [e for e in self.transcript.exchanges if e.sha256 == sha256 and e.usable]
-        position = self._used[sha256]
-        if position < len(found):
-            self._used[sha256] += 1
-            return found[position]
-        if self._provider is None:
-            refused = [
-                e
-                for e in self.transcript.exchanges
-                if e.sha256 == sha256 and e.outcome in ("refused", "empty")
-            ]
-            return refused[-1] if refused and not found else None
-        return None
+        known = [e for e in self._answered() if e.sha256 == request.sha256]
+        usable = [exchange for exchange in known if exchange.usable]
+        if len(usable) > (position := self._used[request.sha256]):
+            return usable[position]
+        return known[-1] if self._provider is None and known and not usable else None
+
+    def _answered(self) -> list[Exchange]:
+        return [e for e in self.transcript.exchanges if e.outcome != "failed"]
 
     def _put(self, request: Request, conversation: str) -> Exchange:
         provider, config = self._provider, self._config
         if provider is None or config is None:
-            raise MissError(_miss(self.transcript, request, self._asked))
-        began, started = time.gmtime(), time.monotonic()
-
-        def record(reply: Reply, attempts: tuple[int | str, ...]) -> Exchange:
-            exchange = Exchange(
-                sha256=request.sha256,
-                conversation=conversation,
-                request=request.canonical(),
-                **config.asked,
-                outcome=reply.outcome,
-                answer=reply.answer,
-                detail=reply.detail,
-                answered_by=reply.model or None,
-                tokens_in=reply.tokens_in,
-                tokens_out=reply.tokens_out,
-                attempts=attempts,
-                seconds=round(time.monotonic() - started, 3),
-                time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
-            )
-            self.transcript.add(exchange, request)
-            if self._asked is not None:
-                prompts.sign(self.transcript.folder, self._asked)
-            return exchange
-
+            raise MissError(f"{self.transcript.path}: {self._miss(request)}")
+        began, started, failure = time.gmtime(), time.monotonic(), None
         try:
             reply, attempts = persist(lambda: provider.ask(request), config, self._sleep)
         except ProviderError as error:
-            record(Reply("failed", "", str(error), "", None, None), error.attempts)
-            raise
-        exchange = record(reply, attempts)
-        self._used[exchange.sha256] += exchange.usable
+            reply, attempts = Reply("failed", "", str(error), "", None, None), error.attempts
+            failure = error
+        exchange = Exchange(
+            sha256=request.sha256,
+            conversation=conversation,
+            request=request.canonical(),
+            **config.asked,
+            outcome=reply.outcome,
+            answer=reply.answer,
+            detail=reply.detail,
+            answered_by=reply.model or None,
+            tokens_in=reply.tokens_in,
+            tokens_out=reply.tokens_out,
+            attempts=attempts,
+            seconds=round(time.monotonic() - started, 3),
+            time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
+        )
+        self.transcript.add(exchange, request)
+        if self._asked is not None:
+            prompts.sign(self.transcript.folder, self._asked)
+        if failure is not None:
+            raise failure
         return exchange
 
-
-def _check_same(transcript: Transcript, config: AskingConfig) -> None:
-    for exchange in transcript.exchanges:
-        if exchange.asked != config.asked:
-            raise ValueError(
-                f"{transcript.path} is a conversation with {_who(exchange.asked)}; vlm= asks"
-                f" {_who(config.asked)}: go on with the former, or choose another study="
+    def _miss(self, request: Request) -> str:
+        """Says what is not recorded, and how the nearest recorded request differs."""
+        answered, wanted = self._answered(), request.canonical()
+        if not answered:
+            return "nothing is recorded; ask a model with vlm=gemini, openai or manual"
+        lines = _lines(wanted)
+        times = sum(exchange.sha256 == request.sha256 for exchange in answered)
+        if times:
+            return (
+                f"this request was answered {times} times, and they are used up; it ends:"
+                f" {lines[-1]!r}"
             )
+        other = self._asked and prompts.other_edition(self.transcript.folder, self._asked)
+        if other:
+            return other
+        nearest = max(
+            answered,
+            key=lambda e: difflib.SequenceMatcher(None, _lines(e.request), lines).ratio(),
+        )
+        return (
+            f"no recorded request is this one, which ends: {lines[-1]!r}. The nearest (line"
+            f" {self.transcript.exchanges.index(nearest) + 1}, {nearest.conversation},"
+            f" {nearest.time}) differs in: {_difference(nearest.request, wanted)}"
+        )
 
 
 def _who(asked: dict[str, Any]) -> str:
     return f"{asked['provider']} {asked['model']} {asked['sampling']}"
 
 
-def _refusal(exchange: Exchange) -> str:
-    who = f"{exchange.provider} ({exchange.answered_by or exchange.model})"
-    what = "refused to answer" if exchange.outcome == "refused" else "gave an empty answer"
-    return f"{who} {what}: {exchange.detail}"
-
-
-def _miss(transcript: Transcript, request: Request, asked: str | None) -> str:
-    """Says what is not recorded, and how the nearest recorded request differs."""
-    answered = [exchange for exchange in transcript.exchanges if exchange.outcome != "failed"]
-    if not answered:
-        return (
-            f"{transcript.path}: nothing is recorded; ask a model with vlm=gemini, openai or manual"
-        )
-    wanted = request.canonical()
-    if any(exchange.sha256 == request.sha256 for exchange in answered):
-        count = sum(exchange.sha256 == request.sha256 for exchange in answered)
-        return (
-            f"{transcript.path}: this request was answered {count} times, and they are used up;"
-            f" it ends: {_lines(wanted)[-1]!r}"
-        )
-
-    other = asked and prompts.other_edition(transcript.folder, asked)
-    if other:
-        return f"{transcript.path} {other}"
-
-    def likeness(exchange: Exchange) -> float:
-        return difflib.SequenceMatcher(None, _lines(exchange.request), _lines(wanted)).ratio()
-
-    nearest = max(answered, key=likeness)
-    return (
-        f"{transcript.path}: no recorded request is this one, which ends:"
-        f" {_lines(wanted)[-1]!r}. The nearest (line"
-        f" {transcript.exchanges.index(nearest) + 1}, {nearest.conversation}, {nearest.time})"
-        f" differs in: {_difference(nearest.request, wanted)}"
-    )
-
-
-def _difference(recorded: dict[str, Any], wanted: dict[str, Any]) -> str:
-    """The difference of two canonical requests, in a few lines."""
-    said = []
-    lines = difflib.unified_diff(_lines(recorded), _lines(wanted), "recorded", "asked", "", "", 0)
+def _difference(recorded: Canonical, wanted: Canonical) -> str:
+    """The difference of two requests, in a few lines."""
+    said, lines = [], difflib.unified_diff(_lines(recorded), _lines(wanted), n=0, lineterm="")
     changes = [line for line in lines if not line.startswith(("---", "+++", "@@"))]
     if changes:
-        more = f" (and {len(changes) - 8} lines more)" if len(changes) > 8 else ""
-        said.append("the text (- recorded, + asked):\n  " + "\n  ".join(changes[:8]) + more)
-    before, after = _images(recorded), _images(wanted)
-    if before != after:
-        said.append(
-            f"the images: {len(before)} recorded, {len(after)} asked,"
-            f" {len(set(before) & set(after))} in both"
-        )
+        shown = "\n  ".join(["the text (- recorded, + asked):", *changes[:_SHOWN]])
+        more = len(changes) - _SHOWN
+        said.append(f"{shown} (and {more} lines more)" if more > 0 else shown)
+    if _parts(recorded, "image") != _parts(wanted, "image"):
+        said.append("the images")
     if recorded["schema"] != wanted["schema"]:
         said.append("the form of the answer (schema)")
     return "; ".join(said)
 
 
-def _lines(request: dict[str, Any]) -> list[str]:
-    return [
-        line
-        for message in request["messages"]
-        for part in message["parts"]
-        for line in part.get("text", "").splitlines()
-        if line.strip()
-    ]
+def _lines(request: Canonical) -> list[str]:
+    return [line for text in _parts(request, "text") for line in text.splitlines() if line.strip()]
 
 
-def _images(request: dict[str, Any]) -> list[str]:
-    return [
-        part["image"]
-        for message in request["messages"]
-        for part in message["parts"]
-        if "image" in part
-    ]
+def _parts(request: Canonical, kind: str) -> list[str]:
+    parts = (part for message in request["messages"] for part in message["parts"])
+    return [part[kind] for part in parts if kind in part]

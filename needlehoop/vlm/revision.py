@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +14,13 @@ from PIL import Image
 
 from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
-from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.run import Run
+from needlehoop.study.data.contents import Rows, read_rows
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.prompts import fill
 
 _ROWS, _STILLS = 10, 6
-_TABLE = 64_000_000
-"""Bytes of a table, at most."""
 
 
 @dataclass(frozen=True)
@@ -85,33 +82,29 @@ def read_run(folder: Path, size: int) -> Trained:
     if not isinstance(program, Mapping) or kind not in KINDS:
         raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
     try:
-        rows = [*csv.DictReader(io.StringIO(read_text(folder / METRICS, _TABLE)))]
-        steps = int(rows[-1]["step"]) if rows else 0
-    except (UnreadableError, KeyError, ValueError) as error:
-        raise ValueError(f"revise: {folder / METRICS}: {error}") from error
-    if not rows:
-        raise ValueError(f"revise: {folder / METRICS} has no rows yet")
+        rows, _ = read_rows(folder / METRICS, ("step", "return", "success"))
+    except UnreadableError as error:
+        raise ValueError(f"revise: {folder / METRICS} {error}") from error
     film = folder / VIDEO
     return Trained(
         str(folder),
         program["text"],
         program["origin"],
         _curves(rows),
-        steps,
+        int(rows["step"][-1]),
         _stills(film, size) if film.is_file() else (),
     )
 
 
-def _curves(rows: Sequence[Mapping[str, str]]) -> str:
+def _curves(rows: Rows) -> str:
     """Some rows of the metrics, evenly over the training; terms by their names in the program."""
     # Facts would tell what success is.
-    columns = ["step", "return", *(c for c in rows[0] if c.startswith("term_")), "success"]
-    chosen = sorted({round(i * (len(rows) - 1) / (_ROWS - 1)) for i in range(_ROWS)})
+    columns = ["return", *(c for c in rows.columns if c.startswith("term_")), "success"]
     names = (column.removeprefix("term_") for column in columns[:-1])
-    lines = [", ".join((*names, "done"))]
-    for row in (rows[number] for number in chosen):
-        values = (float(row[column] or "nan") for column in columns[1:])
-        lines.append(", ".join([row["step"], *(f"{value:.3g}" for value in values)]))
+    lines = [", ".join(("step", *names, "done"))]
+    for row in sorted({round(i * (len(rows) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
+        values = (f"{rows[column][row]:.3g}" for column in columns)
+        lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
     return "\n".join(lines)
 
 
@@ -123,12 +116,4 @@ def _stills(film: Path, size: int) -> tuple[Png, ...]:
     except (OSError, RuntimeError, ValueError) as error:
         raise ValueError(f"revise: {film}: no film ({str(error).splitlines()[0]})") from error
     chosen = [round(i * (len(frames) - 1) / (_STILLS - 1)) for i in range(_STILLS)]
-    return tuple(_png(frames[number], size) for number in chosen)
-
-
-def _png(frame: np.ndarray, size: int) -> Png:
-    still = Image.fromarray(frame)
-    still.thumbnail((size, size))
-    file = io.BytesIO()
-    still.save(file, "PNG")
-    return Png(file.getvalue())
+    return tuple(Png.of(Image.fromarray(frames[number]), size) for number in chosen)

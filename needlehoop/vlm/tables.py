@@ -6,9 +6,8 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 from scipy.stats import kendalltau, rankdata
 
@@ -146,51 +145,41 @@ def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
     return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}
 
 
-@dataclass(frozen=True)
-class AcceptedProgram:
-    """Its figures at the gates, and its values at the recorded moments."""
+class Accepted(NamedTuple):
+    """A program's figures at the gates, and its values at the recorded moments."""
 
     card: Mapping[str, Any]
     values: Sequence[float]
 
-    def gap(self, to: str) -> float:
-        """The expert's mean final value less that of ``random`` or ``cheat``."""
-        return self.card["expert"] - self.card[to]
 
-
-def compared(name: str, programs: Mapping[int, AcceptedProgram]) -> Table:
+def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
     """How several programs for the same cameras differ: one row each.
 
     Args:
         name: of the table's file.
         programs: by the number of the sample.
     """
-    numbers = sorted(programs)
     # A task without a cheat has no such figure.
-    others = [to for to in ("random", "cheat") if programs[numbers[0]].card[to] is not None]
+    figures = [own.card for own in programs.values()]
+    others = [to for to in ("random", "cheat") if figures[0][to] is not None]
     rows = [
         (
             number,
-            *(programs[number].gap(to) for to in others),
-            programs[number].card["paid"],
-            *(_rho(programs[number].values, programs[other].values) for other in numbers),
+            *(own.card["expert"] - own.card[to] for to in others),
+            own.card["paid"],
+            *(_rho(own.values, other.values) for other in programs.values()),
         )
-        for number in numbers
+        for number, own in programs.items()
     ]
     columns = (
         Column("sample"),
         *(Column(f"expert - {to}", form=".3f") for to in others),
         Column("paid", "%", ".1f", 100.0),
-        *(Column(f"rho with {number}", form=".3f") for number in numbers),
+        *(Column(f"rho with {number}", form=".3f") for number in programs),
     )
-    said = {"random": "random actions", "cheat": "cheating"}
-    widest = [
-        f"from {said[to]} in sample {max(numbers, key=lambda n: programs[n].gap(to))}"
-        for to in others
-    ]
     note = (
-        "rho: Spearman's, of the values over the recorded trajectories. The expert stands out most"
-        f" {', '.join(widest)}. Trained on: sample {FIRST}, or that of reward.sample=."
+        "rho: Spearman's, of the values over the recorded trajectories. Trained on: sample"
+        f" {FIRST}, or that of reward.sample=."
     )
     return Table(name, "Samples compared", columns, tuple(rows), note)
 

@@ -7,32 +7,16 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from needlehoop.runs.files import naming
-from needlehoop.runs.reading import RECORD, UnreadableError, parse_json, read_bytes
+from needlehoop.runs.reading import RECORD, UnreadableError, read_bytes
 from needlehoop.runs.run import Run
-from needlehoop.vlm.messages import Png, Request
+from needlehoop.vlm.messages import PICTURE, Canonical, Png, Request, mistakes
 
 TRANSCRIPT, IMAGES = "transcript.jsonl", "images"
-
-_PICTURE = 64_000_000
-"""Bytes of a picture, at most."""
-
-_COUNT = int | None
-_KINDS: dict[str, Any] = {
-    **dict.fromkeys(("sha256", "conversation", "provider", "model", "outcome", "answer"), str),
-    "detail": str,
-    "request": dict,
-    "sampling": dict,
-    "answered_by": str | None,
-    "tokens_in": _COUNT,
-    "tokens_out": _COUNT,
-    "attempts": tuple,
-    "time": str,
-    "seconds": int | float,
-}
-"""The types of an exchange's fields, for one that is read back."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +27,13 @@ class Exchange:
     the start of the first (UTC).
     """
 
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", strict=True)
+
     sha256: str
     """The hash of the canonical request."""
     conversation: str
     """``question``, ``rank``, ``rank/2``, ``reward/text`` or ``reward/<cameras>/image``."""
-    request: dict[str, Any]
-    """In its canonical form."""
+    request: Canonical
     provider: str
     model: str
     """The model asked for."""
@@ -97,8 +82,7 @@ class Transcript:
             self.save(picture)
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.torn is not None:
-            whole = self._bytes().rfind(b"\n") + 1
-            os.truncate(self.path, whole)
+            os.truncate(self.path, self._bytes().rfind(b"\n") + 1)
             self.torn = None
         with naming(self.path), self.path.open("a", encoding="utf-8") as file:
             file.write(_line(exchange))
@@ -125,7 +109,7 @@ class Transcript:
         if not path.is_file():
             raise ValueError(f"{path}: missing; it belongs to the record")
         try:
-            picture = Png(read_bytes(path, _PICTURE))
+            picture = Png(read_bytes(path, PICTURE))
         except UnreadableError as error:
             raise ValueError(f"{path} {error}") from error
         if picture.sha256 != sha256:
@@ -146,9 +130,11 @@ class Transcript:
         *lines, rest = self._bytes().split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
-                yield _exchange(parse_json(line))
-            except (ValueError, TypeError, KeyError) as error:
-                raise ValueError(f"{self.path}: line {number} is no exchange: {error}") from error
+                exchange = _EXCHANGE.validate_json(line)
+            except ValidationError as error:
+                said = "; ".join(mistakes(error))
+                raise ValueError(f"{self.path}: line {number} is no exchange: {said}") from error
+            yield exchange
         if rest:
             self.torn = f"{self.path}: line {len(lines) + 1} is cut off and left out"
 
@@ -159,18 +145,7 @@ class Transcript:
             raise ValueError(f"{self.path} {error}") from error
 
 
-def _exchange(values: Any) -> Exchange:
-    """An exchange that is read back; an error of any kind if it is none."""
-    exchange = Exchange(**{**values, "attempts": tuple(values["attempts"])})
-    for name, kind in _KINDS.items():
-        if not isinstance(getattr(exchange, name), kind):
-            raise ValueError(f"{name} is {getattr(exchange, name)!r:.60}")
-    # It must be UTF-8: it goes into files and into the next request.
-    f"{exchange.answer}{exchange.detail}{exchange.request}".encode()
-    for message in exchange.request["messages"]:
-        if not all(isinstance(part, dict) for part in message["parts"]):
-            raise ValueError("a message has other parts than text and images")
-    return exchange
+_EXCHANGE = TypeAdapter(Exchange)
 
 
 def _line(exchange: Exchange) -> str:

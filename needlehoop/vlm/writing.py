@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.vlm import description
@@ -21,30 +20,19 @@ from needlehoop.vlm.messages import Part
 from needlehoop.vlm.moments import collect
 from needlehoop.vlm.prompts import fill, telling_of
 
-_RESULT = (
-    "The program's value is what it last assigns to the variable reward. Assigned names may not be"
-    " those of signals or functions."
-)
 
+class Verdict(NamedTuple):
+    """Why a program is refused, as the model is told; ``None``: it is accepted."""
 
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a program is accepted; ``reason`` is what the model is told of a refusal."""
-
-    accepted: bool
-    reason: str
+    reason: str | None
     card: Mapping[str, Any]
     """Figures at the gates, for the record."""
 
 
 @dataclass(frozen=True)
 class ProgramRules:
-    """The language of reward programs as a model is told it, and the judge of what it writes."""
+    """What a program must keep to, and the judge of what a model writes."""
 
-    functions: Mapping[str, tuple[str, str]]
-    """Signature and meaning by name."""
-    result: str
-    """One sentence on how a program gives its value."""
     lowest: float
     highest: float
     """The range that a program's value must keep to."""
@@ -54,7 +42,7 @@ class ProgramRules:
 
 
 def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
-    """The language as it is compiled, with the gates as its judge.
+    """The rules with the gates as their judge.
 
     Args:
         settings: the environment in which the gates' trajectories are recorded, once.
@@ -66,7 +54,7 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         try:
             program = compile_program(source, table)
         except ProgramError as error:
-            return Verdict(False, str(error), {})
+            return Verdict(str(error), {})
         found = card(program, settings, gates, trajectories)
         # Naming the cheat, or where the teacher stopped, would tell the model what success is.
         named = {settings.definition.cheating: "an episode that fails at the task"}
@@ -74,39 +62,54 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         reason = "; ".join(found.reasons)
         for name, said in named.items():
             reason = reason.replace(name, said)
-        return Verdict(found.passed, reason, found.as_dict())
+        return Verdict(reason or None, found.as_dict())
 
     def values(source: str) -> list[float]:
-        return values_of(compile_program(source, table), trajectories, gates).tolist()
+        return values_of(compile_program(source, table), trajectories.moments, gates).tolist()
 
-    return ProgramRules(
-        functions={name: (f.signature, f.meaning) for name, f in FUNCTIONS.items()},
-        result=_RESULT,
-        lowest=gates.low,
-        highest=gates.high,
-        judge=judge,
-        values=values,
-    )
+    return ProgramRules(gates.low, gates.high, judge, values)
 
 
-@dataclass
 class ProgramAttempts:
-    """A conversation about one program, and what was found of each attempt."""
+    """A conversation about one program, and what was found of each attempt.
 
-    conversation: Conversation
-    verdicts: dict[int, tuple[str, Verdict]] = field(default_factory=dict)
-    """Program and verdict by the number of the attempt, from 0."""
+    Args:
+        conversation: a new one.
+        rules: the judge.
+    """
 
-    @property
-    def card(self) -> Mapping[str, Any]:
-        """The last judged program's figures."""
-        return self.verdicts[max(self.verdicts)][1].card
+    def __init__(self, conversation: Conversation, rules: ProgramRules):
+        self._conversation, self._rules = conversation, rules
+        self._judged: dict[int, tuple[str, Verdict]] = {}
+        """Program and verdict by the number of the attempt, from 0."""
+
+    def write(self, prompt: list[Part], first: Sequence[Part] = ()) -> tuple[str, Verdict]:
+        """Ask for a program until one is accepted; its source, and what was found of it.
+
+        Args:
+            prompt: of ``reward_prompt``.
+            first: a question that comes before: what the task is taken to be.
+
+        Raises:
+            NoAnswerError: none was accepted within the conversation's attempts.
+            RefusalError: the model would not answer.
+        """
+        if first:
+            self._conversation.ask(first, Guess)
+        self._conversation.ask(prompt, ProgramAnswer, self._judge)
+        return self._judged[max(self._judged)]
+
+    def _judge(self, answer: ProgramAnswer) -> str | None:
+        source = _bare(answer.program)
+        verdict = self._rules.judge(source)
+        self._judged[len(self._conversation.attempts)] = source, verdict
+        return None if verdict.reason is None else f"the program was refused: {verdict.reason}"
 
     def rows(self) -> list[dict[str, Any]]:
         """All attempts as plain values, those in a wrong form included."""
         rows = []
-        for number, attempt in enumerate(self.conversation.attempts):
-            source, verdict = self.verdicts.get(number, (None, None))
+        for number, attempt in enumerate(self._conversation.attempts):
+            source, verdict = self._judged.get(number, (None, None))
             rows.append(
                 {
                     "attempt": number + 1,
@@ -121,34 +124,6 @@ class ProgramAttempts:
         return rows
 
 
-def write_program(
-    attempts: ProgramAttempts, prompt: list[Part], rules: ProgramRules, first: Sequence[Part] = ()
-) -> str:
-    """Ask for a program until one is accepted; its source.
-
-    Args:
-        attempts: a new conversation.
-        prompt: of ``reward_prompt``.
-        rules: the language and its judge.
-        first: a question that comes before: what the task is taken to be.
-
-    Raises:
-        NoAnswerError: none was accepted within the conversation's attempts.
-        RefusalError: the model would not answer.
-    """
-    conversation = attempts.conversation
-
-    def judge(answer: ProgramAnswer) -> str | None:
-        source = _bare(answer.program)
-        verdict = rules.judge(source)
-        attempts.verdicts[len(conversation.attempts)] = source, verdict
-        return None if verdict.accepted else f"the program was refused: {verdict.reason}"
-
-    if first:
-        conversation.ask(first, Guess)
-    return _bare(conversation.ask(prompt, ProgramAnswer, judge).program)
-
-
 def reward_prompt(
     settings: Settings,
     rules: ProgramRules,
@@ -160,7 +135,7 @@ def reward_prompt(
 
     Args:
         settings: the scene, and the cameras to show.
-        rules: the language.
+        rules: the range of values.
         flavour: ``text`` or ``image``.
         album: needed for ``image``.
         told: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
@@ -169,7 +144,7 @@ def reward_prompt(
     asked = {
         "lowest": f"{rules.lowest:g}",
         "highest": f"{rules.highest:g}",
-        "language": description.language(rules.functions, rules.result),
+        "language": description.language(),
     }
     if told == "full":
         said, signals = description.scene(settings), description.signals(settings)

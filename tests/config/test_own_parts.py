@@ -169,5 +169,5 @@ def test_a_function_that_pays_nonsense_stops(function, message):
 
 def test_values_without_names_are_refused():
     words = ["reward=python", "reward.function=examples/own_reward.py:reward", "reward.values=-1"]
-    with pytest.raises(ValueError, match=r"reward.values: -1 is no mapping"):
+    with pytest.raises(ValueError, match=r"reward.values: -1 has no keys"):
         compose_settings(words)

@@ -16,6 +16,7 @@ from needlehoop.learning.job import typed_job
 from needlehoop.rewards import written
 from needlehoop.rewards.written import Written, find
 from needlehoop.training import loop as page
+from needlehoop.training import which_run
 
 
 @pytest.fixture
@@ -153,7 +154,10 @@ def test_a_bad_file_is_refused_by_name(place, tmp_path, text, said):
         ([], "reward.path"),
         (["reward.path=mine.txt", "reward.clip=true"], "reward.clip: True"),
         (["reward.path=mine.txt", "reward.clip=[3,1]"], "reward.clip: "),
-        (["reward.path=mine.txt", "+reward.bonus=1"], "bonus missing or unknown; file takes"),
+        (
+            ["reward.path=mine.txt", "+reward.bonus=1"],
+            "unknown key bonus; its keys are",
+        ),
     ],
 )
 def test_a_bad_value_is_refused_by_its_key(place, tmp_path, words, said):
@@ -186,7 +190,7 @@ def test_a_good_environment_is_named_apart_from_a_bad_one():
     signals = random_signals(3, seed=0)
     signals.elapsed = torch.tensor([0.5, 0.0, 0.5], dtype=torch.float64)
     reward = Written(compile_program("reward = 1 / elapsed"), "here")
-    with pytest.raises(rewards.RewardError, match=r"inf in environments \[1\]"):
+    with pytest.raises(rewards.RewardError, match=r"not finite in environments \[1\]"):
         reward(signals)
 
 
@@ -209,7 +213,7 @@ def test_a_pinned_program_needs_its_sample_and_unit(place):
     values = composing.compose(["reward=vlm_img", "cams=[dep_front]"])
     values["reward"] = rewards.pin(values["reward"])
     del values["reward"]["sample"], values["reward"]["unit"]
-    with pytest.raises(ValueError, match="sample, unit missing or unknown"):
+    with pytest.raises(ValueError, match="reward: unit is missing; its keys are"):
         load_reward(values["reward"])
 
 
@@ -280,6 +284,7 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     place("rewards/dep_front/image.txt", 3)
     made = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
+    monkeypatch.setattr(which_run, "objections", lambda *_: [])
     values = composing.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
     values.pop("hydra", None)
     page.start(values, [], "python train.py")

@@ -12,9 +12,11 @@ from needle_task import compile_program, random_signals
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
-from needlehoop.envs.settings import settings_from
+from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.rewards import reference_reward, written
+from needlehoop.rewards.language import program as language
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.vlm import writing
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect
@@ -80,11 +82,6 @@ def test_the_controllers_do_what_they_are_for(seen, gates):
     elapsed = seen.moments.elapsed
     assert int((elapsed == 0).sum()) == 3 * gates.episodes
     assert int(seen.moments.threaded.sum()) == gates.episodes
-
-
-def test_trajectories_are_the_same_again(quick, gates, seen):
-    again = collect(quick, gates)
-    assert bool((again.moments == seen.moments).all())
 
 
 @pytest.mark.parametrize(
@@ -280,17 +277,54 @@ def test_the_teacher_stops_where_facts_and_phases_say(quick, gates, seen):
     assert float(away.max()) < 0.03
 
 
-@pytest.mark.parametrize("task", ["reach", "peg_transfer"])
-def test_every_task_is_stopped_short(task, gates):
-    words = [f"task={task}", "engine.threads=1"]
-    settings = settings_from(composing.compose(words, "check"))
-    few = replace(gates, episodes=1, random_episodes=1, stop_episodes=2)
-    stopped = collect(settings, few).stopped
-    goal = settings.definition.goal
-    assert stopped
-    assert f"holding still at half of {settings.definition.phases[0].name}" in stopped
-    assert all(not bool(getattr(short, goal).any()) for short, _ in stopped.values())
-    assert all(bool(getattr(whole, goal).all()) for _, whole in stopped.values())
+@pytest.fixture(scope="module")
+def others(gates) -> dict[str, tuple[Settings, Gates, Trajectories]]:
+    """Short trajectories of the other tasks."""
+    few = replace(gates, episodes=2, random_signals=160, random_episodes=2, stop_episodes=1)
+    found = {}
+    for task in ("reach", "peg_transfer"):
+        own = settings_from(composing.compose([f"task={task}", "engine.threads=1"], "check"))
+        found[task] = own, few, collect(own, few)
+    return found
+
+
+def test_every_task_is_stopped_short(others):
+    for own, _, seen in others.values():
+        goal, stopped = own.definition.goal, seen.stopped
+        assert f"holding still at half of {own.definition.phases[0].name}" in stopped
+        assert all(not bool(getattr(short, goal).any()) for short, _ in stopped.values())
+        assert all(bool(getattr(whole, goal).all()) for _, whole in stopped.values())
+
+
+def test_trajectories_are_the_same_again(others):
+    own, few, seen = others["reach"]
+    assert bool((collect(own, few).moments == seen.moments).all())
+
+
+def test_a_task_without_a_cheat_has_no_audit(others):
+    own, few, seen = others["reach"]
+    source = "reward = 9 * exp(-40 * distance(tool_midpoint, target))"
+    program = language.compile_program(source, own.definition.signals)
+    found = card(program, own, replace(few, audit="refuse"), seen)
+    assert found.cheat is None
+    assert found.passed
+    assert found.expert > 8
+    assert "cheat" not in str(found)
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_another_tasks_cheat_is_seen_through_and_not_named(others, monkeypatch):
+    own, few, seen = others["peg_transfer"]
+    monkeypatch.setattr(writing, "collect", lambda *_: seen)
+    rules = writing.program_rules(own, replace(few, audit="refuse"))
+    fooled = rules.judge("reward = 9 * exp(-20 * distance(block_position, goal))")
+    assert fooled.reason is not None
+    assert fooled.reason.startswith("an episode that fails at the task ends")
+    assert own.definition.cheating in fooled.card["reasons"][0]
+    honest = rules.judge(
+        "near = exp(-20 * distance(block_position, goal))\nreward = near * (8 if jaw > 0.6 else 5)"
+    )
+    assert honest.reason is None
 
 
 def test_random_signals_are_wild_but_possible():
@@ -309,22 +343,17 @@ def test_random_signals_are_wild_but_possible():
     assert not bool((random_signals(4000, seed=1) == signals).all())
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ("gates.range=cut", "range: 'cut' is unknown; choose from refuse, clip"),
-        ("gates.audit=no", "audit: "),
-        ("gates.stop=no", "stop: 'no' is unknown; choose from flag, refuse"),
-        ("gates.episodes=0", "episodes: 0 must be at least 1"),
-        ("gates.paid=2", "paid: 2.0 must be at most 1"),
-        ("gates.paid_by=0", "paid_by: 0.0 must be positive"),
-        ("gates.random_episodes=0", "random_episodes: 0 must be at least 1"),
-        ("gates.low=20", "low: 20.0 must be below"),
-    ],
-)
-def test_a_bad_gate_is_refused_by_its_key(change, said):
-    with pytest.raises(ValueError, match=said):
-        made([change])
+def test_a_bad_gate_is_refused_by_its_key():
+    for change, said in (
+        ("gates.range=cut", "gates.range: 'cut' is unknown; choose from refuse, clip"),
+        ("gates.audit=no", "gates.audit: 'no' is unknown; choose from flag, refuse"),
+        ("gates.episodes=0", "gates.episodes: 0 must be at least 1"),
+        ("gates.paid=2", "gates.paid: 2.0 must be at most 1"),
+        ("gates.paid_by=0", "gates.paid_by: 0.0 must be positive"),
+        ("gates.low=20", "gates.low: 20.0 must be below"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            made([change])
 
 
 # The command.
@@ -353,7 +382,8 @@ def test_check_prints_the_card(tmp_path, capsys):
     assert len(out.splitlines()) < 25
 
 
-def test_check_says_no_where_a_gate_does(tmp_path, capsys):
+def test_check_says_no_where_a_gate_does(tmp_path, capsys, seen, monkeypatch):
+    monkeypatch.setattr("needlehoop.vlm.card.collect", lambda *_: seen)
     file = tmp_path / "mine.txt"
     file.write_text("reward = 40")
     assert check(str(file), "--json", *QUICK) == 1
@@ -363,18 +393,16 @@ def test_check_says_no_where_a_gate_does(tmp_path, capsys):
     assert any("rises to 40" in reason for reason in found["reasons"])
 
 
-@pytest.mark.parametrize("flags", [[], ["--json"]])
-def test_check_says_why_a_program_is_refused(tmp_path, capsys, flags):
+def test_check_says_why_a_program_is_refused(tmp_path, capsys):
     file = tmp_path / "mine.txt"
     file.write_text("reward = 1\nimport os")
-    assert check(str(file), *flags) == 1
+    assert check(str(file)) == 1
     out = capsys.readouterr().out
-    if flags:
-        where = json.loads(out)["refused"]
-        assert (where["line"], where["column"]) == (2, 1)
-        assert "'import' is not in the language" in where["reason"]
-    else:
-        assert f"{file}: line 2, column 1: 'import' is not in the language" in out
+    assert f"{file}: line 2, column 1: 'import' is not in the language" in out
+    assert check(str(file), "--json") == 1
+    where = json.loads(capsys.readouterr().out)["refused"]
+    assert (where["line"], where["column"]) == (2, 1)
+    assert "'import' is not in the language" in where["reason"]
 
 
 @pytest.mark.full
@@ -386,23 +414,21 @@ def test_check_reads_a_program_in_another_unit(capsys):
     assert paid["0.05"] < paid["0.1"] == paid["null"]
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_a_mistake_in_the_command_is_one_line(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = ["cams=[rgb_default]", "flavour=text"]
+    for words, said in (
         (["nowhere.txt"], "nowhere.txt"),
         (["a.txt", "b.txt"], "one file at a time"),
         ([], "name a file"),
         (["cams=[rgb_top]"], "rgb_top"),
         (["a.txt", "gates.range=cut"], "range: 'cut'"),
         (["a.txt", "gates.rnage=clip"], "rnage"),
-        (["cams=[rgb_default]", "reward.unit=0.1"], "reward.unit=0.1: the program is judged"),
-        (["cams=[rgb_default]", "flavour=text", "unit=no"], "unit: 'no' is not null"),
-        (["cams=[rgb_default]", "flavour=text", "recording=claude", "unit=0.1"], "no line such as"),
-    ],
-)
-def test_a_mistake_in_the_command_is_one_line(words, said, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert check(*words) == 2
-    error = capsys.readouterr().err.strip()
-    assert error.startswith("needlehoop vlm check: ")
-    assert said in error.splitlines()[-1]
+        ([*text, "reward.unit=0.1"], "reward.unit=0.1: the program is judged"),
+        ([*text, "unit=no"], "unit: 'no' is not a number"),
+        ([*text, "recording=claude", "unit=0.1"], "no line such as"),
+    ):
+        assert check(*words) == 2
+        error = capsys.readouterr().err.strip()
+        assert error.startswith("needlehoop vlm check: ")
+        assert said in error.splitlines()[-1]

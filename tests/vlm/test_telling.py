@@ -13,20 +13,17 @@ import numpy as np
 import pytest
 from vlm_asked import CONFIG, QUESTIONS, RULES, Obliging, everything_said, text_of
 
-from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.pictures.stills import stages
-from needlehoop.rewards.language.program import compile_program
 from needlehoop.study.data.answers import read_answers
 from needlehoop.tasks.needle_hoop import TASK as NEEDLE_HOOP
 from needlehoop.tasks.registry import find
 from needlehoop.vlm import album, inquiry, prompts
 from needlehoop.vlm.album import Album
-from needlehoop.vlm.card import card
-from needlehoop.vlm.config import Gates, InquiryConfig
+from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.messages import Png
-from needlehoop.vlm.writing import program_rules, reward_prompt
+from needlehoop.vlm.writing import reward_prompt
 
 OTHERS = ("reach", "peg_transfer")
 LIMITS = {
@@ -34,9 +31,6 @@ LIMITS = {
     "peg_transfer": ("arrive_radius", "rest_gap", "rest_tilt", "rest_speed", "rest_spin"),
 }
 """Rules by which success is decided."""
-
-GATES = strict.as_type(composing.compose([], "check")["gates"], Gates, "gates")
-GATES = replace(GATES, episodes=2, random_signals=160, random_episodes=2)
 
 
 def made(task: str, variant: str = "standard", *words: str) -> Settings:
@@ -158,30 +152,6 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
     noted = json.loads((Path(opened.folder) / prompts.EDITION).read_text())
     assert noted["sha256"] == prompts.sha256(s.definition)
-
-
-def test_a_task_without_a_cheat_has_no_audit():
-    s = made("reach")
-    source = "reward = 9 * exp(-40 * distance(tool_midpoint, target))"
-    found = card(compile_program(source, s.definition.signals), s, replace(GATES, audit="refuse"))
-    assert found.cheat is None
-    assert found.passed
-    assert found.expert > 8
-    assert "cheat" not in str(found)
-    json.dumps(found.as_dict(), allow_nan=False)
-
-
-def test_another_tasks_cheat_is_seen_through():
-    s = made("peg_transfer")
-    rules = program_rules(s, replace(GATES, audit="refuse"))
-    fooled = rules.judge("reward = 9 * exp(-20 * distance(block_position, goal))")
-    assert not fooled.accepted
-    assert fooled.reason.startswith("an episode that fails at the task ends")
-    assert s.definition.cheating in fooled.card["reasons"][0]
-    honest = rules.judge(
-        "near = exp(-20 * distance(block_position, goal))\nreward = near * (8 if jaw > 0.6 else 5)"
-    )
-    assert honest.accepted, honest.reason
 
 
 def test_pictures_are_of_the_start_the_tasks_moments_and_the_goal():

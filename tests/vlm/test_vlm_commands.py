@@ -23,7 +23,7 @@ from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as page
-from needlehoop.training import missing_reward
+from needlehoop.training import missing_reward, which_run
 from needlehoop.vlm.writing import ProgramRules, Verdict
 
 GOOD = "reward = 9 if grasped else 0\n"
@@ -39,7 +39,7 @@ def judge(source: str) -> Verdict:
     refused = "import" in source
     own = {"expert": float(worth(source)), "random": 0.0, "cheat": worth(source) ** 2 / 10}
     card = {"ok": True, **own, "paid": 0.5}
-    return Verdict(not refused, "line 1: import is not allowed" if refused else "", card)
+    return Verdict("line 1: import is not allowed" if refused else None, card)
 
 
 def values(source: str) -> list[float]:
@@ -58,7 +58,7 @@ def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    rules = ProgramRules({"norm": ("norm(a)", "length")}, "", 0.0, 9.0, judge, values)
+    rules = ProgramRules(0.0, 9.0, judge, values)
     monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
     server.script.clear()
     server.requests.clear()
@@ -93,6 +93,11 @@ def lines_of(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(folder)): path.read_bytes()
@@ -110,6 +115,10 @@ def test_question_leaves_answers_a_transcript_and_pictures(study):
         "1": 3,
         "2": 3,
     }
+    asked = {row["question"]: row for row in rows_of(study / "questions.csv")}
+    assert {row["question"] for row in rows_of(RECORDINGS / "paper/table_1.csv")} <= set(asked)
+    best, meant = asked["Best view for subtask 2"], found["answers"]["suits"]["second"]
+    assert (best["answer"], best["reason"]) == (meant["view"], meant["view_reason"])
     assert found["answers"]["goal"]["view"] in ("default", "front", "side")
     assert found["answers"]["goal"]["view_reason"]
     assert found["models"] == ["gemini gemini-test-001"]
@@ -139,13 +148,6 @@ def test_question_leaves_answers_a_transcript_and_pictures(study):
     # Things moved, and a depth picture is no colour picture.
     assert pictures["start"]["rgb_front"] != pictures["goal"]["rgb_front"]
     assert pictures["start"]["rgb_front"] != pictures["start"]["dep_front"]
-
-
-def test_no_file_holds_the_key(study, words, server):
-    body = json.dumps({"error": {"message": f"{KEY} is wrong", "code": 403}})
-    server.script[:] = [{"status": 403, "body": body}]
-    assert main(["vlm", "rank", *words]) == 2
-    assert all(KEY.encode() not in content for content in contents(Path("results")).values())
 
 
 def test_everything_asked_again_offline_gives_the_same_files(study, words, server, capsys):
@@ -186,7 +188,6 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
 def test_rank_goes_on_from_the_questioning(study, words, server):
     assert main(["vlm", "rank", *words]) == 0
     # The eight answers of the questioning are on record: three lists are all that is asked.
-    assert len(server.requests) == 3
     turns = [len(body["contents"]) for body in server.requests]
     assert turns == [17, 19, 21]
     found = json.loads((study / "rankings.json").read_text())
@@ -199,24 +200,37 @@ def test_rank_goes_on_from_the_questioning(study, words, server):
     assert found["totals"]["prompts"] == 11
 
 
-def test_samples_are_fresh_conversations_and_their_agreement_is_reported(study, words, server):
+def test_samples_are_fresh_conversations_whose_agreement_is_in_tables(study, words, server):
     def reversed_from_the_second(schema, prompt):
         answer = json.loads(by_schema(schema))
-        if "places" in answer and len(server.requests) > 3:
+        if "places" in answer and len(server.requests) > 4:
             answer["places"].reverse()
         return json.dumps(answer)
 
+    # One that is no permutation goes back.
+    server.script[:] = ['{"places": [{"name": "rgb_default", "reason": "r"}]}']
     server.otherwise = reversed_from_the_second
     own = "lists=[[rgb_default,dep_front+seg_side,seg_side],[rgb_front,rgb_side]]"
     assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
+    correction = server.requests[1]["contents"][-1]["parts"][0]["text"]
+    assert "missing: dep_front+seg_side" in correction
     # Two lists, then seven questions (none goes wrong this time) and two lists.
-    assert len(server.requests) == 2 + 7 + 2
-    assert len(server.requests[2]["contents"]) == 1
+    assert len(server.requests) == 3 + 7 + 2
+    assert len(server.requests[3]["contents"]) == 1
     found = json.loads((study / "rankings.json").read_text())
     assert [entry["agreement"]["tau_b"] for entry in found["lists"]] == [-1.0, -1.0]
     assert found["lists"][0]["agreement"]["same_top"] == 0.5
     names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")]
-    assert names == ["question"] * 8 + ["rank"] * 2 + ["rank/2"] * 9
+    assert names == ["question"] * 8 + ["rank"] * 3 + ["rank/2"] * 9
+    ranked = rows_of(study / "rankings.csv")
+    assert len(ranked) == 2 * (3 + 2)
+    assert ranked[0]["sure"] == "0.75"
+    last = {"list": "1", "sample": "1", "place": "3", "cameras": "seg_side", "sure": ""}
+    assert ranked[2] == {**last, "reason": "because of seg_side"}
+    agreed = {"list": "2", "samples": "2", "tau_b": "-1.0", "same_top": "0.5"}
+    assert rows_of(study / "agreement.csv")[1] == agreed
+    costs = {row["conversation"]: row["prompts"] for row in rows_of(study / "totals.csv")}
+    assert costs == {"question": "8", "rank": "3", "rank/2": "9", "all": "20"}
 
 
 @pytest.mark.parametrize("how", ["afresh", "names", "nothing"])
@@ -252,51 +266,6 @@ def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(study, wor
     assert rows[0]["answer"] == '{"task": "to pick"}'
     names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")[8:]]
     assert names == ["reward/dep_front+seg_side/image/nothing"] * 3
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def test_answers_are_tables_too(study, words, server):
-    own = "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]"
-    assert main(["vlm", "rank", *words, own, "samples=2"]) == 0
-    answers = json.loads((study / "questions.json").read_text())["answers"]
-    asked = {row["question"]: row for row in rows_of(study / "questions.csv")}
-    with (RECORDINGS / "paper" / "table_1.csv").open(newline="") as file:
-        assert {row["question"] for row in csv.DictReader(file)} <= set(asked)
-    best = asked["Best view for subtask 2"]
-    assert best["answer"] == answers["suits"]["second"]["view"]
-    assert best["reason"] == answers["suits"]["second"]["view_reason"]
-    ranked = rows_of(study / "rankings.csv")
-    assert len(ranked) == 2 * (2 + 2)
-    assert ranked[0]["sure"] == "0.75"
-    assert ranked[1] == {
-        "list": "1",
-        "sample": "1",
-        "place": "2",
-        "cameras": "dep_front+seg_side",
-        "sure": "",
-        "reason": "because of dep_front+seg_side",
-    }
-    assert rows_of(study / "agreement.csv")[1] == {
-        "list": "2",
-        "samples": "2",
-        "tau_b": "1.0",
-        "same_top": "1.0",
-    }
-    costs = rows_of(study / "totals.csv")
-    assert [row["conversation"] for row in costs] == ["question", "rank", "rank/2", "all"]
-    assert [row["prompts"] for row in costs] == ["8", "2", "9", "19"]
-
-
-def test_a_ranking_that_is_no_permutation_goes_back(study, words, server):
-    server.script[:] = ['{"places": [{"name": "rgb_default", "reason": "r"}]}']
-    own = "lists=[[rgb_default,dep_front+seg_side]]"
-    assert main(["vlm", "rank", *words, own]) == 0
-    correction = server.requests[1]["contents"][-1]["parts"][0]["text"]
-    assert "missing: dep_front+seg_side" in correction
 
 
 def test_overwrite_asks_anew_and_keeps_what_there_was(study, words, server):
@@ -351,6 +320,10 @@ def test_an_accepted_program_is_not_replaced_unasked(study, words, server, capsy
 
 
 def test_a_program_refused_too_often_leaves_its_attempts(study, words, server, capsys):
+    server.script[:] = [{"refusal": "PROHIBITED_CONTENT"}]
+    assert main(["vlm", "reward", *words, CAMS]) == 2
+    assert "refused to answer: PROHIBITED_CONTENT" in capsys.readouterr().err
+    assert not (study / "rewards").exists()
     bad = json.dumps({"explanation": "e", "program": "import os"})
     server.script[:] = [bad] * 2
     assert main(["vlm", "reward", *words, CAMS, "attempts=2"]) == 2
@@ -384,8 +357,7 @@ def test_several_samples_are_compared(study, words, server, capsys):
     assert [row["expert - random"] for row in rows] == ["3.000", "4.000", "5.000"]
     assert [row["expert - cheat"] for row in rows] == ["2.100", "2.400", "2.500"]
     assert [row["rho with 1"] for row in rows] == ["1.000", "-1.000", "1.000"]
-    said = capsys.readouterr().out
-    assert "most from random actions in sample 3, from cheating in sample 3" in said
+    assert "Samples compared" in capsys.readouterr().out
     # Asked again, all is there; without two of them, the record gives the same.
     assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 2
     before = contents(folder)
@@ -405,7 +377,7 @@ def test_the_sample_that_is_trained_on_is_chosen_and_named(study, words, server,
     assert run.config()["reward"]["sample"] == 2
     with pytest.raises(ValueError, match=r"no image reward \(sample 3\) .* samples=3 vlm=gemini"):
         trained(monkeypatch, "reward.sample=3", "seed=1")
-    with pytest.raises(ValueError, match=r"reward\.sample: 0 is not 1"):
+    with pytest.raises(ValueError, match=r"reward\.sample: 0 must be at least 1"):
         trained(monkeypatch, "reward.sample=0", "seed=2")
 
 
@@ -516,13 +488,6 @@ def test_only_a_run_that_a_program_paid_is_revised(study, words, server, tmp_pat
     assert server.requests == []
 
 
-def test_a_refusal_is_said(study, words, server, capsys):
-    server.script[:] = [{"refusal": "PROHIBITED_CONTENT"}]
-    assert main(["vlm", "reward", *words, CAMS]) == 2
-    assert "refused to answer: PROHIBITED_CONTENT" in capsys.readouterr().err
-    assert not (study / "rewards").exists()
-
-
 def test_a_line_cut_off_is_reported_by_name(study, capsys):
     path = study / "transcript.jsonl"
     path.write_bytes(path.read_bytes() + b'{"sha2')
@@ -541,38 +506,38 @@ def test_any_openai_compatible_server_can_be_asked(study, server):
     assert server.requests[0]["max_completion_tokens"] == 16384
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["question", "size=16", "task=near"], "its task differs"),
-        (["question", "size=17"], "its size differs"),
-        (["rank", "size=16"], "no recorded request is this one"),
-        (["rank", "lists=[[rgb_default,rgb_top]]"], "default, front, side"),
-        (["rank", "samples=0"], "samples: 0"),
-        (["question", "vlm.recording=none"], "nothing is recorded in none/transcript.jsonl"),
-        (["question", "vlm.told=little"], "vlm.told: 'little' is unknown; choose from full, names"),
-        (["question", "vlm.told=names"], "vlm.told: 'names' is for rankings and rewards"),
-        (["reward", CAMS, "flavour=text", "vlm.told=nothing"], "nothing goes with flavour=image"),
-        (["question", "size=16", "disturb=mild"], "disturb: a model is told that its pictures"),
-        (["reward", CAMS, "size=16", "disturb=mild"], "choose disturb=none"),
-        (["question", "study=../x"], "study: '../x'"),
-        (["question", "shown=[rgb,xray]"], "'xray' is unknown; choose from"),
-        (["question", "attempts=0"], "attempts: 0"),
-        (["question", "vlm=bard"], "gemini"),
-        (["question", "vlm=openai"], "vlm.model"),
-        (["question", "vlm=gemini", "vlm.tries=many"], "vlm.tries"),
-        (["question", "vlm=gemini", "vlm.key=NO_SUCH_VARIABLE"], "NO_SUCH_VARIABLE is not set"),
-        (["question", "vlm=gemini", "vlm.model=other"], "choose another study="),
-        (["reward"], "cams: name the cameras"),
-        (["reward", CAMS, "flavour=sound"], "choose from text, image"),
-        (["reward", CAMS, "samples=0"], "samples: 0 must be at least 1"),
-    ],
-)
-def test_a_mistake_is_one_message_that_names_the_key(study, arguments, said, capsys, server):
-    assert main(["vlm", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("needlehoop vlm: ")
-    assert said in error
+MISTAKES = [
+    (["question", "size=16", "task=near"], "its task differs"),
+    (["question", "size=17"], "its size differs"),
+    (["rank", "size=16"], "no recorded request is this one"),
+    (["rank", "lists=[[rgb_default,rgb_top]]"], "default, front, side"),
+    (["rank", "samples=0"], "samples: 0"),
+    (["question", "vlm.recording=none"], "nothing is recorded in none/transcript.jsonl"),
+    (["question", "vlm.told=little"], "vlm.told: 'little' is unknown; choose from full, names"),
+    (["question", "vlm.told=names"], "vlm.told: 'names' is for rankings and rewards"),
+    (["reward", CAMS, "flavour=text", "vlm.told=nothing"], "nothing goes with flavour=image"),
+    (["question", "size=16", "disturb=mild"], "disturb: a model is told that its pictures"),
+    (["reward", CAMS, "size=16", "disturb=mild"], "choose disturb=none"),
+    (["question", "study=../x"], "study: '../x'"),
+    (["question", "shown=[rgb,xray]"], "'xray' is unknown; choose from"),
+    (["question", "attempts=0"], "attempts: 0"),
+    (["question", "vlm=bard"], "gemini"),
+    (["question", "vlm=openai"], "vlm.model"),
+    (["question", "vlm=gemini", "vlm.tries=many"], "vlm.tries"),
+    (["question", "vlm=gemini", "vlm.key=NO_SUCH_VARIABLE"], "NO_SUCH_VARIABLE is not set"),
+    (["question", "vlm=gemini", "vlm.model=other"], "choose another study="),
+    (["reward"], "cams: name the cameras"),
+    (["reward", CAMS, "flavour=sound"], "choose from text, image"),
+    (["reward", CAMS, "samples=0"], "samples: 0 must be at least 1"),
+]
+
+
+def test_a_mistake_is_one_message_that_names_the_key(study, capsys, server):
+    for arguments, said in MISTAKES:
+        assert main(["vlm", *arguments]) == 2, arguments
+        error = capsys.readouterr().err
+        assert error.startswith("needlehoop vlm: ")
+        assert said in error
     assert server.requests == []
 
 
@@ -580,6 +545,8 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
     """What ``train.py`` would train; as far as the run's folder."""
     made: list[tuple] = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
+    # What the gates say of programs is tested beside them.
+    monkeypatch.setattr(which_run, "objections", lambda *_: [])
     values = composing.compose(
         [CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config"
     )

@@ -20,7 +20,7 @@ from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.rewards import NONE
-from needlehoop.rewards.language.expressions import MAX_EXPONENT
+from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import signals as scene_signals
 from needlehoop.tasks.needle_hoop import TASK
@@ -39,7 +39,7 @@ from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, program_rules, reward_prompt, write_program
+from needlehoop.vlm.writing import ProgramAttempts, program_rules, reward_prompt
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +69,9 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
     provider = Obliging(programs)
     recorder = Recorder(Transcript(tmp_path_factory.mktemp("bad")), provider, CONFIG)
-    tried = ProgramAttempts(Conversation(recorder, "reward", len(BAD)))
+    tried = ProgramAttempts(Conversation(recorder, "reward", len(BAD)), rules)
     with pytest.raises(NoAnswerError):
-        write_program(tried, reward_prompt(settings, rules, "text"), rules)
+        tried.write(reward_prompt(settings, rules, "text"))
     return provider.asked
 
 
@@ -153,7 +153,7 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
         assert f"- {view}: " in said
     reward = text_of(asked[8:9])
     assert scene_signals.describe(scene_signals.vocabulary(TABLE)) in reward
-    assert "distance(a, b): between two points" in reward
+    assert "distance(u, v): Euclidean distance" in reward
     assert "between 0 and 9" in reward
     for fact in ("60 % of its length", "between 0 and 1.35 rad", "starts at 1.3 rad", "1/100"):
         assert fact in reward

@@ -16,7 +16,7 @@ from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
 from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
 from needlehoop.vlm.tables import agreement, in_words, papers_totals, totals_of_transcript
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, Verdict, write_program
+from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, Verdict
 
 CONFIG = LiveConfig(
     kind="gemini",
@@ -152,7 +152,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     assert "altogether" not in said
 
     other = Request((Message("user", ("Something else altogether", Png(b"x"))),), {})
-    with pytest.raises(MissError, match=r"images: 1 recorded, 1 asked, 0 in both; the form"):
+    with pytest.raises(MissError, match="the images; the form"):
         replay(tmp_path).ask(other, "question")
 
 
@@ -180,7 +180,7 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert prompts.edition(tmp_path).sha256 == PROMPTS
+    assert prompts.edition(tmp_path)["sha256"] == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):
@@ -257,7 +257,7 @@ def test_a_conversation_carries_everything_said(tmp_path):
         ("user", ("two?",)),
     ]
     assert provider.asked[1].schema == schema_of(Subtasks)
-    assert totals_of(conversation.attempts)["prompts"] == 2
+    assert totals_of([conversation])["prompts"] == 2
 
 
 def subtasks(name: str) -> dict:
@@ -282,7 +282,7 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, re
     correction = provider.asked[1].messages[-1].parts[0]
     assert reason in correction
     assert provider.asked[1].messages[-2].parts == (bad.answer,)
-    assert totals_of(conversation.attempts) == {
+    assert totals_of([conversation]) == {
         "prompts": 2,
         "tokens_in": 20,
         "tokens_out": 6,
@@ -292,7 +292,7 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, re
     assert len(Transcript(tmp_path).exchanges) == 2
     again = Conversation(replay(tmp_path), "question", 3)
     assert again.ask(["?"], Subtasks).first.name == "a"
-    assert totals_of(again.attempts) == totals_of(conversation.attempts)
+    assert totals_of([again]) == totals_of([conversation])
 
 
 def test_attempts_are_bounded(tmp_path):
@@ -301,15 +301,15 @@ def test_attempts_are_bounded(tmp_path):
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
-    assert totals_of(conversation.attempts)["invalid_answers"] == 3
+    assert totals_of([conversation])["invalid_answers"] == 3
 
 
 def test_tokens_that_nobody_counted_are_said_to_be_missing(tmp_path):
     silent = Reply("answered", json.dumps(subtasks("a")), "", "m", None, None)
     conversation = Conversation(live(tmp_path, silent), "question", 1)
     conversation.ask(["?"], Subtasks)
-    assert totals_of(conversation.attempts)["prompts_without_token_count"] == 1
-    assert models(conversation.attempts) == ["gemini m"]
+    assert totals_of([conversation])["prompts_without_token_count"] == 1
+    assert models([conversation]) == ["gemini m"]
 
 
 def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
@@ -403,15 +403,15 @@ def program(text: str) -> Reply:
 
 def judge(source: str) -> Verdict:
     good = source == "reward = 9\n"
-    return Verdict(good, "" if good else "line 1, column 1: no", {"lines": 1})
+    return Verdict(None if good else "line 1, column 1: no", {"lines": 1})
 
 
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
     recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
-    tried = ProgramAttempts(Conversation(recorder, "reward/text", 3))
-    rules = ProgramRules({}, "", 0.0, 9.0, judge, lambda _: [])
-    assert write_program(tried, ["write"], rules) == "reward = 9\n"
+    rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
+    tried = ProgramAttempts(Conversation(recorder, "reward/text", 3), rules)
+    assert tried.write(["write"]) == ("reward = 9\n", judge("reward = 9\n"))
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
     rows = tried.rows()
     assert [row["accepted"] for row in rows] == [False, False, True]

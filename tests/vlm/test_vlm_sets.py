@@ -8,8 +8,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -23,7 +21,6 @@ from needlehoop.study.data.sweeps import planned
 from needlehoop.vlm.grouping import deal, rank_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
-HOW: Any = SimpleNamespace(group=5, rounds=4)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +59,7 @@ def test_each_name_is_asked_about_once_a_round():
 
 
 def test_a_long_list_is_put_in_the_order_of_its_groups():
-    found = rank_groups(by_number, NAMES[::-1], HOW)
+    found = rank_groups(by_number, NAMES[::-1], 5, 4)
     order = [place["name"] for place in found["rankings"][0]]
     misplaced = sum(a > b for a, b in combinations(order, 2))
     assert misplaced < 19, order

@@ -54,21 +54,6 @@ JUNCTIONS: dict[type[ast.boolop], Operator] = {
 }
 
 
-def times(vector: Tensor, number: Tensor) -> Tensor:
-    """Vectors ``(n, k)``, each multiplied by its number ``(n,)``."""
-    return vector * number.unsqueeze(-1)
-
-
-def over(vector: Tensor, number: Tensor) -> Tensor:
-    """Vectors ``(n, k)``, each divided by its number ``(n,)``."""
-    return vector / number.unsqueeze(-1)
-
-
-def choose_vector(condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """``where`` for vectors ``(n, k)``."""
-    return torch.where(condition.unsqueeze(-1), a, b)
-
-
 def component(v: Tensor, index: int) -> Tensor:
     """One component of vectors ``(n, k)``."""
     return v[..., index]
@@ -79,16 +64,15 @@ class Function(NamedTuple):
 
     ``takes`` names each argument's kind: ``number``; ``truth``; ``vector`` (all of one length);
     ``vector3``; ``vector4``; ``any`` (all of one kind); ``index`` (a whole number, written out).
-    ``gives`` is the result's kind. With ``more`` the last argument may be repeated. A truth
-    value counts as the number 0 or 1 where a number is taken.
+    The last one may be repeated if the signature ends with dots. A truth value counts as the
+    number 0 or 1 where a number is taken. ``gives`` is the result's kind.
     """
 
     signature: str
     meaning: str
     takes: tuple[str, ...]
-    gives: str
     run: Callable[..., Tensor]
-    more: bool = False
+    gives: Kind = NUMBER
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
@@ -116,64 +100,47 @@ def _greatest(*values: Tensor) -> Tensor:
     return reduce(torch.maximum, values)
 
 
-def _coordinate(name: str, meaning: str, index: int) -> Function:
-    run = partial(component, index=index)
-    return Function(f"{name}(v)", meaning, ("vector3",), "number", run)
-
-
-def _unary(name: str, meaning: str, run: Callable[[Tensor], Tensor]) -> Function:
-    return Function(f"{name}(a)", meaning, ("number",), "number", run)
-
-
-FUNCTIONS: dict[str, Function] = {
-    "distance": Function(
-        "distance(u, v)", "Euclidean distance", ("vector", "vector"), "number", _distance
-    ),
-    "norm": Function("norm(v)", "length of a vector", ("vector",), "number", _norm),
-    "dot": Function("dot(u, v)", "scalar product", ("vector", "vector"), "number", _dot),
-    "x": _coordinate("x", "first component of a 3-vector", 0),
-    "y": _coordinate("y", "second component of a 3-vector", 1),
-    "z": _coordinate("z", "third component of a 3-vector (up)", 2),
-    "component": Function(
+_N, _V, _V3 = "number", "vector", "vector3"
+_X, _Y, _Z = (partial(component, index=index) for index in range(3))
+_ROWS = (
+    Function("distance(u, v)", "Euclidean distance", (_V, _V), _distance),
+    Function("norm(v)", "length of a vector", (_V,), _norm),
+    Function("dot(u, v)", "scalar product", (_V, _V), _dot),
+    Function("x(v)", "first component of a 3-vector", (_V3,), _X),
+    Function("y(v)", "second component of a 3-vector", (_V3,), _Y),
+    Function("z(v)", "third component of a 3-vector (up)", (_V3,), _Z),
+    Function(
         "component(v, i)",
         "component of any vector; i is written out and counts from 0",
-        ("vector", "index"),
-        "number",
+        (_V, "index"),
         component,
     ),
-    "vector": Function(
-        "vector(a, b, c)", "a 3-vector", ("number", "number", "number"), "vector3", _vector
-    ),
-    "rotate": Function(
+    Function("vector(a, b, c)", "a 3-vector", (_N, _N, _N), _vector, vector_of(3)),
+    Function(
         "rotate(q, v)",
         "3-vector v turned by quaternion q (w, x, y, z)",
-        ("vector4", "vector3"),
-        "vector3",
+        ("vector4", _V3),
         geo.rotate,
+        vector_of(3),
     ),
-    "clip": Function(
+    Function(
         "clip(a, low, high)",
         "a, but no less than low and no more than high",
-        ("number", "number", "number"),
-        "number",
+        (_N, _N, _N),
         torch.clamp,
     ),
-    "exp": _unary("exp", "e to the power of a", torch.exp),
-    "log": _unary("log", "natural logarithm", torch.log),
-    "sqrt": _unary("sqrt", "square root", torch.sqrt),
-    "tanh": _unary("tanh", "hyperbolic tangent", torch.tanh),
-    "abs": _unary("abs", "absolute value", torch.abs),
-    "min": Function(
-        "min(a, b, ...)", "the least", ("number", "number"), "number", _least, more=True
-    ),
-    "max": Function(
-        "max(a, b, ...)", "the greatest", ("number", "number"), "number", _greatest, more=True
-    ),
-    "where": Function(
+    Function("exp(a)", "e to the power of a", (_N,), torch.exp),
+    Function("log(a)", "natural logarithm", (_N,), torch.log),
+    Function("sqrt(a)", "square root", (_N,), torch.sqrt),
+    Function("tanh(a)", "hyperbolic tangent", (_N,), torch.tanh),
+    Function("abs(a)", "absolute value", (_N,), torch.abs),
+    Function("min(a, b, ...)", "the least", (_N, _N), _least),
+    Function("max(a, b, ...)", "the greatest", (_N, _N), _greatest),
+    Function(
         "where(condition, a, b)",
         "a where the condition holds, else b",
         ("truth", "any", "any"),
-        "any",
         torch.where,
     ),
-}
+)
+FUNCTIONS = {row.signature.partition("(")[0]: row for row in _ROWS}

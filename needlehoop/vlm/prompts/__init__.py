@@ -8,11 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from importlib.resources import files
 from pathlib import Path
 from string import Template
 
+from needlehoop.config import strict
 from needlehoop.runs.machine import commit
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
@@ -47,8 +46,7 @@ def fill(name: str, task: Task | None = None, /, **values: object) -> str:
     Raises:
         ValueError: gaps and values are not the same.
     """
-    text = _general(name) if task is None else texts(task)[name]
-    template = Template(text)
+    template = Template((_read(Path(__file__).parent) if task is None else texts(task))[name])
     gaps = set(template.get_identifiers())
     if gaps != set(values):
         odd = ", ".join(sorted(gaps ^ set(values)))
@@ -69,7 +67,7 @@ def texts(task: Task) -> dict[str, str]:
         ValueError: a text of the task is missing, or is of no moment.
     """
     telling = telling_of(task)
-    own = {file.stem: file.read_text(encoding="utf-8") for file in telling.texts.glob("*.txt")}
+    own = _read(telling.texts)
     odd = sorted({*_INTO} - {*own} | {*own} - {*_INTO, *telling.moments})
     if odd:
         raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
@@ -78,11 +76,8 @@ def texts(task: Task) -> dict[str, str]:
         "goal": telling.goal,
         "done": telling.done,
     }
-    general = {
-        name: Template(text).safe_substitute(words)
-        for name, text in ((name, _general(name)) for name in _names())
-    }
-    return general | own
+    general = _read(Path(__file__).parent).items()
+    return {name: Template(text).safe_substitute(words) for name, text in general} | own
 
 
 def questioned(task: Task) -> dict[str, str]:
@@ -97,28 +92,8 @@ def stages_of(task: Task) -> dict[str, str]:
     return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
 
 
-def _names() -> list[str]:
-    """Of the general prompts."""
-    return [f.name.removesuffix(".txt") for f in files(__name__).iterdir() if f.name[-4:] == ".txt"]
-
-
-def _general(name: str) -> str:
-    return files(__name__).joinpath(f"{name}.txt").read_text(encoding="utf-8")
-
-
-@dataclass(frozen=True)
-class Edition:
-    """The prompts' texts at some commit.
-
-    ``sha256`` is the hash of all prompts for the task. It tells editions apart; the commit does
-    not, because most commits change no prompt. ``commit`` is ``None`` outside git.
-    """
-
-    commit: str | None
-    sha256: str
-
-    def __str__(self) -> str:
-        return f"commit {self.commit}" if self.commit else f"sha256 {self.sha256[:12]}"
+def _read(folder: Path) -> dict[str, str]:
+    return {file.stem: file.read_text(encoding="utf-8") for file in folder.glob("*.txt")}
 
 
 def sha256(task: Task) -> str:
@@ -131,40 +106,41 @@ def sha256(task: Task) -> str:
 
 
 def sign(folder: Path, asked: str) -> None:
-    """Note in a record's folder that the prompts of a hash were asked there.
+    """Note in a record's folder that the prompts of a hash were asked there, and their commit.
 
-    The note of an earlier edition is kept under a number.
+    The hash tells editions apart; the commit does not, because most commits change no prompt. The
+    note of an earlier edition is kept under a number.
     """
-    known = edition(folder)
-    if known is None or known.sha256 != asked:
-        text = json.dumps(asdict(Edition(commit(), asked)), indent=2)
+    if edition(folder).get("sha256") != asked:
+        text = json.dumps({"commit": commit(), "sha256": asked}, indent=2)
         Run(folder).write(EDITION, text + "\n")
 
 
-def edition(folder: Path) -> Edition | None:
-    """The edition that a record was last made with; ``None`` if it has no note.
+def edition(folder: Path) -> dict[str, str | None]:
+    """The ``commit`` and ``sha256`` of the prompts that a record was last made with.
+
+    The commit is ``None`` outside git; all is empty where a record has no note.
 
     Raises:
         ValueError: the note is damaged.
     """
     path = folder / EDITION
     if not path.is_file():
-        return None
+        return {}
     try:
-        return Edition(**read_json(path))
-    except (ValueError, TypeError) as error:
+        return strict.structure(read_json(path), Mapping[str, str | None])
+    except ValueError as error:
         raise ValueError(f"{path}: not the note of an edition: {error}") from error
 
 
 def other_edition(folder: Path, asked: str) -> str | None:
-    """What a message says of a record that was made with other prompts than those of a hash.
-
-    ``None`` if it was not.
-    """
+    """What to say of a record that was made with other prompts than those of a hash, if it was."""
     made_with = edition(folder)
-    if made_with is None or made_with.sha256 == asked:
+    if made_with.get("sha256") in (None, asked):
         return None
+    commit, sha256 = made_with.get("commit"), made_with["sha256"]
     return (
-        f"was recorded with the prompts of {made_with}, and these are others: replay it there, or"
-        " ask anew into another study="
+        "it was recorded with the prompts of"
+        f" {f'commit {commit}' if commit else f'sha256 {sha256}'}, and these are others: replay it"
+        " there, or ask anew into another study="
     )

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from needlehoop.vlm.providers.contract import KINDS, AskingConfig, ManualConfig, Provider
+from needlehoop.vlm.providers.contract import AskingConfig, ManualConfig, Provider
 
 
 def build_provider(config: AskingConfig, folder: Path) -> Provider:
     """A provider by its kind. It sends nothing yet.
 
     Args:
-        config: whom to ask and how.
+        config: whom to ask and how, of one of ``contract.KINDS``.
         folder: of the study's record, for providers that ask by files.
 
     Raises:
-        ValueError: an unknown kind, or no key.
+        ValueError: no key.
         RuntimeError: the provider's package is not installed.
     """
     if isinstance(config, ManualConfig):
@@ -26,8 +26,6 @@ def build_provider(config: AskingConfig, folder: Path) -> Provider:
         from needlehoop.vlm.providers.gemini import Gemini
 
         return Gemini(config)
-    if config.kind == "openai":
-        from needlehoop.vlm.providers.compatible import Compatible
+    from needlehoop.vlm.providers.compatible import Compatible
 
-        return Compatible(config)
-    raise ValueError(f"vlm.kind: {config.kind!r} is unknown; choose from {', '.join(KINDS)}")
+    return Compatible(config)

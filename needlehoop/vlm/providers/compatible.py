@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ConfigDict, Field
 
 from needlehoop.vlm.messages import Message, Part, Request
-from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
-from needlehoop.vlm.providers.sdk import SdkProvider
-from needlehoop.vlm.providers.wire import Count, ReplyPart, read_reply
-
-if TYPE_CHECKING:
-    import openai
+from needlehoop.vlm.providers.contract import LiveConfig, Reply
+from needlehoop.vlm.providers.sdk import (
+    Count,
+    ReplyPart,
+    SdkProvider,
+    careful,
+    outcome,
+    read_reply,
+)
 
 
 class _Part(ReplyPart):
@@ -53,46 +56,26 @@ class Compatible(SdkProvider):
     """
 
     def __init__(self, config: LiveConfig):
-        try:
-            import openai
-        except ImportError as error:
-            raise lacking("openai", "openai") from error
-        super().__init__(config)
-        self._openai = openai
-
-    def _http_client(self) -> type[Any]:
-        return self._openai.DefaultHttpxClient
-
-    def _connect(self, http: Any) -> openai.OpenAI:
-        return self._openai.OpenAI(
+        super().__init__(config, "openai", "openai")
+        self._http = careful(self._sdk.DefaultHttpxClient, config.timeout)
+        self._client = self._sdk.OpenAI(
             api_key=self._key or "none",
-            base_url=self._config.base_url,
-            timeout=self._config.timeout,
+            base_url=config.base_url,
+            timeout=config.timeout,
             max_retries=0,
-            http_client=http,
+            http_client=self._http,
         )
 
     def _send(self, request: Request) -> Reply:
-        messages: list[Any] = [_message(message) for message in request.messages]
-        form: Any = {"name": "answer", "schema": dict(request.schema), "strict": True}
+        form = {"name": "answer", "schema": dict(request.schema), "strict": True}
         raw = self._client.chat.completions.with_raw_response.create(
             model=self._config.model,
-            messages=messages,
+            messages=[_message(message) for message in request.messages],
             response_format={"type": "json_schema", "json_schema": form},
             # Sent unchecked: servers differ in the settings that they take.
             extra_body=self._config.sent,
         )
-        return _reply(read_reply(raw.content, _Completion, self._key), self._config.model)
-
-    def _status(self, error: Exception) -> tuple[int | str, str] | None:
-        sdk = self._openai
-        if isinstance(error, sdk.APIStatusError):
-            return error.status_code, error.message
-        if isinstance(error, sdk.APITimeoutError):
-            return "timeout", ""
-        if isinstance(error, sdk.APIConnectionError):
-            return "unreachable", str(error.__cause__ or error)
-        return None
+        return _reply(read_reply(raw.text, _Completion, self._key), self._config.model)
 
 
 def _message(message: Message) -> dict[str, Any]:
@@ -109,21 +92,16 @@ def _piece(part: Part) -> dict[str, Any]:
 
 
 def _reply(completion: _Completion, asked: str) -> Reply:
+    """The first choice."""
     choice, usage = completion.choices[0], completion.usage
-    text, refusal = choice.message.content or "", choice.message.refusal
-    if refusal or choice.finish_reason == "content_filter":
-        outcome, detail = "refused", refusal or "content_filter"
-    elif not text.strip():
-        outcome, detail = "empty", choice.finish_reason or "no reason"
-    elif choice.finish_reason == "length":
-        outcome, detail = "truncated", "length"
-    else:
-        outcome, detail = "answered", ""
+    text, finish = choice.message.content or "", choice.finish_reason
+    refusal = choice.message.refusal or (finish if finish == "content_filter" else None)
+    what, detail = outcome(text, refusal, finish or "no reason", finish == "length")
     return Reply(
-        outcome=outcome,
-        answer=text,
-        detail=detail,
-        model=completion.model or asked,
-        tokens_in=usage.prompt_tokens if usage else None,
-        tokens_out=usage.completion_tokens if usage else None,
+        what,
+        text,
+        detail,
+        completion.model or asked,
+        usage.prompt_tokens if usage else None,
+        usage.completion_tokens if usage else None,
     )

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
 from needlehoop.config.strict import Range
-from needlehoop.runs.reading import printable
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.vlm.config import OneOf
 from needlehoop.vlm.messages import Request
 from needlehoop.vlm.transcript import TRANSCRIPT
 
@@ -62,16 +62,7 @@ def transcripts() -> dict[str, Path]:
     return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob(f"*/{TRANSCRIPT}"))}
 
 
-class _OneOf(tuple[str, ...]):
-    """The values that a text may have."""
-
-    def check(self, value: str) -> None:
-        """Raises ``ValueError`` for another."""
-        if value not in self:
-            raise ValueError(f"{value!r} is unknown; choose from {', '.join(self)}")
-
-
-Told = Annotated[str, _OneOf(("full", "names", "nothing"))]
+Told = Annotated[str, OneOf(("full", "names", "nothing"))]
 """How much a model is told of the task when it ranks cameras or writes a reward."""
 
 
@@ -113,6 +104,9 @@ class LiveConfig:
     longest_wait: Annotated[float, Range(0.0, 86_400.0)]
     told: Told = "full"
 
+    arrived: ClassVar[int] = 200
+    """The status of a try that brought a reply."""
+
     def __post_init__(self) -> None:
         if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
             # The value is not shown: it may be the key itself.
@@ -124,11 +118,6 @@ class LiveConfig:
     def asked(self) -> dict[str, Any]:
         """Who is asked and how, for the record."""
         return {"provider": self.kind, "model": self.model, "sampling": self.sent}
-
-    @property
-    def arrived(self) -> int:
-        """The status of a try that brought a reply."""
-        return 200
 
     @property
     def sent(self) -> dict[str, Any]:
@@ -182,7 +171,7 @@ class ManualConfig:
 AskingConfig = LiveConfig | ManualConfig
 """The settings of a provider that gives new answers."""
 
-KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
+KINDS: dict[str, type[ReplayConfig | LiveConfig | ManualConfig]] = {
     "replay": ReplayConfig,
     "gemini": LiveConfig,
     "openai": LiveConfig,
@@ -191,7 +180,7 @@ KINDS: dict[str, type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]] = {
 """The type of settings of each ``vlm.kind``."""
 
 
-def config_of(kind: str) -> type[ReplayConfig] | type[LiveConfig] | type[ManualConfig]:
+def config_of(kind: str) -> type[ReplayConfig | LiveConfig | ManualConfig]:
     """The type of a kind's settings; ``ValueError`` for an unknown kind."""
     if kind not in KINDS:
         raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
@@ -206,28 +195,9 @@ class Provider(Protocol):
     """Somebody who answers."""
 
     def ask(self, request: Request) -> Reply:
-        """One try.
-
-        Raises:
-            ProviderError: no reply.
-        """
+        """One try; ``ProviderError`` if there is no reply."""
         ...
 
     def close(self) -> None:
         """Let go of connections."""
         ...
-
-
-def lacking(kind: str, package: str) -> RuntimeError:
-    """The error for a provider whose package is not installed."""
-    return RuntimeError(
-        f"vlm={kind} needs {package}; install it with: pip install 'needlehoop[vlm]'"
-    )
-
-
-def failure(config: LiveConfig, key: str | None, status: int | str, said: str) -> ProviderError:
-    """A ``ProviderError`` in one line, without the key and without control characters."""
-    if key:
-        said = said.replace(key, "***")
-    said = printable(re.sub(r"\s+", " ", said)).strip()[:300]
-    return ProviderError(f"vlm={config.kind} ({config.model}): {status}: {said}", status)

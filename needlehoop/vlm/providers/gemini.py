@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from needlehoop.vlm.messages import Message, Request
-from needlehoop.vlm.providers.contract import LiveConfig, Reply, lacking
-from needlehoop.vlm.providers.sdk import SdkProvider
-from needlehoop.vlm.providers.wire import Count, ReplyPart, read_reply
+from needlehoop.vlm.providers.contract import LiveConfig, Reply
+from needlehoop.vlm.providers.sdk import (
+    Count,
+    ReplyPart,
+    SdkProvider,
+    careful,
+    outcome,
+    read_reply,
+)
 
-if TYPE_CHECKING:
-    from google import genai
-    from google.genai import types
+_WHOLE, _CUT = "STOP", ("MAX_TOKENS", "CONTINUATION")
+"""Finishes of an answer; any other is a filter's."""
 
 
 class _Piece(ReplyPart):
@@ -57,50 +62,43 @@ class Gemini(SdkProvider):
     """
 
     def __init__(self, config: LiveConfig):
-        try:
-            from google import genai
-        except ImportError as error:
-            raise lacking("gemini", "google-genai") from error
-        super().__init__(config)
-        self._genai = genai
-        known = set(genai.types.GenerateContentConfig.model_fields)
+        super().__init__(config, "google-genai", "google.genai")
+        import httpx2
+
+        self._http = careful(httpx2.Client, config.timeout)
+        types = self._sdk.types
+        # Without retry_options it tries once.
+        options = types.HttpOptions(
+            base_url=config.base_url,
+            timeout=round(1000 * config.timeout),
+            httpx_client=self._http,
+        )
+        self._client = self._sdk.Client(
+            api_key=self._key or "none", vertexai=False, http_options=options
+        )
         for name in config.sent:
-            if name not in known:
+            if name not in types.GenerateContentConfig.model_fields:
                 valid = "temperature, top_p, top_k, seed, max_output_tokens, thinking_config"
                 raise ValueError(f"vlm.sampling: unknown key {name!r}; choose from {valid}, …")
 
-    def _http_client(self) -> type[Any]:
-        import httpx2
-
-        return httpx2.Client
-
-    def _connect(self, http: Any) -> genai.Client:
-        # Without retry_options it tries once.
-        options = self._genai.types.HttpOptions(
-            base_url=self._config.base_url,
-            timeout=round(1000 * self._config.timeout),
-            httpx_client=http,
-        )
-        return self._genai.Client(api_key=self._key or "none", vertexai=False, http_options=options)
-
     def _send(self, request: Request) -> Reply:
-        types = self._genai.types
-        options = types.GenerateContentConfig(
+        options = self._sdk.types.GenerateContentConfig(
             **self._config.sent,
             response_mime_type="application/json",
             response_json_schema=dict(request.schema),
             # The reply is read here: the SDK accepts much that is no valid reply.
             should_return_http_response=True,
         )
-        contents: list[Any] = [self._content(message) for message in request.messages]
         response = self._client.models.generate_content(
-            model=self._config.model, contents=contents, config=options
+            model=self._config.model,
+            contents=[self._content(message) for message in request.messages],
+            config=options,
         )
         body = response.sdk_http_response.body or ""
-        return _reply(read_reply(body.encode(), _Response, self._key), self._config.model)
+        return _reply(read_reply(body, _Response, self._key), self._config.model)
 
-    def _content(self, message: Message) -> types.Content:
-        part = self._genai.types.Part
+    def _content(self, message: Message) -> Any:
+        part = self._sdk.types.Part
         parts = [
             part.from_text(text=piece)
             if isinstance(piece, str)
@@ -108,50 +106,24 @@ class Gemini(SdkProvider):
             for piece in message.parts
         ]
         role = "model" if message.role == "assistant" else "user"
-        return self._genai.types.Content(role=role, parts=parts)
-
-    def _status(self, error: Exception) -> tuple[int | str, str] | None:
-        import httpx2
-
-        if isinstance(error, self._genai.errors.APIError):
-            return error.code, error.message or str(error)
-        if isinstance(error, httpx2.TimeoutException):
-            return "timeout", ""
-        if isinstance(error, httpx2.TransportError):
-            return "unreachable", str(error)
-        return None
+        return self._sdk.types.Content(role=role, parts=parts)
 
 
 def _reply(response: _Response, asked: str) -> Reply:
-    """The first candidate. A finish other than a stop or a full page is a filter's."""
+    """The first candidate."""
     usage, feedback = response.usage_metadata, response.prompt_feedback
     candidate = response.candidates[0] if response.candidates else None
     parts = (candidate.content.parts or []) if candidate and candidate.content else []
     text = "".join(part.text for part in parts if part.text and not part.thought)
-    detail = ""
     if candidate is None:
-        block = feedback.block_reason if feedback else None
-        outcome = "refused" if block else "empty"
-        detail = block if block else "no candidates"
+        finish, refusal = "no candidates", feedback.block_reason if feedback else None
     else:
-        finish = candidate.finish_reason or "STOP"
-        if finish not in ("STOP", "MAX_TOKENS", "CONTINUATION"):
-            outcome, detail = "refused", finish
-        elif not text.strip():
-            outcome, detail = "empty", finish
-        elif finish == "STOP":
-            outcome = "answered"
-        else:
-            outcome, detail = "truncated", finish
+        finish = candidate.finish_reason or _WHOLE
+        refusal = None if finish in (_WHOLE, *_CUT) else finish
+    what, detail = outcome(text, refusal, finish, finish in _CUT)
     spent = None
     if usage and usage.candidates_token_count is not None:
         # Thoughts are billed as output.
         spent = usage.candidates_token_count + (usage.thoughts_token_count or 0)
-    return Reply(
-        outcome=outcome,
-        answer=text,
-        detail=detail,
-        model=response.model_version or asked,
-        tokens_in=usage.prompt_token_count if usage else None,
-        tokens_out=spent,
-    )
+    tokens = usage.prompt_token_count if usage else None
+    return Reply(what, text, detail, response.model_version or asked, tokens, spent)

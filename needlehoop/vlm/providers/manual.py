@@ -57,10 +57,8 @@ class Manual:
         if self._done is not None:
             done = self._folder / ANSWERED
             done.mkdir(parents=True, exist_ok=True)
-            names = (f"{number:03d}_{self._done.name}" for number in count(1))
-            taken = {path.name.partition("_")[0] for path in done.iterdir()}
-            free = next(name for name in names if name.partition("_")[0] not in taken)
-            self._done.rename(done / free)
+            free = next(n for n in count(1) if not any(done.glob(f"{n:03d}_*")))
+            self._done.rename(done / f"{free:03d}_{self._done.name}")
             self._done = None
 
     def _wait(self, place: Path) -> str:
@@ -71,7 +69,13 @@ class Manual:
             if answer is not None and answer == before:
                 return _text(*answer)
             if answer is None and not said:
-                print(self._instruction(place), file=sys.stderr, flush=True)
+                print(
+                    f"vlm=manual: give {place / 'request.md'} and its pictures to"
+                    f" {self._config.model}, and save the answer beside it as {ANSWERS[0]} (as it"
+                    f" is: {ANSWERS[1]}); Ctrl-C stops, and the same command goes on",
+                    file=sys.stderr,
+                    flush=True,
+                )
                 said = True
             wait = self._config.wait
             if answer is None and wait is not None and time.monotonic() - began >= wait:
@@ -80,13 +84,6 @@ class Manual:
                 )
             before = answer
             time.sleep(self._config.poll)
-
-    def _instruction(self, place: Path) -> str:
-        return (
-            f"vlm=manual: give {place / 'request.md'} and its pictures to {self._config.model}, and"
-            f" save the answer beside it as {ANSWERS[0]} (as it is: {ANSWERS[1]}); Ctrl-C stops,"
-            " and the same command goes on"
-        )
 
 
 def write_request(request: Request, place: Path) -> None:
@@ -102,16 +99,13 @@ def write_request(request: Request, place: Path) -> None:
     schema = json.dumps(request.schema, indent=2, ensure_ascii=False)
     write_whole(place / "schema.json", schema + "\n")
     *before, now = _in_words(request)
-    parts = [_GUIDE]
+    parts = [_GUIDE, "---\n", now]
     if before:
-        parts += ["What was said before is needed where the model does not remember it.\n"]
-    parts += ["---\n"]
-    if before:
-        parts += ["# What was said before\n", *before, "# What is asked now\n"]
-    form = (
-        f"Answer with one JSON object of this schema, and nothing else:\n\n```json\n{schema}\n```\n"
-    )
-    write_whole(place / "request.md", "\n".join((*parts, now, form)))
+        remember = "What was said before is needed where the model does not remember it.\n"
+        said = "# What was said before\n", *before, "# What is asked now\n"
+        parts = [_GUIDE, remember, "---\n", *said, now]
+    form = "Answer with one JSON object of this schema, and nothing else:\n\n"
+    write_whole(place / "request.md", "\n".join((*parts, f"{form}```json\n{schema}\n```\n")))
 
 
 def find_json(said: str) -> str:
