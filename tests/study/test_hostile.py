@@ -111,14 +111,12 @@ def test_status_and_report_live_among_foreign_files(study, run, tmp_path, comman
         note.parent.mkdir(parents=True)
         hostile(note, kind)
     hostile(study / "contact_sheet.png", "pipe")
-    hostile(study / "rgb_default\x1b[2J", "pipe")
-    (study / "elsewhere").symlink_to("/etc")
+    (study / "else\x1b[2Jwhere").symlink_to("/etc")
     assert main([command, str(study)]) == 0
     said = capsys.readouterr().out
     for name in NAMES[1:]:
         assert f"seed1/{name}: " in said
-    assert "elsewhere: is a link to a folder" in said
-    assert r"rgb_default\x1b[2J: is no run" in said
+    assert r"else\x1b[2Jwhere: is a link to a folder" in said
     assert "\x1b" not in said
 
 
@@ -225,7 +223,7 @@ def test_numbers_and_names_without_end_end_neither_plot_nor_report(study, tmp_pa
         said = capsys.readouterr().out
         assert "dep_default/human/seed0/metrics.csv: has return that is too large" in said
         assert "dep_default/human/seed0/evaluation.json: has no usable return" in said
-        assert "is no camera's name" in said
+        assert "its config.yaml has no usable cams.0" in said
         assert "not drawn, V" not in said
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<script>alert" not in page
