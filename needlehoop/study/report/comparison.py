@@ -17,7 +17,7 @@ from needlehoop.study.render.curves import MissingDataError, draw_panel, name_en
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
-from needlehoop.study.report.gallery import Films
+from needlehoop.study.report.gallery import Films, filmed_run
 from needlehoop.study.report.page import render, shown_figure, write_with_films
 from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
@@ -264,39 +264,17 @@ def write_comparison(
         out: an HTML file; films for which it has no room are linked to from its folder.
         made: the command that makes this page, for the record.
     """
-    filmed = [
-        {name: film for name, runs in one.runs.items() if (film := _film(runs))} for one in found
-    ]
     names = [*dict.fromkeys(name for one in found for name in one.runs)]
+    shown = [(one, [shown_figure(chart)]) for one, chart in zip(found, charts, strict=True)]
 
     def page(films: Films) -> str:
+        title = " and ".join(names)
         return render(
-            "comparison.html",
-            title=" and ".join(names),
-            tables=tables,
-            shown=[
-                {
-                    "title": one.title,
-                    "figures": [shown_figure(chart)],
-                    "films": [{"who": name, **films.shown(film)} for name, film in own.items()],
-                }
-                for one, chart, own in zip(found, charts, filmed, strict=True)
-            ],
-            commands=[
-                f"{run.command or '(command not on record)'}  # {name}"
-                for one in found
-                for name, runs in one.runs.items()
-                for run in runs
-            ],
-            made=made,
+            "comparison.html", title=title, tables=tables, shown=shown, films=films, made=made
         )
 
-    write_with_films(page, [[*own.values()] for own in filmed], out)
-
-
-def _film(runs: Sequence[Record]) -> Path | None:
-    """Of the first run that has one."""
-    return next((run.video for run in runs if run.video is not None), None)
+    filmed = [map(filmed_run, one.runs.values()) for one in found]
+    write_with_films(page, [[run.video for run in own if run and run.video] for own in filmed], out)
 
 
 def comparison_chart(one: Comparison) -> Figure:
