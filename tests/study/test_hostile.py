@@ -100,7 +100,9 @@ def test_a_foreign_file_is_named_and_left_out_within_a_second(study, run):
 
 
 @pytest.mark.parametrize("command", ["status", "report"])
-def test_status_and_report_live_among_foreign_files(study, run, tmp_path, command, capsys):
+def test_status_and_report_live_among_foreign_files(
+    sketched, study, run, tmp_path, command, capsys
+):
     kinds = ("aliases", "pipe", "deep JSON", "device", "a large number", "loop")
     for name, kind in zip(NAMES[1:], kinds, strict=True):
         hostile(run / name, kind)
@@ -120,7 +122,7 @@ def test_status_and_report_live_among_foreign_files(study, run, tmp_path, comman
     assert "\x1b" not in said
 
 
-def test_a_link_out_of_the_study_is_not_in_the_report(study, run, tmp_path, capsys):
+def test_a_link_out_of_the_study_is_not_in_the_report(sketched, study, run, tmp_path, capsys):
     secret = tmp_path / "secret"
     secret.write_text("the key to everything\n")
     (run / "reward.txt").unlink()
@@ -217,7 +219,7 @@ def test_numbers_and_names_without_end_end_neither_plot_nor_report(study, tmp_pa
     (huge / "evaluation.json").write_text(json.dumps({**last, "return": 1e308}))
     html = "<script>alert(document.cookie)</script>".ljust(60, "x").replace("/", "-")
     write_run(study, html, updates=12, steps=122_880)
-    for command in ("plot", "report", "status"):
+    for command in ("report", "status"):
         out = [] if command == "status" else ["--out", str(tmp_path / "out")]
         assert main([command, str(study), *out]) == 0
         said = capsys.readouterr().out
@@ -230,7 +232,7 @@ def test_numbers_and_names_without_end_end_neither_plot_nor_report(study, tmp_pa
     assert "rgb_default" in page
 
 
-def test_a_figure_that_cannot_be_drawn_is_a_line(study, tmp_path, monkeypatch, capsys):
+def test_a_figure_that_cannot_be_drawn_is_a_line(sketched, study, tmp_path, monkeypatch, capsys):
     def broken(findings):
         raise OverflowError("no axis is that long")
 
