@@ -122,28 +122,6 @@ class Lock:
                 return
 
 
-def is_held(folder: Path) -> bool:
-    """Whether a process holds a folder's lock now."""
-    place = folder.resolve()
-    try:
-        file = os.open(
-            place.with_name(f".{place.name}.lock"),
-            os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW,
-        )
-    except OSError:
-        return False
-    try:
-        host, process = _holder(file)
-        if host == platform.node() and not (process == os.getpid() or _is_alive(process)):
-            return False
-        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError as error:
-        return error.errno in (errno.EWOULDBLOCK, errno.EACCES)
-    finally:
-        os.close(file)
-    return False
-
-
 def _note() -> str:
     return json.dumps({"host": platform.node(), "process": os.getpid()}) + "\n"
 

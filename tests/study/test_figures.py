@@ -73,11 +73,10 @@ def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
     assert drawn["final_values"].missing is None
 
 
-def test_a_missing_contact_sheet_names_the_command(tmp_path, capsys):
+def test_a_missing_contact_sheet_names_the_command(sketched, tmp_path):
     write_run(tmp_path / "main", "rgb_default", updates=20)
-    assert main(["plot", str(tmp_path / "main")]) == 0
-    sheet = tmp_path / "main" / "contact_sheet.png"
-    assert f"needlehoop snapshot out={sheet}" in capsys.readouterr().out
+    sheet, *_ = draw(study_findings(tmp_path / "main"), tmp_path)
+    assert f"needlehoop snapshot out={tmp_path}/main/contact_sheet.png" in str(sheet.missing)
 
 
 def test_few_curves_share_a_panel(study):
@@ -276,7 +275,7 @@ def test_labels_keep_apart_near_their_lines():
         assert apart(wanted, 1.0, 0.0, 10.0) == pytest.approx(placed)
 
 
-def test_the_papers_numbers_draw_before_a_single_run(tmp_path, capsys, monkeypatch):
+def test_the_papers_numbers_draw_before_a_single_run(sketched, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["plot", "paper"]) == 0
     assert "results/paper/figures/final_values.png" in capsys.readouterr().out

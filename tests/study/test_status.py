@@ -2,7 +2,6 @@
 
 import json
 import os
-import platform
 import time
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 from study_files import BUFFER, UPDATES, write_run
 
 from needlehoop.cli.main import main
-from needlehoop.runs.lock import Lock
 from needlehoop.study.data.records import Place, read_study
 from needlehoop.study.data.sweeps import planned, read_job_ends
 from needlehoop.study.report.status import (
@@ -244,21 +242,6 @@ def test_a_study_without_rates_promises_nothing(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     assert main(["status", str(tmp_path / "empty")]) == 0
     assert "no runs" in capsys.readouterr().out
-
-
-def test_a_file_that_a_training_writes_just_now_is_not_half_written(study, capsys):
-    run = study / "rgb_default" / "human" / "seed0"
-    (run / "checkpoint.pt.partial").write_bytes(b"x")
-    with Lock(run):
-        assert read_study(study).left_out == ()
-        assert main(["status", str(study)]) == 0
-        assert "half-written" not in capsys.readouterr().out
-    assert main(["status", str(study)]) == 0
-    assert "seed0/checkpoint.pt.partial: half-written" in capsys.readouterr().out
-    # A killed process leaves its note, and holds nothing.
-    note = json.dumps({"host": platform.node(), "process": 10**9})
-    (run.parent / ".seed0.lock").write_text(note)
-    assert [one.reason for one in read_study(study).left_out] == ["half-written"]
 
 
 def test_a_study_that_is_not_there(tmp_path, capsys):

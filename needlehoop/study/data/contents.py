@@ -1,4 +1,4 @@
-"""Checks and reads what a run's files hold: tables of numbers, films, pictures."""
+"""Checks and reads what files hold: tables, films, pictures, and what a manifest says of a task."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, Field, StringConstraints, TypeAdapter, ValidationError
 
 from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes, read_text
 
@@ -20,10 +22,21 @@ _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _PICTURE = 64_000_000
 """Bytes of a picture, at most."""
 
-_HEADER = 8
-"""Bytes of an MP4 box's length and name."""
-_BOXES = 1_000
-"""Boxes of a film, at most; ours have four."""
+_FILM = 256_000_000
+"""The same of a film."""
+
+
+def checked(kind: Any, value: Any) -> Any:
+    """A plain value in the form of ``kind``, which is a dataclass or what else pydantic knows.
+
+    Raises:
+        UnreadableError: it has another form; names the keys.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(value)
+    except ValidationError as error:
+        odd = (".".join(map(str, one["loc"])) for one in error.errors())
+        raise UnreadableError(f"has no usable {', '.join(dict.fromkeys(odd))}") from error
 
 
 @dataclass(frozen=True)
@@ -100,31 +113,18 @@ def _numbers(cells: list[str], width: int) -> list[float] | None:
     return None if any(map(math.isinf, values)) else values
 
 
-def check_film(path: Path) -> None:
-    """Checks that an MP4 file's boxes fill it exactly, and that one of them is its index.
+def check_film(path: Path, within: Path) -> Path:
+    """The path of an MP4 file that lies in a folder and has the index that is written last.
 
     Raises:
-        UnreadableError: empty, cut off, or something else.
+        UnreadableError: empty, cut off, elsewhere, or something else.
     """
-    if not path.is_file():
-        raise UnreadableError("is no plain file")
-    size, at, found = path.stat().st_size, 0, []
-    if not size:
+    data = read_bytes(path, _FILM, within)
+    if not data:
         raise UnreadableError("is empty")
-    with path.open("rb") as file:
-        while at + _HEADER <= size and len(found) < _BOXES:
-            file.seek(at)
-            header = file.read(_HEADER)
-            length = int.from_bytes(header[:4], "big")
-            if length == 1:
-                # Too long for four bytes: eight more hold it.
-                length = int.from_bytes(file.read(8), "big")
-            if length < _HEADER:
-                break
-            found.append(header[4:])
-            at += length
-    if at != size or b"moov" not in found:
+    if b"moov" not in data:
         raise UnreadableError("is no film, or cut off")
+    return path
 
 
 def check_picture(path: Path) -> None:
@@ -138,3 +138,75 @@ def check_picture(path: Path) -> None:
         raise UnreadableError("is empty")
     if not (data.startswith(_PNG_START) and data.endswith(_PNG_END)):
         raise UnreadableError("is no picture, or cut off")
+
+
+_Name = Annotated[str, StringConstraints(pattern=r"^\w[\w -]{0,39}$")]
+"""Of a task, a fact or a phase: figures and tables have room for it."""
+
+_FEW = Field(max_length=100)
+"""Facts or phases."""
+
+
+@dataclass(frozen=True)
+class TaskNote:
+    """What the study needs of a task; a run writes it down when it is created."""
+
+    name: _Name
+    goal: _Name
+    """The fact that says that the task is done."""
+    columns: Annotated[tuple[_Name, ...], _FEW]
+    """Names in ``metrics.csv`` and evaluations of what was true at an episode's end."""
+    phases: Annotated[tuple[tuple[_Name, _Name], ...], _FEW]
+    """Parts of the task in their order: name, and the fact that ends it."""
+
+
+class _Manifest(BaseModel):
+    task: TaskNote
+
+
+UNKNOWN = TaskNote("", "success", ("success",), ())
+"""Of a run whose manifest does not say."""
+
+
+def task_of(manifest: Mapping[str, Any]) -> TaskNote:
+    """What a manifest says of the task.
+
+    Raises:
+        UnreadableError: nothing, or nothing that can be used.
+    """
+    if manifest.get("task") is None:
+        raise UnreadableError("says nothing of the task: its phases and cheats are not known")
+    note: TaskNote = checked(_Manifest, manifest).task
+    told = {"success", note.goal, *(fact for _, fact in note.phases)}
+    if not told <= {*note.columns} or ("cheat" in note.columns) is not manifest["task"].get(
+        "cheat"
+    ):
+        raise UnreadableError("has no usable task")
+    return note
+
+
+NONE, ALL = "none", "all"
+"""Conditions of a stress test without a disturbance, and with all of them at once."""
+
+
+@dataclass(frozen=True)
+class Stressed:
+    """Success under one axis of disturbance at one severity: a row of ``stress.csv``."""
+
+    axis: Annotated[str, Field(max_length=60)]
+    severity: Annotated[int, Field(ge=0, le=99)]
+    episodes: Annotated[int, Field(gt=0, lt=10**9)]
+    success: Annotated[float, Field(ge=0, le=1)]
+
+
+def read_stress(path: Path, within: Path) -> tuple[Stressed, ...]:
+    """The rows of a ``stress.csv``.
+
+    Raises:
+        UnreadableError: no such table, or a row that makes no sense.
+    """
+    try:
+        rows = list(csv.DictReader(io.StringIO(read_text(path, TABLE, within))))
+    except csv.Error as error:
+        raise UnreadableError(f"is no CSV file: {error}") from error
+    return checked(Annotated[tuple[Stressed, ...], Field(min_length=1, max_length=10_000)], rows)

@@ -4,26 +4,34 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+import shlex
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, Field, StringConstraints
 
 from needlehoop.runs import files
-from needlehoop.runs.lock import is_held
 from needlehoop.runs.reading import (
     UnreadableError,
-    check_within,
     printable,
     read_json,
     read_text,
     read_yaml,
 )
-from needlehoop.study.data.contents import Rows, check_film, read_rows
-from needlehoop.study.data.stress import Stressed, read_stress
-from needlehoop.study.data.task import UNKNOWN, TaskNote, task_of
+from needlehoop.study.data.contents import (
+    UNKNOWN,
+    Rows,
+    Stressed,
+    TaskNote,
+    check_film,
+    checked,
+    read_rows,
+    read_stress,
+    task_of,
+)
 
 _KEYED = ("update", "step", "wall_time")
 _LARGEST = float(2**53)
@@ -37,18 +45,31 @@ HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
 _MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0.0, 1e9)}
 """What ``evaluation.json`` may say besides, and the range of each number."""
 
-_RUN_FILES = re.compile(
-    r"(config\.yaml|manifest\.json|reward\.txt|checkpoint\.pt|(metrics|evaluations)(\.\d+)?\.csv"
-    r"|(policy|best)\.safetensors|evaluation(\.\d+)?\.json|stress(\.\d+)?\.csv|video(\.\d+)?\.mp4)"
-)
 _RUN_FOLDER = re.compile(r"seed\d+")
 _FORMER_RUN = re.compile(r"seed\d+\.\d+")
 """A run that was set aside for another."""
 
-_CAMERA = re.compile(r"\w[\w.-]{0,39}")
+_Camera = Annotated[str, StringConstraints(pattern=r"^\w[\w.-]{0,39}$")]
 """A camera's name: figures and tables have room for it."""
 
-_STUDY_FILES = {"report.html", "contact_sheet.png", "README.md"}
+_Size = Annotated[int, Field(ge=1, le=2**53)]
+
+
+class _Algo(BaseModel, strict=True):
+    horizon: _Size
+    buffer: Annotated[int, Field(ge=0, le=2**53)] | None = None
+    """Imitation has none of its own."""
+
+
+class _Config(BaseModel, strict=True):
+    """What the study uses of a run's config."""
+
+    cams: list[_Camera]
+    obs: dict
+    algo: _Algo
+    seed: Annotated[int, Field(ge=0, lt=2**64)]
+    steps: _Size
+    num_envs: _Size
 
 
 @dataclass(frozen=True)
@@ -136,7 +157,7 @@ class Record:
         if not isinstance(words, list):
             return None
         script = ["python"] if words[:1] == ["train.py"] else []
-        return " ".join(map(_quoted, [*script, *words]))
+        return shlex.join(map(str, [*script, *words]))
 
 
 @dataclass(frozen=True)
@@ -148,8 +169,8 @@ class Study:
     left_out: tuple[LeftOut, ...]
 
     def is_of(self, task: str) -> bool:
-        """Whether all of its runs that say which task they are of are of this one."""
-        return {run.task.name for run in self.runs} <= {task, UNKNOWN.name}
+        """Whether its runs say that they are of this task, and none that it is of another."""
+        return {run.task.name for run in self.runs} - {UNKNOWN.name} == {task}
 
 
 @dataclass
@@ -183,14 +204,11 @@ def read_study(folder: Path) -> Study:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; give a study's, such as results/main")
     reading = _Reading(folder)
-    loose = {folder: set(_visible(folder)) - _STUDY_FILES}
     for here, folders, names in os.walk(folder):
         place = Path(here)
         if _RUN_FOLDER.fullmatch(place.name):
             folders.clear()
             _read_run(place, reading)
-            above = [parent for parent in place.parents if folder in parent.parents]
-            loose |= {parent: set(_visible(parent)) for parent in above}
             continue
         # In the order of names, whatever the file system's is.
         folders[:] = sorted(
@@ -202,9 +220,6 @@ def read_study(folder: Path) -> Study:
         if place != folder and files.CONFIG in names:
             reading.leave(place, "holds a run but is not called seed<k>")
             folders.clear()
-    for parent, names in loose.items():
-        for name in names:
-            reading.leave(parent / name, "is no run")
     runs = tuple(reading.runs[place] for place in sorted(reading.runs))
     return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
 
@@ -223,19 +238,7 @@ def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
     return _record(folder, config, reading), tuple(reading.left_out)
 
 
-def _visible(folder: Path) -> list[str]:
-    """Names of the files in a folder, without hidden ones."""
-    return [path.name for path in folder.iterdir() if not path.is_dir() and path.name[0] != "."]
-
-
 def _read_run(folder: Path, reading: _Reading) -> None:
-    for path in sorted(folder.iterdir()):
-        if path.name.endswith(".partial"):
-            # While a training holds the folder, it is writing the file just now.
-            if not is_held(folder):
-                reading.leave(path, "half-written")
-        elif not path.is_dir() and not _RUN_FILES.fullmatch(path.name):
-            reading.leave(path, "is no file of a run")
     try:
         config = _config(folder / files.CONFIG, reading.root)
     except UnreadableError as error:
@@ -244,11 +247,10 @@ def _read_run(folder: Path, reading: _Reading) -> None:
     place = _place(folder, config)
     if folder.name != f"seed{place.seed}":
         reading.leave(folder, f"its config has seed {place.seed}")
-        return
-    if place in reading.runs:
+    elif place in reading.runs:
         reading.leave(folder, f"is {place}, as is {reading.runs[place].folder}")
-        return
-    reading.runs[place] = _record(folder, config, reading)
+    else:
+        reading.runs[place] = _record(folder, config, reading)
 
 
 def _place(folder: Path, config: Mapping[str, Any]) -> Place:
@@ -276,7 +278,7 @@ def _record(folder: Path, config: Mapping[str, Any], reading: _Reading) -> Recor
         reading.read(folder / files.METRICS, lambda path: _rows(path, {}, reading)),
         reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, outcome, reading)),
         reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
-        reading.read(folder / files.VIDEO, lambda path: _film(path, root)),
+        reading.read(folder / files.VIDEO, lambda path: check_film(path, root)),
         reading.read(folder / files.STRESS, lambda path: read_stress(path, root)) or (),
     )
 
@@ -286,22 +288,7 @@ def _config(path: Path, root: Path) -> dict[str, Any]:
     if not path.exists():
         raise UnreadableError("is missing")
     config = read_yaml(path, root)
-    for key, kind in (("cams", list), ("obs", dict), ("algo", dict)):
-        if not isinstance(config.get(key), kind):
-            raise UnreadableError(f"has no usable {key}")
-    for camera in config["cams"]:
-        if not (isinstance(camera, str) and _CAMERA.fullmatch(camera)):
-            raise UnreadableError(f"has no usable cams: {str(camera)[:40]!r} is no camera's name")
-    counts: dict[str, Any] = {key: config.get(key) for key in ("seed", "steps", "num_envs")}
-    counts["algo.horizon"] = config["algo"].get("horizon")
-    # Imitation has no buffer of its own.
-    counts["algo.buffer"] = config["algo"].get("buffer") or 1
-    for key, value in counts.items():
-        if type(value) is not int or not 0 <= value < 2**64:
-            raise UnreadableError(f"has no usable {key}")
-    sizes = [counts[key] for key in ("num_envs", "steps", "algo.horizon", "algo.buffer")]
-    if min(sizes) < 1 or max(sizes) > _LARGEST:
-        raise UnreadableError("has no steps")
+    checked(_Config, config)
     return config
 
 
@@ -343,7 +330,7 @@ def _check_rising(rows: Rows) -> None:
     """Two processes that write one table leave rows twice, or out of order."""
     for name in ("update", "step"):
         values = rows[name]
-        if values[0] < 0 or values[-1] > _LARGEST:
+        if values[0] < 0:
             raise UnreadableError(f"has {name}s that are none")
         falls = np.flatnonzero(np.diff(values) <= 0)
         if len(falls):
@@ -353,34 +340,19 @@ def _check_rising(rows: Rows) -> None:
             )
 
 
-def _film(path: Path, root: Path) -> Path:
-    check_within(path, root)
-    check_film(path)
-    return path
-
-
 def _between(value: Any, low: float, high: float) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and low <= value <= high
 
 
-def _quoted(word: Any) -> str:
-    """A word of a command as a shell takes it, readable where it needs no quotes."""
-    text = str(word)
-    return text if re.fullmatch(r"[\w@%+=:,./-]+", text) else "'" + text.replace("'", "'\\''") + "'"
-
-
-def typed_settings(values: Mapping[str, Any]) -> dict[str, str]:
+def typed_settings(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     """Settings as they are typed on the command line, by names such as ``algo.gamma``."""
-    return dict(_typed_settings(values, ""))
-
-
-def _typed_settings(values: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str]]:
+    found: dict[str, str] = {}
     for key, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _typed_settings(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", _typed(value)
+        name = f"{prefix}{key}"
+        inner = isinstance(value, Mapping)
+        found |= typed_settings(value, f"{name}.") if inner else {name: _typed(value)}
+    return found
 
 
 def _typed(value: Any) -> str:

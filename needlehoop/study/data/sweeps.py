@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 from needlehoop.runs.files import DAGGER, EXPERT, OUTCOME, SWEEPS, labelled, name_of, seen
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.shipped import CONF
+from needlehoop.study.data.contents import checked
 from needlehoop.study.data.paper import HUMAN
 from needlehoop.study.data.records import LeftOut, Place, typed_settings
 
@@ -23,7 +23,17 @@ _NO_SETTINGS = ("defaults", "hydra", "study", "results")
 _COMMA = re.compile(r",(?![^\[\]]*\])")
 """Between the choices of a sweep, and not within a list."""
 
-_NOTED = {"study": str, "cameras": str, "reward": str, "seed": int, "outcome": str}
+
+@dataclass(frozen=True)
+class _Note:
+    """What a sweep's job leaves."""
+
+    study: str
+    cameras: str
+    reward: str
+    seed: int
+    outcome: str
+    error: str | None = None
 
 
 @dataclass(frozen=True)
@@ -50,26 +60,17 @@ def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
     left_out: list[LeftOut] = []
     for path in sorted(root.glob(f"*/*/{OUTCOME}")):
         try:
-            note = _read_note(path)
+            note: _Note = checked(_Note, read_json(path))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / path.relative_to(root.parent), str(error)))
             continue
-        place = Place(note["cameras"], note["reward"], note["seed"])
-        end = JobEnd(path.stat().st_mtime, note.get("error"))
-        if note["study"] == study.resolve().name and (
+        place = Place(note.cameras, note.reward, note.seed)
+        end = JobEnd(path.stat().st_mtime, note.error)
+        if note.study == study.resolve().name and (
             place not in found or found[place].when < end.when
         ):
             found[place] = end
     return found, left_out
-
-
-def _read_note(path: Path) -> Mapping[str, Any]:
-    note = read_json(path)
-    kinds = {**_NOTED, **({"error": str} if "error" in note else {})}
-    odd = [key for key, kind in kinds.items() if not isinstance(note.get(key), kind)]
-    if odd:
-        raise UnreadableError(f"has no usable {', '.join(odd)}")
-    return note
 
 
 def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:

@@ -59,7 +59,7 @@ def learning_curves(findings: StudyFindings) -> Figure:
         (title, [(short(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
-    ends = _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in training")
+    ends = _panels(grid[:, 0], shown, partial(smoothed, column="return"), "return in training")
     grid[-1, 0].set_xlabel("environment steps, millions")
     name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
     return figure
@@ -112,8 +112,8 @@ def reward_comparison(findings: StudyFindings) -> Figure:
         for title, rivals in panels
     ]
     untitled = [("", own) for _, own in shown]
-    _panels(grid[:, 0], shown, partial(_smoothed, column="return"), "return in its own points")
-    _panels(grid[:, 1], untitled, partial(_smoothed, column="success"), findings.goal)
+    _panels(grid[:, 0], shown, partial(smoothed, column="return"), "return in its own points")
+    _panels(grid[:, 1], untitled, partial(smoothed, column="success"), findings.goal)
     _panels(grid[:, 2], untitled, _evaluated, "")
     for axes in grid[:, 1:].flat:
         axes.set_ylim(-0.05, 1.05)
@@ -152,33 +152,41 @@ def _panels(
         curves: of runs on a grid of steps, ``(seeds, points)``.
         words: what they show.
     """
-    runs = [run for _, lines in panels for _, some, _ in lines for run in some]
-    steps = grid_of(runs)
+    steps = grid_of(run for _, lines in panels for _, some, _ in lines for run in some)
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
-        axes.set_ylabel(words)
-        ends.append(
-            [
-                draw_line(axes, steps, number, name, values)
-                for name, runs, number in lines
-                if not np.isnan(values := curves(runs, steps)).all()
-            ]
-        )
+        ends.append(draw_panel(axes, steps, lines, curves, words))
     # One scale for all panels makes them comparable.
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
         axes.set_ylim(low, high)
-        axes.set_xlim(0, steps[-1] / 1e6)
-        axes.grid(axis="y", linewidth=0.3)
     return ends
+
+
+def draw_panel(
+    axes: Axes,
+    steps: np.ndarray,
+    lines: _Lines,
+    curves: Callable[[Sequence[Record], np.ndarray], np.ndarray],
+    words: str,
+) -> list[LineEnd]:
+    """Draw lines over training, but for runs without any value; returns where they end."""
+    axes.set_ylabel(words)
+    axes.set_xlim(0, steps[-1] / 1e6)
+    axes.grid(axis="y", linewidth=0.3)
+    return [
+        _draw_line(axes, steps, number, name, values)
+        for name, runs, number in lines
+        if not np.isnan(values := curves(runs, steps)).all()
+    ]
 
 
 def name_ends(
     figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]], longest: float
 ) -> None:
-    """Write names beside lines that ``draw_line`` drew; the last thing that is done to a figure.
+    """Write names beside lines that ``draw_panel`` drew; the last thing that is done to a figure.
 
     Args:
         figure: with the axes in ``column`` below each other, and their limits set.
@@ -198,7 +206,9 @@ def name_ends(
     figure.set_layout_engine("none")
 
 
-def draw_line(axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray) -> LineEnd:
+def _draw_line(
+    axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray
+) -> LineEnd:
     """Draw the IQM and the interval over seeds; returns where the line ends.
 
     The line breaks where a run ends before the others: from there it is a mean over fewer runs, and
@@ -240,5 +250,5 @@ def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
     return np.array([np.interp(steps, *own, left=np.nan, right=np.nan) for own in found])
 
 
-def _smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
+def smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
     return np.array([smooth(run, column, steps) for run in _curves(runs)])

@@ -10,7 +10,7 @@ from typing import Any
 
 from needlehoop.runs.files import csv_text
 from needlehoop.study.stats.run import Measure
-from needlehoop.study.stats.statistics import OVER_EPISODES, Interval
+from needlehoop.study.stats.statistics import OVER_EPISODES, Estimated, Interval
 
 _LATEX: Mapping[int, str] = str.maketrans(
     {
@@ -32,14 +32,6 @@ _LATEX: Mapping[int, str] = str.maketrans(
 _MARKDOWN: Mapping[int, str] = str.maketrans(
     {mark: f"\\{mark}" for mark in "\\`*_|<>[]"} | {"\n": " "}
 )
-
-
-@dataclass(frozen=True)
-class Estimated:
-    """A number with its interval, in one cell."""
-
-    value: float
-    interval: Interval | None = None
 
 
 @dataclass(frozen=True)
@@ -111,6 +103,10 @@ class Column:
         return f"{self.scale * value:{self.form}}"
 
 
+Row = dict[Column, Cell]
+"""Cells by column."""
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows of cells, each as long as there are columns."""
@@ -121,6 +117,12 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+
+    @classmethod
+    def of(cls, name: str, title: str, rows: Sequence[Row], note: str = "") -> Table:
+        """Rows that all have the same columns; without rows there are none."""
+        columns = tuple(rows[0]) if rows else ()
+        return cls(name, title, columns, tuple(tuple(row.values()) for row in rows), note)
 
     @property
     def header(self) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,25 +13,28 @@ from matplotlib.figure import Figure
 
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.curves import MissingDataError, draw_line, name_ends
+from needlehoop.study.render.curves import MissingDataError, draw_panel, name_ends, smoothed
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import new_figure, short
-from needlehoop.study.render.table import Cell, Column, Estimated, Table
-from needlehoop.study.report.gallery import Films
+from needlehoop.study.render.table import Column, Row, Table
+from needlehoop.study.report.gallery import Films, filmed_run
 from needlehoop.study.report.page import render, shown_figure, write_with_films
 from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
     BUFFERS,
+    CHEAT,
+    RETURN,
+    SUCCESS,
     final,
     grid_of,
     has_curve,
     share_at,
-    smooth,
     steps_to_share,
 )
 from needlehoop.study.stats.statistics import (
     OVER_EPISODES,
     OVER_SEEDS,
+    Estimated,
     Interval,
     SeedEstimate,
     difference,
@@ -47,6 +51,9 @@ _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engin
 """Settings that say which run it is and how it was run, not what was trained."""
 
 _SD = "return_sd"
+
+_SUCCESS, _RETURN = Column.of(SUCCESS), Column.of(RETURN)
+_MILLIONS = Column("", "M steps", ".2f", 1e-6)
 
 
 @dataclass(frozen=True)
@@ -136,46 +143,60 @@ def outcomes(found: Sequence[Comparison], of: str) -> Table:
         found: what is compared.
         of: what stands beside each other, ``study`` or ``run``.
     """
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[Row] = []
     for one in found:
-        first = None
+        bases: list[SeedEstimate] | None = None
         for name, runs in one.runs.items():
-            pairs = [(run, end) for run in runs if (end := final(run)) is not None]
             place = runs[0].place
-            said = (place.cameras, reward_label(place.reward), name)
-            if not pairs:
-                rows.append((*said, *[None] * 8))
-                continue
-            result = result_of(place.cameras, place.reward, pairs)
-            values = (_success(result), _over_episodes(result))
-            first = first or values
-            beyond = [
-                None if own is base else _shown(own.value - base.value, difference(base, own))
-                for base, own in zip(first, values, strict=True)
-            ]
+            row: Row = {**_place_of(runs[0]), Column(of): name}
+            pairs = [(run, end) for run in runs if (end := final(run)) is not None]
+            result = result_of(place.cameras, place.reward, pairs) if pairs else None
+            own = result and [_success(result), _over_episodes(result)]
+            bases = bases or own
+            success, returned = own or (None, None)
+            base_success, base_return = bases or (None, None)
             if place.reward != one.every[0].place.reward:
                 # Points of another reward.
-                beyond[1] = None
-            cheat = result.cheat and result.cheat.value
-            episodes = sum(end.episodes for end in result.finals)
-            success, returned = (_shown(own.value, own.interval) for own in values)
-            over = values[0].interval and values[0].interval.over
-            numbers = (success, beyond[0], cheat, returned, beyond[1], over)
-            rows.append((*said, len(pairs), episodes, *numbers))
-    percent = {"unit": "%", "form": "+.0f", "scale": 100.0}
-    columns = (
-        *map(Column, ("cameras", "reward", of, "runs", "episodes")),
-        Column.share("success"), Column("difference of success", **percent), Column.share("cheat"),
-        Column("return", form=".2f"), Column("difference of return", form="+.2f"),
-        Column("intervals"),
-    )  # fmt: skip
+                base_return = None
+            rows.append(
+                row
+                | {
+                    Column("runs"): len(pairs) or None,
+                    Column("episodes"): result and sum(end.episodes for end in result.finals),
+                    _SUCCESS: success and _shown(success.value, success.interval),
+                    _less(_SUCCESS): _beyond(success, base_success),
+                    Column.of(CHEAT): result and result.cheat and result.cheat.value,
+                    _RETURN: returned and _shown(returned.value, returned.interval),
+                    _less(_RETURN): _beyond(returned, base_return),
+                    Column("intervals"): success and success.interval and success.interval.over,
+                }
+            )
     note = (
         f"Differences are from the {of} that stands first for these cameras and this reward, in"
         " points of percent and of return, with 95 % intervals; returns of another reward are not"
         " compared. An interval without 0 is a difference. One over episodes says nothing of"
         " what another seed would give."
     )
-    return Table("evaluations", "Evaluations", columns, tuple(rows), note)
+    return Table.of("evaluations", "Evaluations", rows, note)
+
+
+def _place_of(run: Record) -> Row:
+    return {
+        Column("cameras"): run.place.cameras,
+        Column("reward"): reward_label(run.place.reward),
+    }
+
+
+def _less(column: Column) -> Column:
+    """The column of differences of a column's numbers."""
+    return replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
+
+
+def _beyond(own: SeedEstimate | None, base: SeedEstimate | None) -> Estimated | None:
+    """How far a value is from another one."""
+    if own is None or base is None or own is base:
+        return None
+    return _shown(own.value - base.value, difference(base, own))
 
 
 def progress(found: Sequence[Comparison], of: str = "study") -> Table:
@@ -183,38 +204,30 @@ def progress(found: Sequence[Comparison], of: str = "study") -> Table:
     every = [run for one in found for run in one.every]
     goals, facts = {run.task.goal for run in every}, _facts(every)
     milestones = {
-        f"{said} {fact}": (fact, share)
+        replace(_MILLIONS, name=f"{said} {fact}"): (fact, share)
         for fact in facts
         for said, share in (_MILESTONES if fact in goals else _HALF).items()
     }
-    rows = []
-    for one in found:
-        for study, runs in one.runs.items():
-            for run in runs:
-                rows.append(
-                    (
-                        run.place.cameras,
-                        reward_label(run.place.reward),
-                        study,
-                        run.place.seed,
-                        *(_steps_to(run, *stone) for stone in milestones.values()),
-                        one.steps,
-                        *(_at(run, column, one.steps) for column in (*facts, "return")),
-                    )
-                )
-    millions = {"unit": "M steps", "form": ".2f", "scale": 1e-6}
-    columns = (
-        *map(Column, ("cameras", "reward", of, "seed")),
-        *(Column(name, **millions) for name in (*milestones, "compared after")),
-        *map(Column.share, facts),
-        Column("return", form=".2f"),
-    )
+    rows: list[Row] = [
+        {
+            **_place_of(run),
+            Column(of): study,
+            Column("seed"): run.place.seed,
+            **{column: steps_to_share(run, *stone) for column, stone in milestones.items()},
+            replace(_MILLIONS, name="compared after"): one.steps,
+            **{Column.share(fact): _at(run, fact, one.steps) for fact in facts},
+            _RETURN: _at(run, "return", one.steps),
+        }
+        for one in found
+        for study, runs in one.runs.items()
+        for run in runs
+    ]
     note = (
         f"Of training episodes, over {BUFFERS} buffers. Milestones: millions of steps until they"
         " were reached; empty where they were not. The last columns: after as many steps as all"
         " runs of the same cameras and reward have. A return is in its own reward's points."
     )
-    return Table("progress", "Progress in training", columns, tuple(rows), note)
+    return Table.of("progress", "Progress in training", rows, note)
 
 
 def differences(found: Sequence[Comparison], of: str = "study") -> Table:
@@ -225,11 +238,14 @@ def differences(found: Sequence[Comparison], of: str = "study") -> Table:
             runs.setdefault(study, []).extend(own)
     hidden = {*_WHICH, *(["seed"] if of == "study" else [])}
     values = {study: _values(own, hidden) for study, own in runs.items()}
-    keys = sorted({key for own in values.values() for key in own})
-    lines = [(key, *(own.get(key) for own in values.values())) for key in keys]
-    rows = tuple(tuple(map(_brief, line)) for line in lines if len({*line[1:]}) > 1)
+    rows: list[Row] = []
+    for key in sorted({key for own in values.values() for key in own}):
+        line = [own.get(key) for own in values.values()]
+        if len({*line}) > 1:
+            columns = map(Column, ("setting", *values))
+            rows.append(dict(zip(columns, map(_brief, (key, *line)), strict=True)))
     note = "Empty: a setting that did not exist when the run was made."
-    return Table("settings", "What differs", tuple(map(Column, ("setting", *values))), rows, note)
+    return Table.of("settings", "What differs", rows, note)
 
 
 def write_comparison(
@@ -248,46 +264,23 @@ def write_comparison(
         out: an HTML file; films for which it has no room are linked to from its folder.
         made: the command that makes this page, for the record.
     """
-    filmed = [
-        {name: film for name, runs in one.runs.items() if (film := _film(runs))} for one in found
-    ]
     names = [*dict.fromkeys(name for one in found for name in one.runs)]
+    shown = [(one, [shown_figure(chart)]) for one, chart in zip(found, charts, strict=True)]
 
     def page(films: Films) -> str:
+        title = " and ".join(names)
         return render(
-            "comparison.html",
-            title=" and ".join(names),
-            tables=tables,
-            shown=[
-                {
-                    "title": one.title,
-                    "figures": [shown_figure(chart)],
-                    "films": [{"who": name, **films.shown(film)} for name, film in own.items()],
-                }
-                for one, chart, own in zip(found, charts, filmed, strict=True)
-            ],
-            commands=[
-                f"{run.command or '(command not on record)'}  # {name}"
-                for one in found
-                for name, runs in one.runs.items()
-                for run in runs
-            ],
-            made=made,
+            "comparison.html", title=title, tables=tables, shown=shown, films=films, made=made
         )
 
-    write_with_films(page, [[*own.values()] for own in filmed], out)
-
-
-def _film(runs: Sequence[Record]) -> Path | None:
-    """Of the first run that has one."""
-    return next((run.video for run in runs if run.video is not None), None)
+    filmed = [map(filmed_run, one.runs.values()) for one in found]
+    write_with_films(page, [[run.video for run in own if run and run.video] for own in filmed], out)
 
 
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
     runs = one.every
     steps = grid_of(runs)
-    longest = steps[-1]
     shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
     drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
     if not drawn:
@@ -295,20 +288,15 @@ def comparison_chart(one: Comparison) -> Figure:
     figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
     ends = []
     for axes, (column, text) in zip(grid[:, 0], drawn.items(), strict=True):
-        axes.set_ylabel(f"{text} in training")
-        axes.grid(axis="y", linewidth=0.3)
-        axes.set_xlim(0, longest / 1e6)
         if column != "return":
             axes.set_ylim(-0.03, 1.03)
             axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-        lines = []
-        for number, (study, own) in enumerate(one.runs.items()):
-            curves = np.array([smooth(run, column, steps) for run in own])
-            lines.append(draw_line(axes, steps, number, short(study), curves))
-        ends.append(lines)
+        lines = [(short(study), own, i) for i, (study, own) in enumerate(one.runs.items())]
+        smoothly = partial(smoothed, column=column)
+        ends.append(draw_panel(axes, steps, lines, smoothly, f"{text} in training"))
     grid[0, 0].set_title(short(one.title))
     grid[-1, 0].set_xlabel("environment steps, millions")
-    name_ends(figure, grid[:, 0], ends, longest)
+    name_ends(figure, grid[:, 0], ends, steps[-1])
     return figure
 
 
@@ -347,10 +335,6 @@ def _facts(runs: Sequence[Record]) -> list[str]:
 
 def _has(run: Record, column: str) -> bool:
     return run.metrics is not None and column in run.metrics.columns
-
-
-def _steps_to(run: Record, column: str, share: float) -> float | None:
-    return steps_to_share(run, column, share) if _has(run, column) else None
 
 
 def _at(run: Record, column: str, steps: int) -> float | None:

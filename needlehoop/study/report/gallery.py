@@ -1,10 +1,10 @@
-"""The ranking as a gallery: what each agent sees, how far it comes, and its film."""
+"""The pictures and films of a page: what each agent sees, and how much room films have."""
 
 from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -13,17 +13,12 @@ from typing import Any
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
 from needlehoop.study.data.contents import check_picture
-from needlehoop.study.data.paper import reward_label, reward_order
+from needlehoop.study.data.paper import reward_order
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.table import Column
-from needlehoop.study.report.tables import reached
 from needlehoop.study.stats.findings import Result, StudyFindings
-from needlehoop.study.stats.statistics import OVER_EPISODES
 
 CAMERAS = "cameras"
 """A study's folder with what an agent sees through each camera; for the paper's task, beside it."""
-
-_RETURN = Column("return", form=".2f")
 
 _FILM = 4_000_000
 """Bytes of the longest film that is part of a page; a longer one is linked to."""
@@ -74,28 +69,23 @@ def fitting(rankings: Sequence[Sequence[Path]], room: int) -> frozenset[Path]:
 def films_of(findings: StudyFindings) -> list[list[Path]]:
     """The films of each ranking: the best and the worst first, the middle last."""
     found = []
-    for _, results in _rankings(findings):
+    for _, results in rankings_by_reward(findings):
         order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
-        films = [_film(results[number]) for number in order]
-        found.append([film for film in films if film])
+        filmed = [filmed_run(results[number].runs) for number in order]
+        found.append([run.video for run in filmed if run and run.video])
     return found
 
 
-@dataclass(frozen=True)
-class Tiles:
-    """What an agent sees through each camera."""
-
-    images: Mapping[str, str]
-    """Addresses that hold them, by camera."""
-    problems: tuple[str, ...]
-    """Why some are missing."""
+def filmed_run(runs: Sequence[Record]) -> Record | None:
+    """The first run that has a film."""
+    return next((run for run in runs if run.video is not None), None)
 
 
-def read_tiles(study: Study) -> Tiles:
-    """The whole images of a study's cameras."""
+def tiles_of(study: Study | None) -> tuple[dict[str, str], list[str]]:
+    """What agents see: addresses that hold whole images, by camera; and why some are missing."""
     found: dict[str, str] = {}
     problems = []
-    for name, _, path in _pictures(study):
+    for name, _, path in _pictures(study) if study else ():
         try:
             if path is None:
                 problems.append(f"no picture of {name}")
@@ -104,7 +94,7 @@ def read_tiles(study: Study) -> Tiles:
                 found[name] = inline(path)
         except UnreadableError as error:
             problems.append(f"{path} {error}; remove it, and it is drawn anew")
-    return Tiles(found, tuple(problems))
+    return found, problems
 
 
 def undrawn(study: Study) -> dict[Path, list[str]]:
@@ -131,78 +121,10 @@ def _pictures(study: Study) -> list[tuple[str, Record, Path | None]]:
     return found
 
 
-def galleries(findings: StudyFindings, films: Films, tiles: Tiles) -> list[dict[str, Any]]:
-    """A ranking for each reward, the one under which cameras are compared first.
-
-    Args:
-        findings: of a study, or of the paper.
-        films: how the page shows them.
-        tiles: what the cameras see.
-    """
-    return [
-        {"reward": reward_label(reward), "rows": _rows(findings, results, films, tiles.images)}
-        for reward, results in _rankings(findings)
-    ]
-
-
-def _rankings(findings: StudyFindings) -> list[tuple[str, list[Result]]]:
+def rankings_by_reward(findings: StudyFindings) -> list[tuple[str, list[Result]]]:
+    """Rewards, the one under which cameras are compared first, with their results."""
     rewards = sorted(
         {result.reward for result in findings.results},
         key=lambda reward: (reward != findings.main_reward, reward_order(reward)),
     )
     return [(one, [r for r in findings.results if r.reward == one]) for one in rewards]
-
-
-def _film(result: Result) -> Path | None:
-    """Of the first seed that has one."""
-    return next((run.video for run in result.runs if run.video is not None), None)
-
-
-def _rows(
-    findings: StudyFindings, results: Sequence[Result], films: Films, images: Mapping[str, str]
-) -> list[dict[str, Any]]:
-    phases = reached(findings)
-    rows = []
-    for number, result in enumerate(results):
-        film = _film(result)
-        phase = phases.get((result.cameras, result.reward))
-        rows.append(
-            {
-                "place": number + 1,
-                "cameras": result.cameras,
-                "tiles": [
-                    {"name": name, "image": images[name]}
-                    for name in result.cameras.split("+")
-                    if name in images
-                ],
-                "return": f"{result.value.value:.2f}",
-                "interval": _RETURN.text(result.value.interval_or_why),
-                "success": _success(result),
-                "fails_in": phase.fails_in if phase else None,
-                "film": films.shown(film) if film else None,
-                "film_of": next((f"seed {r.place.seed}" for r in result.runs if r.video), ""),
-                "unfinished": result.unfinished,
-            }
-        )
-    return rows
-
-
-def _success(result: Result) -> dict[str, Any] | None:
-    """Percentages, for a bar and beside it."""
-    found = result.success
-    if found is None:
-        return None
-    seeds = "1 seed" if found.seeds == 1 else f"{found.seeds} seeds"
-    low, high = (
-        (100.0 * found.interval.low, 100.0 * found.interval.high) if found.interval else (0.0, 0.0)
-    )
-    over = f"{low:.0f} to {high:.0f} %; "
-    if found.interval and found.interval.over == OVER_EPISODES:
-        over += "over the episodes of "
-    return {
-        "share": f"{100.0 * found.value:.1f}",
-        "low": f"{low:.1f}",
-        "width": f"{high - low:.1f}",
-        "said": f"{100.0 * found.value:.0f} %",
-        "interval": f"{over if found.interval else ''}{seeds}",
-    }

@@ -18,17 +18,17 @@ from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
 from needlehoop.study.report.gallery import (
     Films,
-    Tiles,
+    filmed_run,
     films_of,
     fitting,
-    galleries,
     inline,
-    read_tiles,
+    rankings_by_reward,
+    tiles_of,
 )
-from needlehoop.study.report.tables import all_tables, list_name
+from needlehoop.study.report.tables import all_tables, list_name, reached
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.predictions import recorded_answers
-from needlehoop.study.stats.run import final
+from needlehoop.study.stats.run import RETURN, final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
 from needlehoop.study.stats.stress import SEVERITY, robustness
 
@@ -40,8 +40,6 @@ _FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
 
 _LONGEST = 10_000_000
 """Bytes of a page; films are left out of it to keep to this."""
-
-_RETURN = Column("return", form=".2f")
 
 
 @dataclass(frozen=True)
@@ -63,17 +61,10 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
             and the worst of each ranking come first.
         command: that makes this page, for the record.
     """
-    tiles = [_tiles(part.findings) for part in parts]
-    told = [_part(part, own, alone=len(parts) == 1) for part, own in zip(parts, tiles, strict=True)]
+    told = [_part(part, alone=len(parts) == 1) for part in parts]
 
     def page(films: Films) -> str:
-        ranked = [galleries(p.findings, films, own) for p, own in zip(parts, tiles, strict=True)]
-        return render(
-            "report.html",
-            title=_title(parts),
-            parts=[{**one, "galleries": own} for one, own in zip(told, ranked, strict=True)],
-            made=command,
-        )
+        return render("report.html", title=_title(parts), parts=told, films=films, made=command)
 
     write_with_films(page, [films for part in parts for films in films_of(part.findings)], out)
 
@@ -100,37 +91,40 @@ def render(template: str, **values: Any) -> str:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
+    environment.globals |= {
+        "filmed_run": filmed_run,
+        "reward_label": reward_label,
+        "of_return": Column.of(RETURN).text,
+        "percent": Column("", form=".0f", scale=100.0).text,
+        "tenths": Column("", form=".1f", scale=100.0).text,
+    }
     css, script = (loader.get_source(environment, f"report.{kind}")[0] for kind in ("css", "js"))
     return environment.get_template(template).render(css=css, script=script, **values)
 
 
-def _part(part: Part, tiles: Tiles, alone: bool) -> dict[str, Any]:
-    """What the page shows of a study, beside its rankings."""
+def _part(part: Part, alone: bool) -> dict[str, Any]:
+    """What the page shows of a study."""
     findings = part.findings
     study = findings.study
     figures = [shown_figure(drawn) for drawn in part.figures]
     ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
+    tiles, problems = tiles_of(study)
     return {
-        "name": findings.title,
+        "findings": findings,
         # Names of a page's parts are unique in it.
         "mark": "" if alone else f"{findings.title}-",
-        "is_study": study is not None,
-        "goal": findings.goal,
         "lead": _lead(findings),
-        "problems": tiles.problems,
+        "tiles": tiles,
+        "problems": problems,
         "first": [figure for figure in figures if figure["name"] in ahead],
         "figures": [figure for figure in figures if figure["name"] not in ahead],
+        "rankings": rankings_by_reward(findings),
+        "reached": reached(findings),
         "tables": all_tables(findings),
         "reasons": _reasons(findings),
         "answers": findings.answers.questions if study and findings.answers else (),
-        "left_out": findings.left_out,
-        **_settings(findings),
+        **_settings(study.runs if study else (), study and study.folder),
     }
-
-
-def _tiles(findings: StudyFindings) -> Tiles:
-    study = findings.study
-    return Tiles({}, ()) if study is None else read_tiles(study)
 
 
 def _title(parts: Sequence[Part]) -> str:
@@ -179,7 +173,7 @@ def _lead(findings: StudyFindings) -> list[str]:
 
 
 def _outcome(result: Result) -> str:
-    interval = _RETURN.text(result.value.interval_or_why)
+    interval = Column.of(RETURN).text(result.value.interval_or_why)
     found = f"{result.cameras}, return {result.value.value:.2f} ({interval})"
     if result.success is not None:
         found += f", success {100 * result.success.value:.0f} %"
@@ -232,24 +226,18 @@ def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dic
     return {"name": f"{answers.source}: {list_name(frozenset(ranking.places))}", "places": places}
 
 
-def _settings(findings: StudyFindings) -> dict[str, Any]:
+def _settings(runs: Sequence[Record], study: Path | None) -> dict[str, Any]:
     """What all runs share, and what each has of its own."""
-    runs = findings.study.runs if findings.study else ()
     flat = [run.settings for run in runs]
-    shared = {
-        key: value
-        for key, value in (flat[0].items() if flat else ())
-        if all(key in other and other[key] == value for other in flat)
-    }
+    shared = set.intersection(*(set(own.items()) for own in flat)) if len(flat) > 1 else set()
     return {
-        "common": sorted(shared.items()) if len(runs) > 1 else [],
+        "common": sorted(shared),
         "runs": [
             {
-                "place": str(run.place),
-                "own": _facts(run)
-                + sorted((k, v) for k, v in own.items() if len(runs) == 1 or k not in shared),
-                "reward": _reward(run, findings.study.folder if findings.study else None),
-                "command": f"{run.command or '(command not on record)'}  # {run.place}",
+                "place": run.place,
+                "own": _facts(run) + sorted(set(own.items()) - shared),
+                "reward": _reward(run, study),
+                "command": run.command,
             }
             for run, own in zip(runs, flat, strict=True)
         ],

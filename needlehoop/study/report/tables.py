@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
-from needlehoop.study.render.table import Cell, Column, Estimated, Of, Table
+from needlehoop.study.render.table import Cell, Column, Of, Row, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_answers
@@ -31,7 +31,14 @@ from needlehoop.study.stats.run import (
     Measure,
     steps_to_share,
 )
-from needlehoop.study.stats.statistics import ENOUGH, estimate, improvement, iqm, no_interval
+from needlehoop.study.stats.statistics import (
+    ENOUGH,
+    SeedEstimate,
+    estimate,
+    improvement,
+    iqm,
+    no_interval,
+)
 from needlehoop.study.stats.stress import SEVERITY, robustness
 
 _SOON = 0.9
@@ -43,8 +50,9 @@ _FINE = 0.95
 _PAST = 0.05
 """Share of episodes that may come to a later phase's end and not to an earlier one's."""
 
-_PERCENT: dict[str, Any] = {"form": ".0f", "scale": 100.0}
-_POINTS: dict[str, Any] = {"form": ".2f"}
+_CAMERAS, _REWARD, _SEEDS, _LIST = map(Column, ("cameras", "reward", "seeds", "list"))
+_RETURN = Column.of(RETURN)
+_PAPERS_RETURN = replace(_RETURN, name="the paper's return")
 
 
 def all_tables(findings: StudyFindings) -> list[Table]:
@@ -64,47 +72,36 @@ def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
 
 
 def _every(findings: StudyFindings) -> list[Table]:
-    makers = (
-        results,
-        stress,
-        phases,
-        rewards,
-        table_1,
-        table_2,
-        rankings,
-        agreements,
-        improvements,
-    )
-    return [maker(findings) for maker in makers]
+    makers = (results, stress, phases, rewards, table_1, table_2, rankings, agreements)
+    return [maker(findings) for maker in (*makers, improvements)]
+
+
+def _estimated(measure: Measure, found: SeedEstimate | None) -> Row:
+    """A value over seeds, and in a column of its own the interval or why there is none."""
+    column = Column.of(measure)
+    ends = replace(column, name=f"{measure.name}, 95 %", unit="")
+    return {column: found and found.value, ends: found and found.interval_or_why}
 
 
 def results(findings: StudyFindings) -> Table:
     """Every camera set with every reward: reward by reward, the best return first."""
-    rows = []
+    rows: list[Row] = []
     places: Counter[str] = Counter()
     for result in sorted(findings.results, key=lambda one: reward_order(one.reward)):
         places[result.reward] += 1
         rows.append(
-            (
-                places[result.reward],
-                result.cameras,
-                result.value.value,
-                result.value.interval_or_why,
-                result.middle(TRAINING),
-                result.success and result.success.value,
-                result.success and result.success.interval,
-                result.cheat and result.cheat.value,
-                reward_label(result.reward),
-                result.value.seeds,
-                result.unfinished,
-            )
+            {
+                Column("place"): places[result.reward],
+                _CAMERAS: result.cameras,
+                **_estimated(RETURN, result.value),
+                Column.of(TRAINING): result.middle(TRAINING),
+                **_estimated(SUCCESS, result.success),
+                Column.of(CHEAT): result.cheat and result.cheat.value,
+                _REWARD: reward_label(result.reward),
+                _SEEDS: result.value.seeds,
+                Column("unfinished"): result.unfinished,
+            }
         )
-    columns = (
-        Column("place"), Column("cameras"), Column("return", **_POINTS),
-        Column("return, 95 %", **_POINTS), Column.of(TRAINING), Column.share("success"),
-        Column("success, 95 %", **_PERCENT), Column.share("cheat"), Column("reward"),
-        Column("seeds"), Column("unfinished"),
-    )  # fmt: skip
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, of runs whose"
         " training is over. Interquartile means over seeds. Intervals are bootstrapped over three"
@@ -117,34 +114,30 @@ def results(findings: StudyFindings) -> Table:
         )
     if findings.study is None:
         note = "As the paper reports them: one run each, returns only."
-    return Table("results", "Results", columns, tuple(rows), note)
+    return Table.of("results", "Results", rows, note)
 
 
 def stress(findings: StudyFindings) -> Table:
     """What disturbances cost each camera set, the least first."""
-    rows = []
+    rows: list[Row] = []
     for one in robustness(findings):
         hurts = [f"{axis} {100 * found.value:.0f} %" for axis, found in list(one.axes.items())[:3]]
         rows.append(
-            (
-                one.name,
-                one.undisturbed.value,
-                one.mean and Estimated(one.mean.value, one.mean.interval),
-                one.together and one.together.value,
-                ", ".join(hurts),
-                len(one.axes),
-                one.undisturbed.seeds,
-            )
+            {
+                _CAMERAS: one.name,
+                Column.share("undisturbed"): one.undisturbed.value,
+                Column.share(f"severity {SEVERITY}"): one.mean,
+                Column.share("all at once"): one.together and one.together.value,
+                Column("hurts most"): ", ".join(hurts),
+                Column("axes"): len(one.axes),
+                _SEEDS: one.undisturbed.seeds,
+            }
         )
-    columns = (
-        Column("cameras"), Column.share("undisturbed"), Column.share(f"severity {SEVERITY}"),
-        Column.share("all at once"), Column("hurts most"), Column("axes"), Column("seeds"),
-    )  # fmt: skip
     note = (
         "Success of the mean action. Each axis of disturbance by itself, the mean over axes, with a"
         " 95 % interval; then all of them at once. docs/robustness.md says what each axis does."
     )
-    return Table("stress", "Under disturbances", columns, tuple(rows), note)
+    return Table.of("stress", "Under disturbances", rows, note)
 
 
 @dataclass(frozen=True)
@@ -204,22 +197,18 @@ def _phases(result: Result) -> tuple[tuple[str, str], ...]:
 def phases(findings: StudyFindings) -> Table:
     """How far each camera set came with each reward, in the order of results."""
     known = reached(findings)
-    seeds = {(one.cameras, one.reward): one.value.seeds for one in findings.results}
     facts = dict.fromkeys(fact for one in known.values() for fact in one.shares)
-    rows = [
-        (
-            cameras,
-            *map(one.shares.get, facts),
-            one.fails_in,
-            reward_label(reward),
-            seeds[cameras, reward],
-        )
-        for (cameras, reward), one in known.items()
+    rows: list[Row] = [
+        {
+            _CAMERAS: result.cameras,
+            **{Column.share(fact): one.shares.get(fact) for fact in facts},
+            Column("fails in"): one.fails_in,
+            _REWARD: reward_label(result.reward),
+            _SEEDS: result.value.seeds,
+        }
+        for result in findings.results
+        if (one := known.get((result.cameras, result.reward)))
     ]
-    columns = (
-        Column("cameras"), *map(Column.share, facts), Column("fails in"), Column("reward"),
-        Column("seeds"),
-    )  # fmt: skip
     note = (
         "Shares of final episodes, means over seeds. Fails in: the phase in which most episodes"
         f" end, where less than {100 * _FINE:.0f} % come to the end of the last."
@@ -229,42 +218,24 @@ def phases(findings: StudyFindings) -> Table:
             " A share is left empty under a reward that lets episodes go past it; there, the phase"
             " that it ends and the next are one."
         )
-    return Table("phases", "Where they fail", columns, tuple(rows), note)
+    return Table.of("phases", "Where they fail", rows, note)
 
 
 def rewards(findings: StudyFindings) -> Table:
     """Camera sets that were trained with several rewards, and each reward over all of them."""
-    published = {(r.cameras, r.reward): r for r in paper.rewards()}
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
-    # The last two columns are the paper's.
-    own_columns = None if findings.is_papers else -2
-    rows: list[tuple[Cell, ...]] = []
-    for cameras in chosen:
-        for result in by_reward:
-            if result.cameras == cameras:
-                theirs = published.get((cameras, result.reward))
-                rows.append(
-                    (
-                        *_rewarded(cameras, [result]),
-                        _times(result),
-                        (theirs and theirs.value) or "not published",
-                        theirs.remark if theirs else None,
-                    )
-                )
+    rows = [
+        _rewarded(cameras, [result], findings.is_papers)
+        for cameras in chosen
+        for result in by_reward
+        if result.cameras == cameras
+    ]
     for reward in dict.fromkeys(r.reward for r in by_reward):
         own = [r for r in findings.results if r.reward == reward and r.cameras in chosen]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
-            rows.append((*_rewarded(f"all {len(own)}", own), None, None, None))
-    columns = (
-        Column("cameras"), Column("reward"), Column("return", **_POINTS),
-        Column("return, 95 %", **_POINTS), Column.of(HUMAN_POINTS), Column.share("success"),
-        Column("success, 95 %", **_PERCENT), Column.of(BEST), Column.share("cheat"),
-        Column.of(SUCCESS_OVER_TRAINING),
-        Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6),
-        Column("the paper's return", **_POINTS), Column("remark on the paper's"),
-    )  # fmt: skip
+            rows.append(_rewarded(f"all {len(own)}", own, findings.is_papers))
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -273,33 +244,46 @@ def rewards(findings: StudyFindings) -> Table:
         f" M steps: millions, until {100 * _SOON:.0f} % of the"
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
-    shown = tuple(row[:own_columns] for row in rows)
-    title = "Rewards: human, text, text + image"
-    return Table("rewards", title, columns[:own_columns], shown, note)
+    return Table.of("rewards", "Rewards: human, text, text + image", rows, note)
 
 
-def _rewarded(name: str, found: Sequence[Result]) -> tuple[Cell, ...]:
-    """A reward's numbers over one camera set, or over several, each of them a stratum."""
+def _rewarded(name: str, found: Sequence[Result], papers: bool) -> Row:
+    """A reward's numbers over one camera set, or over several, each of them a stratum.
+
+    Args:
+        name: of the row.
+        found: with the same reward.
+        papers: whether the paper's numbers stand beside them.
+    """
     one = found[0]
-    if len(found) == 1:
-        value, success, cheat = one.value, one.success, one.cheat
-    else:
+    value, success, cheat = one.value, one.success, one.cheat
+    alone = len(found) == 1
+    if not alone:
         value = estimate([r.values(RETURN) for r in found])
         success = estimate([r.values(SUCCESS) for r in found])
         cheats = [r.values(CHEAT) for r in found]
         cheat = estimate(cheats) if all(cheats) else None
-    return (
-        name,
-        reward_label(one.reward),
-        value.value,
-        value.interval_or_why,
-        _human(found),
-        success and success.value,
-        success and (success.interval or no_interval(success.seeds)),
-        _over(found, BEST),
-        cheat and cheat.value,
-        _over(found, SUCCESS_OVER_TRAINING),
-    )
+    steps = [steps_to_share(run, "success", _SOON) for run in one.runs] if alone else []
+    row: Row = {
+        _CAMERAS: name,
+        _REWARD: reward_label(one.reward),
+        **_estimated(RETURN, value),
+        Column.of(HUMAN_POINTS): _human(found),
+        **_estimated(SUCCESS, success),
+        Column.of(BEST): _over(found, BEST),
+        Column.of(CHEAT): cheat and cheat.value,
+        Column.of(SUCCESS_OVER_TRAINING): _over(found, SUCCESS_OVER_TRAINING),
+        Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6): [
+            "not reached" if one is None else one for one in steps
+        ],
+    }
+    if papers:
+        said = {(r.cameras, r.reward): r for r in paper.rewards()}
+        theirs = said.get((one.cameras, one.reward)) if alone else None
+        unsaid = "not published" if alone else None
+        row[_PAPERS_RETURN] = (theirs and theirs.value) or unsaid
+        row[Column("remark on the paper's")] = theirs and theirs.remark
+    return row
 
 
 def _over(found: Sequence[Result], measure: Measure) -> float | None:
@@ -308,26 +292,19 @@ def _over(found: Sequence[Result], measure: Measure) -> float | None:
     return float(iqm(np.concatenate(own))) if all(own) else None
 
 
-def _times(result: Result) -> Cell:
-    """Steps until each run, by its seed, succeeds in ``_SOON`` of its episodes."""
-    steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
-    return ["not reached" if one is None else one for one in steps]
-
-
 def _human(found: Sequence[Result]) -> Cell:
     """The mean of the runs' points under the human reward; ``None`` where one has none.
 
     Points of another scene unit than today's default come with a remark.
     """
-    finals = [final for result in found for final in result.finals]
-    points = [final.human for final in finals if final.human is not None]
-    if not points or len(points) < len(finals):
+    own = [result.values(HUMAN_POINTS) for result in found]
+    if not all(own):
         return None
-    mean = sum(points) / len(points)
+    mean = float(np.mean(np.concatenate(own)))
     now = {_unit(run.task.name) for result in found for run in result.runs}
-    others = {final.human_unit for final in finals if final.human_unit} - now
-    said = " and ".join(f"{unit:g}" for unit in sorted(others))
-    return f"{mean:.2f} (unit {said} m)" if others else mean
+    others = {final.human_unit for result in found for final in result.finals} - now - {None}
+    said = " and ".join(f"{unit:g}" for unit in sorted(filter(None, others)))
+    return f"{mean:.2f} (unit {said} m)" if said else mean
 
 
 def _unit(task: str) -> float | None:
@@ -347,53 +324,55 @@ def table_1(findings: StudyFindings) -> Table:
     asked: Mapping[str, Any] = (
         said[-1] if findings.study is None else {q: None for one in said for q in one}
     )
-    rows = tuple((question, *(one.get(question) for one in said)) for question in asked)
-    columns = (Column("question"), *(Column(one.source) for one in shown))
-    return Table("table_1", "Table I: what the VLM answered", columns, rows)
+    rows: list[Row] = [
+        {
+            Column("question"): question,
+            **{Column(one.source): of.get(question) for one, of in zip(shown, said, strict=True)},
+        }
+        for question in asked
+    ]
+    return Table.of("table_1", "Table I: what the VLM answered", rows)
 
 
 def table_2(findings: StudyFindings) -> Table:
     """Measured and predicted places in each list, ours and the paper's."""
     results = {result.cameras: result for result in findings.ranked}
     ours, published = findings.measured, paper.measured()
-    said = _predicted(findings.answers) if findings.study is not None else {}
-    papers = _predicted(paper.answers())
-    rows: list[tuple[Cell, ...]] = []
+    said, papers = _predicted(findings.answers), _predicted(paper.answers())
+    rows: list[Row] = []
     for name, members in findings.lists.items():
         own, theirs = _places(ours, members), _places(published, members)
         model, papers_model = said.get(frozenset(members), {}), papers.get(frozenset(members), {})
         far = len(members) + 1
         for cameras in sorted(members, key=lambda c: (own.get(c, far), theirs.get(c, far))):
             result = results.get(cameras)
-            foretold, there = papers_model.get(cameras), theirs.get(cameras)
-            rows.append(
-                (
-                    LISTS.get(name, name),
-                    cameras,
-                    _place(own, cameras, len(members)),
-                    result and result.value.value,
-                    result.value.interval_or_why if result else "not run",
-                    result and result.success and result.success.value,
-                    model.get(cameras),
-                    there,
-                    published.get(cameras),
-                    foretold,
-                    None if there is None or foretold is None else there < foretold,
-                )
-            )
-    columns = (
-        Column("list"), Column("cameras"), Column("place"), Column("return", **_POINTS),
-        Column("95 %", **_POINTS), Column.share("success"), Column("VLM's place"),
-        Column("the paper's place"), Column("the paper's return", **_POINTS),
-        Column("the paper's VLM's place"), Column("better there than its VLM said"),
-    )  # fmt: skip
+            row: Row = {_LIST: LISTS.get(name, name), _CAMERAS: cameras}
+            # The paper's own numbers are in the columns that say so.
+            if findings.study is not None:
+                row |= {
+                    Column("place"): _place(own, cameras, len(members)),
+                    _RETURN: result and result.value.value,
+                    replace(_RETURN, name="95 %"): (
+                        result.value.interval_or_why if result else "not run"
+                    ),
+                    Column.of(SUCCESS): result and result.success and result.success.value,
+                    Column("VLM's place"): model.get(cameras),
+                }
+            if findings.is_papers:
+                foretold, there = papers_model.get(cameras), theirs.get(cameras)
+                row |= {
+                    Column("the paper's place"): there,
+                    _PAPERS_RETURN: published.get(cameras),
+                    Column("the paper's VLM's place"): foretold,
+                    Column("better there than its VLM said"): (
+                        None if there is None or foretold is None else there < foretold
+                    ),
+                }
+            rows.append(row)
     title = f"{'Table II: m' if findings.is_papers else 'M'}easured and predicted"
-    keep = range(len(columns)) if findings.is_papers else range(7)
     if findings.study is None:
-        # Its own numbers are in the columns that say so.
-        keep, title = (0, 1, 7, 8, 9, 10), "Table II, as published in the paper"
-    shown = tuple(tuple(row[i] for i in keep) for row in rows)
-    return Table("table_2", title, tuple(columns[i] for i in keep), shown)
+        title = "Table II, as published in the paper"
+    return Table.of("table_2", title, rows)
 
 
 def _predicted(answers: Answers | None) -> dict[frozenset[str], Mapping[str, float]]:
@@ -420,16 +399,12 @@ def _place(places: Mapping[str, float], cameras: str, of: int) -> Cell:
 
 def rankings(findings: StudyFindings) -> Table:
     """The place that each prediction and each measurement gives to each set of each list."""
-    shown = findings.rankings
-    rows = []
+    rows: list[Row] = []
     for name, members in findings.lists.items():
-        places = [one.places(members) for one in shown]
+        places = {Column(one.who): one.places(members) for one in findings.rankings}
         rows += [
-            (
-                LISTS.get(name, name),
-                cameras,
-                *(_place(own, cameras, len(members)) for own in places),
-            )
+            {_LIST: LISTS.get(name, name), _CAMERAS: cameras}
+            | {column: _place(own, cameras, len(members)) for column, own in places.items()}
             for cameras in findings.in_order(members)
         ]
     note = (
@@ -437,56 +412,62 @@ def rankings(findings: StudyFindings) -> Table:
         " by mean place; imitation by success over its seeds. The probe cannot tell all of these"
         " apart: its own table has the intervals."
     )
-    columns = tuple(map(Column, ("list", "cameras", *(one.who for one in shown))))
-    return Table("rankings", "Rankings side by side", columns, tuple(rows), note)
+    return Table.of("rankings", "Rankings side by side", rows, note)
+
+
+_BRIER = Column("Brier", form=".2f")
 
 
 def agreements(findings: StudyFindings) -> Table:
     """How well each prediction fits what was measured, here and in the paper, list by list."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[Row] = []
     for truth, values in findings.truths.items():
         for one in findings.predictions_of(truth):
             both: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
+            who: Row = {Column("prediction"): one.who, Column("against"): truth}
             for members, scores in one.lists.items():
-                missing = len(members - set(values))
-                if not missing:
+                row = who | {_LIST: list_name(members)}
+                if not (missing := len(members - set(values))):
                     both.append((scores, {cameras: values[cameras] for cameras in members}))
                     brier = one.brier(members, values)
-                    said = (*_agreed(agreement(*both[-1])), brier)
+                    rows.append(row | _agreed(agreement(*both[-1])) | {_BRIER: brier})
                 elif truth == MEASURED:
-                    said = (*[None] * 6, f"{missing} of {len(members)} not measured", None)
-                else:
-                    continue
-                rows.append((one.who, truth, list_name(members), *said))
+                    remark = f"{missing} of {len(members)} not measured"
+                    rows.append(row | _agreed(None, remark) | {_BRIER: None})
             if len(both) > 1:
-                rows.append((one.who, truth, "all lists", *_agreed(pooled(both)), None))
-    columns = (
-        Column("prediction"), Column("against"), Column("list"), Column("tau-b", form=".2f"),
-        Column("p of tau-b", form="p"), Column("rho", form=".2f"), Column("p of rho", form="p"),
-        Column("best found"), Column("worst found"), Column("regret", form=".2f"),
-        Column("Brier", form=".2f"),
-    )  # fmt: skip
+                row = who | {_LIST: "all lists"}
+                rows.append(row | _agreed(pooled(both)) | {_BRIER: None})
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
         " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
         " lost by taking the predicted best; against imitation, the share of successes. All lists:"
         " means, with p by orders drawn for each list by itself."
     )
-    if all(row[-1] is None for row in rows):
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    if all(row[_BRIER] is None for row in rows):
+        rows = [{column: row[column] for column in row if column != _BRIER} for row in rows]
     else:
         note += (
             " Brier: mean squared error of the probabilities that a model stated for neighbours in"
             " its order; 0.25 is that of knowing nothing."
         )
-    return Table("agreement", "Agreement of predictions", columns, tuple(rows), note)
+    return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
-def _agreed(found: Agreement) -> tuple[Cell, ...]:
-    hits = (found.top_hit, found.bottom_hit)
-    if found.lists > 1:
-        hits = (Of(found.top_hits, found.lists), Of(found.bottom_hits, found.lists))
-    return (found.tau, found.tau_p, found.rho, found.rho_p, *hits, found.regret)
+def _agreed(found: Agreement | None, remark: str = "") -> Row:
+    """The columns of an agreement; without one, a remark in its place."""
+    best: Cell = found and found.top_hit
+    worst: Cell = found and found.bottom_hit
+    if found and found.lists > 1:
+        best, worst = Of(found.top_hits, found.lists), Of(found.bottom_hits, found.lists)
+    return {
+        Column("tau-b", form=".2f"): found and found.tau,
+        Column("p of tau-b", form="p"): found and found.tau_p,
+        Column("rho", form=".2f"): found and found.rho,
+        Column("p of rho", form="p"): found and found.rho_p,
+        Column("best found"): best,
+        Column("worst found"): worst,
+        Column("regret", form=".2f"): found.regret if found else remark,
+    }
 
 
 def list_name(members: frozenset[str]) -> str:
@@ -499,15 +480,15 @@ def list_name(members: frozenset[str]) -> str:
 
 def improvements(findings: StudyFindings) -> Table:
     """The chance that a run of the row's camera set beats one of the column's."""
-    found = findings.ranked
+    found = findings.by_set(RETURN)
     if findings.seeds < ENOUGH or len(found) < 2:
         none = no_interval(findings.seeds)
-        return Table("improvement", "Probability of improvement", (), (), none)
-    values = {one.cameras: [final.value for final in one.finals] for one in found}
-    rows = []
-    for name, own in values.items():
-        chances = [None if other is own else improvement(own, other) for other in values.values()]
-        rows.append((name, *(one and Estimated(one.value, one.interval) for one in chances)))
-    columns = (Column("better"), *(Column(name, **_POINTS) for name in values))
+        return Table.of("improvement", "Probability of improvement", [], none)
+    rows: list[Row] = []
+    for name, own in found.items():
+        row: Row = {Column("better"): name}
+        for other, theirs in found.items():
+            row[replace(_RETURN, name=other)] = None if other == name else improvement(own, theirs)
+        rows.append(row)
     note = "By final return, with 95 % bootstrap intervals."
-    return Table("improvement", "Probability of improvement", columns, tuple(rows), note)
+    return Table.of("improvement", "Probability of improvement", rows, note)

@@ -181,9 +181,9 @@ def share_at(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
 def steps_to_share(run: Record, column: str, share: float) -> float | None:
     """Environment steps until a share of training episodes is first reached.
 
-    ``None`` where it never is, or where the run has no metrics.
+    ``None`` where it never is, or where the run has no metrics with this column.
     """
-    if run.metrics is None:
+    if run.metrics is None or column not in run.metrics.columns:
         return None
     steps = run.metrics["step"]
     # Before that, the mean is of too few episodes.

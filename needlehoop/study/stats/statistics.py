@@ -34,13 +34,18 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class SeedEstimate:
-    """A value over seeds."""
+class Estimated:
+    """A value, and where it is known how sure it is."""
 
     value: float
-    interval: Interval | None
-    """``None`` where there are too few seeds to tell."""
-    seeds: int
+    interval: Interval | None = None
+
+
+@dataclass(frozen=True)
+class SeedEstimate(Estimated):
+    """A value over seeds; without an interval where they are too few to tell."""
+
+    seeds: int = 1
     """Runs in the smallest stratum."""
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from needlehoop.study.data.stress import ALL, NONE
+from needlehoop.study.data.contents import ALL, NONE
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.statistics import SeedEstimate, rate
 
