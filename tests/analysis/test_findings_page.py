@@ -185,7 +185,7 @@ def test_the_last_seed_alone_is_foretold_as_the_page_says():
             returns = [float(row["return"]) for row in csv.DictReader(file) if row["return"]]
         over_training[path.parts[-4]] = sum(returns) / len(returns)
     predictions = [one for one in analysis.study("fast").predictions if len(one.lists) == 3]
-    assert len(predictions) == 6
+    assert len(predictions) == 7
     means = []
     for one in predictions:
         taus = [
