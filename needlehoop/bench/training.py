@@ -7,8 +7,7 @@ from dataclasses import replace
 from needlehoop.bench.timing import Stopwatch, rounds_of
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
-from needlehoop.learning.metrics import peak_memory
-from needlehoop.runs.machine import available_cpus, machine
+from needlehoop.runs.machine import available_cpus, machine, peak_memory
 
 
 def measure_training(job: Job, rounds: int) -> dict[str, object]:

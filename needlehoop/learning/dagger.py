@@ -15,7 +15,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.collectors import LABEL
+from needlehoop.learning.collectors import LABEL, LEARNER
 from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.trainer import Trainer
 
@@ -48,13 +48,22 @@ class Dagger(Trainer):
             storage=LazyTensorStorage(config.memory, device=device)
         )
 
+    @property
+    def share(self) -> float:
+        """Of the episodes that begin now, those in which the learner acts."""
+        return min(1.0, self.done_updates * (1.0 / (self.config.handover * self.updates)))
+
     def remember(self, buffer: TensorDictBase) -> None:
         """Take frames ``(num_envs, horizon)`` into memory: what was seen, and labels."""
         self._frames.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        """Learn, with a new buffer's frames; returns means over the minibatches."""
+        """Learn, with a new buffer's frames; returns means over the minibatches.
+
+        Episodes of the expert do not count as ended in the buffer afterwards.
+        """
         self.remember(buffer)
+        share = self.share
         frames: Any = self._frames[:]
         seen = [frames[key] for key in self.agent.seen_keys]
         totals: defaultdict[str, float] = defaultdict(float)
@@ -66,10 +75,12 @@ class Dagger(Trainer):
             for name, value in self._descend(seen, frames[LABEL], rows).items():
                 totals[name] += value
         self._end_update(buffer)
+        buffer["next", "done"] &= buffer[LEARNER]
         return {
             **{name: value / self.config.minibatches for name, value in totals.items()},
             "frames": float(len(frames)),
             "learning_rate": rate,
+            "share": share,
         }
 
     def _descend(self, seen: list[Tensor], labels: Tensor, rows: Tensor) -> dict[str, float]:

@@ -20,9 +20,9 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Actor, Agent
-from needlehoop.learning.checkpoint import check_agent, check_state
+from needlehoop.learning.checkpoint import load_weights
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import agent_state, build_agent
+from needlehoop.learning.learner import build_agent
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
@@ -182,19 +182,16 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     Raises:
         ValueError: neither of them, or one that is damaged or of another run.
     """
-    weights = run.folder / POLICIES[policy]
-    state = None
-    if policy == "last" and ((run.folder / CHECKPOINT).exists() or not weights.exists()):
-        state = run.checkpoint().state
-        check_state(run.folder / CHECKPOINT, state, job)
+    weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
+    is_last = policy == "last" and (checkpoint.exists() or not weights.exists())
+    state = run.checkpoint().state if is_last else None
     # Networks do not depend on the reward, and a stranger's may be code.
     alone = replace(job.env, num_envs=1, reward=NONE)
     agent = build_agent(job, TorchRLEnv(alone), device)
     if state is None:
         read_weights(weights, agent.actor)
     else:
-        check_agent(state["learner"], agent)
-        agent.load_state_dict(agent_state(state["learner"]))
+        load_weights(checkpoint, state, job, agent)
     return agent
 
 

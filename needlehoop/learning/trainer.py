@@ -71,10 +71,6 @@ class Trainer:
             "done_updates": self.done_updates,
         }
 
-    def moved_state(self) -> dict[str, Any]:
-        """A state like that after an update, to compare a checkpoint with."""
-        return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
-
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""
         self.agent.load_state_dict(state["agent"])

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 from tqdm import tqdm
 
 from needlehoop.learning.agent import Agent
@@ -21,10 +22,10 @@ from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, r
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger, build_logger
-from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
+from needlehoop.runs.machine import peak_memory
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
@@ -65,7 +66,7 @@ def train(
             _check_finite(losses, update)
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
-            row = {**at, "steps_per_second": rate, **episode_columns(buffer, columns), **losses}
+            row = {**at, "steps_per_second": rate, **_episode_columns(buffer, columns), **losses}
             row["memory_gb"] = peak_memory()
             run.append(METRICS, row)
             logger.log("train", row)
@@ -93,6 +94,28 @@ def train(
     if learner.done_updates == job.updates:
         return "done"
     return "stopped" if interruption.asked else "paused"
+
+
+def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
+    """Means over the episodes that ended in a buffer ``(num_envs, horizon)``; NaN for none.
+
+    The return is the final potential; ``length`` is in steps.
+
+    Args:
+        buffer: as a learner gives it.
+        facts: to be reported, by column; ``Task.columns``.
+    """
+    following: Any = buffer["next"]
+    last = following[following["done"].squeeze(-1)]
+    columns = {
+        "episodes": float(len(last)),
+        "return": float(last["potential"].mean()),
+        **{f"term_{name}": float(term.mean()) for name, term in last["terms"].items()},
+    }
+    for column, fact in facts.items():
+        columns[column] = float(last["facts", fact].float().mean())
+    columns["length"] = float(last["steps"].float().mean())
+    return columns
 
 
 def _check_finite(losses: Mapping[str, float], update: int) -> None:

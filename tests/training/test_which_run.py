@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, outcome, refusal, run_train
+from tiny_runs import PLACE, TINY, composed, outcome, refusal, run_composed, run_train
 
 from needlehoop.runs import run as run_files
 from needlehoop.runs.lock import Lock
@@ -145,11 +145,11 @@ SPOILT = {
     "update is no number": (lambda s: s.update(update="2"), "update: '2'"),
     "no update": (lambda s: s.pop("update"), "update: None"),
     "wall time is none": (lambda s: s.update(wall_time=float("nan")), "wall_time"),
-    "no learner": (lambda s: s.pop("learner"), "learner: missing"),
+    "no learner": (lambda s: s.pop("learner"), "learner.ppo: missing"),
     "no ppo": (lambda s: s["learner"].pop("ppo"), "learner.ppo: missing"),
     "no agent": (lambda s: s["learner"]["ppo"].pop("agent"), "learner.ppo: agent"),
-    "no env": (lambda s: s["learner"].pop("env"), "learner.env: missing"),
-    "no rng": (lambda s: s["learner"].pop("rng"), "learner.rng: missing"),
+    "no env": (lambda s: s["learner"].pop("env"), "learner: env"),
+    "no rng": (lambda s: s["learner"].pop("rng"), "learner: rng"),
     "other updates": (lambda s: s["learner"]["ppo"].update(done_updates=1), "done_updates"),
     "other weights": (
         lambda s: s["learner"]["ppo"]["agent"].update(
@@ -179,13 +179,15 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("name", SPOILT)
-def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder, name):
-    spoil, said = SPOILT[name]
-    edit(folder, spoil)
-    before = kept(folder)
-    message = refusal(f"resume={folder}")
-    assert said in message
-    assert "checkpoint" in message
-    del before["manifest.json"]
-    assert {name: data for name, data in kept(folder).items() if name in before} == before
+def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder):
+    values, whole = composed(f"resume={folder}"), (folder / "checkpoint.pt").read_bytes()
+    for name, (spoil, said) in SPOILT.items():
+        edit(folder, spoil)
+        before = kept(folder)
+        with pytest.raises(ValueError, match="checkpoint") as caught:
+            run_composed(values)
+        assert said in str(caught.value), name
+        assert "\n" not in str(caught.value), name
+        del before["manifest.json"]
+        assert {key: data for key, data in kept(folder).items() if key in before} == before, name
+        (folder / "checkpoint.pt").write_bytes(whole)
