@@ -35,15 +35,7 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
         settings: environment with its cameras.
         rounds: how often each variant is timed.
         steps: vector steps per timing.
-
-    Raises:
-        ValueError: ``rounds`` or ``steps`` below 1, or no cameras.
     """
-    for key, value in (("rounds", rounds), ("steps", steps)):
-        if value < 1:
-            raise ValueError(f"{key}: {value} must be at least 1")
-    if not settings.cams:
-        raise ValueError("cams: the benchmark needs at least one camera")
     seeing, watch = TorchRLEnv(settings), Stopwatch()
     jobs = {
         "torchrl_with_images": _random_steps(seeing, steps),

@@ -45,32 +45,43 @@ def _demonstrations(options: argparse.Namespace) -> None:
         conditions = [word for word in others if not word.startswith("seed=")]
         words = [*own, *(word for word in others if word not in conditions)]
     values = composing.compose(words, "demonstrations")
-    episodes, kind = strict.value(values, "episodes", Count), strict.value(values, "format", str)
-    write, place = layout(kind), strict.value(values, "out", str | None)
+    asked = strict.read(
+        values,
+        demonstrator=str | None,
+        episodes=Count,
+        format=str,
+        out=str | None,
+        overwrite=bool,
+        device=str,
+        trust=bool,
+        seed=Seed,
+    )
+    write, place = layout(asked.format), asked.out
     if not place:
         raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
     out = Path(place)
-    if kind == "minari":
+    if asked.format == "minari":
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
     has_seed = any(word.startswith("seed=") for word in words)
-    who, settings, make = _demonstrator(values, conditions, has_seed)
-    with new_folder(out, strict.value(values, "overwrite", bool)) as folder:
-        shown = _Shown(demonstrate(settings, make, episodes), episodes)
+    who, settings, make = _demonstrator(asked, values, conditions, has_seed)
+    with new_folder(out, asked.overwrite) as folder:
+        shown = _Shown(demonstrate(settings, make, asked.episodes), asked.episodes)
         write(folder, shown, About(who, settings, provenance()))
     print(
-        f"{out}: {episodes} episodes (seed {settings.seed}), {shown.steps} steps,"
+        f"{out}: {asked.episodes} episodes (seed {settings.seed}), {shown.steps} steps,"
         f" {shown.succeeded} successful"
     )
 
 
 def _demonstrator(
-    values: dict[str, Any], conditions: list[str], has_seed: bool
+    asked: Any, values: dict[str, Any], conditions: list[str], has_seed: bool
 ) -> tuple[str, Settings, MakeController]:
     """Its name, the environment, and what acts in it.
 
     Args:
+        asked: values of the command's own keys.
         values: the composed config.
         conditions: words that change a run's; a run demonstrates in its own environment.
         has_seed: whether a seed was typed; a run's is otherwise one that it has not met.
@@ -82,23 +93,19 @@ def _demonstrator(
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.run import Run
 
-    who, where = (
-        strict.value(values, "demonstrator", str | None),
-        strict.value(values, "device", str),
-    )
+    who = asked.demonstrator
     if who is None or not Path(who).is_dir():
         settings = settings_from(values)
         who = who or settings.definition.teacher
         return who, settings, scripted(who, settings.definition)
     run = Run.open(Path(who))
-    trust = strict.value(values, "trust", bool)
-    job, _ = flown_job(run.config(), conditions, trust, "demonstrations")
+    job, _ = flown_job(run.config(), conditions, asked.trust, "demonstrations")
     which, _ = which_policy(run, None)
     # After those of its evaluations and of watch.
-    seed = strict.value(values, "seed", Seed) if has_seed else job.evaluation.final_seed + 2
+    seed = asked.seed if has_seed else job.evaluation.final_seed + 2
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    agent = load_agent(run, job, pick_device(where), which)
+    agent = load_agent(run, job, pick_device(asked.device), which)
     return who, replace(job.env, seed=seed), acting(agent.actor)
 
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
+from types import SimpleNamespace
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from needlehoop.runs.reading import printable
@@ -110,6 +111,11 @@ def value(values: Mapping[str, Any], key: str, kind: Any) -> Any:
         ValueError: it is something else; says the key.
     """
     return structure(values[key], kind, key)
+
+
+def read(values: Mapping[str, Any], **kinds: Any) -> SimpleNamespace:
+    """Several such values, as attributes; errors as in ``value``."""
+    return SimpleNamespace(**{key: value(values, key, kind) for key, kind in kinds.items()})
 
 
 def shown(value: Any) -> str:
