@@ -128,11 +128,11 @@ def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
-    kinds: dict[str, Any] = {"as": str | None, "episodes": Count | None, "video": bool}
-    asked = _asked(Run.open(options.run_folder), options.overrides, "evaluate", **kinds)
+    run, kinds = Run.open(options.run_folder), {"as": str | None}
+    asked = _asked(run, options.overrides, "evaluate", episodes=Count | None, video=bool, **kinds)
     from needlehoop.learning.evaluate import assess, film
 
-    run, job, own, usual = asked.run, asked.job, asked.own, asked.job.evaluation
+    job, own, usual = asked.job, asked.own, asked.job.evaluation
     name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
@@ -197,8 +197,8 @@ def _watch(options: argparse.Namespace) -> None:
         named, words = None, [named, *words]
     tasks = [word.partition("=")[2] for word in words if word.startswith("task=")]
     folder = agent_of(*tasks[-1:] or [""]) if named is None else Path(named)
-    kinds: dict[str, Any] = {"episodes": Count, "window": bool | None, "out": str}
-    asked = _asked(Run.open(folder), words, "watch", **kinds)
+    own = {"episodes": Count, "window": bool | None, "out": str}
+    asked = _asked(Run.open(folder), words, "watch", **own)
     job, own = asked.job, asked.own
     seed = job.evaluation.final_seed + 1 if own.seed is None else own.seed
     window = has_display() if own.window is None else own.window
