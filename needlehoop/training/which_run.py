@@ -14,7 +14,7 @@ from typing import Any
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
 from needlehoop.learning.checkpoint import check_state
-from needlehoop.learning.job import Job, recorded_job, typed_job
+from needlehoop.learning.job import Job, checked_job, recorded_job, typed_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
@@ -198,25 +198,34 @@ def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any])
     other = _differing(checkpoint.config, values)
     if other:
         raise ValueError(
-            f"{path} was trained with another {', '.join(other)} than {CONFIG} has now; put the"
+            f"{path} was trained with another {other} than {CONFIG} has now; put the"
             " file back, or begin a run of its own with study="
         )
 
 
 def _check_same(run: Run, values: Mapping[str, Any]) -> None:
-    """Raises ``ValueError`` if a run that exists has other settings than those asked for."""
-    other = _differing(run.config(), values)
+    """Raises ``ValueError`` if a run that exists has other settings than those asked for.
+
+    A key that its config lacks is one that came later: the run has its default.
+    """
+    jobs = [checked_job(one) for one in (run.config(), values)]
+    # An amount that is left out is none.
+    wrong = [(job.env.disturb.amounts, job.env.disturb.ramp) for job in jobs]
+    both = zip(jobs, wrong, strict=True)
+    other = _differing(
+        *({**vars(job), **vars(job.env), "env": None, "disturb": own} for job, own in both)
+    )
     if other:
         raise ValueError(
-            f"{run.folder} exists with another {', '.join(other)}; choose another label= or"
+            f"{run.folder} exists with another {other}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
         )
 
 
-def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Settings that differ and affect results."""
+def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """The names of settings that differ and affect results."""
     keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
-    return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
+    return ", ".join(sorted(key for key in keys if _plain(before.get(key)) != _plain(now.get(key))))
 
 
 def _plain(value: Any) -> Any:

@@ -139,6 +139,22 @@ def test_settings_of_no_consequence_may_be_edited(folder, whole):
     assert outcome(folder) == whole
 
 
+def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
+    """It has the setting's default."""
+    later = ("disturb", "label", "task_dir")
+
+    def forget(values: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in values.items() if key not in later}
+
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(forget(yaml.safe_load(path.read_text()))))
+    edit(folder, lambda state: state.update(config=forget(state["config"])))
+    said = refusal(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
+    assert "exists with another disturb, episode;" in said
+    run_train(*TINY, "existing=resume")
+    assert outcome(folder) == whole
+
+
 SPOILT = {
     "update beyond steps": (lambda s: s.update(update=99), "update: 99"),
     "update before the first": (lambda s: s.update(update=-1), "update: -1"),
