@@ -2,7 +2,7 @@
 
 import io
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
@@ -54,9 +54,9 @@ GIVEN = {**VALUES, "network": {**asdict(HEADS), "told": list(HEADS.told)}}
 """As a config has them."""
 
 
-def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
+def make_agent(seen: str = "signals", seed: int = 0, heads: HeadConfig = HEADS) -> Agent:
     torch.manual_seed(seed)
-    return Agent(SPECS[seen], 2, ENCODER, HEADS, torch.float32)
+    return Agent(SPECS[seen], 2, ENCODER, heads, torch.float32)
 
 
 def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
@@ -271,15 +271,18 @@ def test_the_seed_decides_the_minibatches():
 
 
 def test_vectors_are_standardised_by_the_buffers_that_were_learnt_from():
-    agent = make_agent()
+    agent = make_agent(heads=replace(HEADS, shared=False))
     ppo = make_ppo(agent)
     buffers = [make_buffer(agent, seed) for seed in range(2)]
     for buffer in buffers:
         learn(ppo, buffer)
-    (normalizer,) = (module for module in agent.modules() if isinstance(module, Normalizer))
+    normalizers = [module for module in agent.modules() if isinstance(module, Normalizer)]
     rows = torch.cat([buffer["signals"] for buffer in buffers]).flatten(0, 1)
-    assert int(normalizer.count) == len(rows)
-    torch.testing.assert_close(normalizer.mean.float(), rows.mean(0))
+    # The policy's, and that of the value function's own trunk.
+    assert len(normalizers) == 2
+    for normalizer in normalizers:
+        assert int(normalizer.count) == len(rows)
+        torch.testing.assert_close(normalizer.mean.float(), rows.mean(0))
 
 
 def test_values_that_foresee_everything_explain_all_variance():
