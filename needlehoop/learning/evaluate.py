@@ -199,14 +199,20 @@ def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
     summary = outcome.summary()
     n = int(summary["episodes"])
-    intervals = {}
-    for name in ("success", "cheat"):
-        if name in summary:
-            found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
-            intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
+    intervals = {
+        f"{name}_95": wilson(round(summary[name] * n), n)
+        for name in ("success", "cheat")
+        if name in summary
+    }
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
     return {**summary, **intervals, "return_sd": spread, "human_unit": unit}
+
+
+def wilson(count: int, n: int) -> list[float]:
+    """Lower and upper end of a share's 95 % Wilson interval, with four digits."""
+    found = binomtest(count, n).proportion_ci(method="wilson")
+    return [round(float(found.low), 4), round(float(found.high), 4)]
 
 
 def report(task: Task, found: Mapping[str, Any]) -> str:

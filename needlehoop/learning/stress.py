@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import binomtest
 from tqdm import tqdm
 
 from needlehoop.disturbances.config import AXES, GROUPS, amount_at, disturb_of
@@ -17,6 +16,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
+from needlehoop.learning.evaluate import wilson
 from needlehoop.runs.files import csv_text, write_whole
 
 NONE, ALL = "none", "all"
@@ -175,7 +175,7 @@ def _deal(
 def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A line of ``stress.csv``: the condition, and rates and means over its episodes."""
     success = found["success"]
-    low, high = binomtest(int(success.sum()), len(success)).proportion_ci(method="wilson")
+    low, high = wilson(int(success.sum()), len(success))
     amount = condition.amounts.get(condition.axis)
     unit = AXES[condition.axis].unit if condition.axis in AXES else ""
     return {
@@ -185,8 +185,8 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
         "unit": unit,
         "episodes": len(success),
         **{name: round(float(values.mean()), 4) for name, values in found.items()},
-        "success_low": round(float(low), 4),
-        "success_high": round(float(high), 4),
+        "success_low": low,
+        "success_high": high,
     }
 
 
