@@ -1,7 +1,8 @@
 """The one converter: from plain values, as a config has them, to what a dataclass's fields say.
 
 It guesses nothing: no text for a number, no ``off`` for false, no NaN, no ``None`` for a name.
-A field's type has its range: ``steps: Annotated[int, Range(1)]``.
+A field's type has its range: ``steps: Annotated[int, Range(1)]``, or the texts that it may be:
+``keep: Annotated[str, OneOf("last", "best")]``.
 """
 
 from __future__ import annotations
@@ -48,6 +49,18 @@ class Range:
         raise ValueError(
             f"{shown(value)} must be {'above' if self.above else 'at least'} {self.low:g}"
         )
+
+
+class OneOf:
+    """The texts that a setting may be."""
+
+    def __init__(self, *valid: str):
+        self._valid = valid
+
+    def check(self, value: str) -> None:
+        """Raises ``ValueError`` for another text."""
+        if value not in self._valid:
+            raise ValueError(f"{shown(value)} is unknown; choose from {', '.join(self._valid)}")
 
 
 _MANY = 1_000_000_000

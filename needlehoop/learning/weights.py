@@ -135,11 +135,10 @@ def read_senses(path: Path) -> Senses:
 
 def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_senses``."""
-    # Built without memory first: a config may describe more than the file holds.
+    # Built without memory first: a config may describe more than the file holds. The meta device
+    # has no automatic casting to bfloat16; the shapes are the same.
     with torch.device("meta"):
-        # The meta device has no automatic casting to bfloat16. The shapes are the same.
-        described = build_actor(replace(senses, precision="fp32"), torch.device("meta"))
-    check_weights(path, described)
+        check_weights(path, build_actor(replace(senses, precision="fp32"), torch.device("meta")))
     actor = build_actor(senses, device)
     read_weights(path, actor)
     return actor.to(device)

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from needlehoop import rewards
@@ -50,12 +49,7 @@ class Session(AbstractContextManager):
     weights: dict[str, Any] | None = None
     """Weights of the agent that it begins with; ``None``: new ones."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if self.lock is not None:
             if error is not None:
                 self.run.unmake()
