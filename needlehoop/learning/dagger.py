@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -66,14 +66,15 @@ class Dagger(Trainer):
         share = self.share
         frames: Any = self._frames[:]
         seen = [frames[key] for key in self.agent.seen_keys]
-        totals: defaultdict[str, float] = defaultdict(float)
-        rate = 0.0
+        totals, rate = Counter[str](), 0.0
         for number in range(self.config.minibatches):
             rate = self._schedule(number)
             rows = torch.randint(len(frames), (self.config.minibatch,), generator=self._generator)
             rows = rows.to(frames.device)
-            for name, value in self._descend(seen, frames[LABEL], rows).items():
-                totals[name] += value
+            labels = frames[LABEL].index_select(0, rows)
+            slopes, told = self._judge(self.running.forward(seen, rows), labels)
+            self._step(slopes)
+            totals.update(told)
         self._end_update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]
         return {
@@ -82,12 +83,6 @@ class Dagger(Trainer):
             "learning_rate": rate,
             "share": share,
         }
-
-    def _descend(self, seen: list[Tensor], labels: Tensor, rows: Tensor) -> dict[str, float]:
-        """One step of the optimiser on a minibatch; returns what the loss reports."""
-        slopes, told = self._judge(self.running.forward(seen, rows), labels.index_select(0, rows))
-        self._step(slopes)
-        return told
 
     def _judge(
         self, said: Sequence[Tensor], label: Tensor
