@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
+
+import yaml
 
 from needlehoop.cli.command import add_command, environment
 from needlehoop.config import strict
@@ -43,7 +44,7 @@ def _bench(options: argparse.Namespace) -> None:
     if options.json:
         print(json.dumps(found))
     else:
-        _print_nested(found)
+        print(yaml.safe_dump(found, sort_keys=False), end="")
 
 
 def _measure(options: argparse.Namespace) -> dict[str, Any]:
@@ -75,12 +76,3 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
 def _check_cameras(settings: Settings) -> None:
     if not settings.cams:
         raise ValueError("cams: the benchmark needs at least one camera")
-
-
-def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            print(f"{indent}{name}:")
-            _print_nested(value, indent + "  ")
-        else:
-            print(f"{indent}{name}: {value}")

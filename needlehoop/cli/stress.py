@@ -34,7 +34,7 @@ def _stress(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
     from needlehoop.learning.job import pick_device
-    from needlehoop.runs.files import STRESS, set_aside
+    from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
 
     who = Path(options.who)
     words, conditions = parted(options.overrides, "stress")
@@ -71,5 +71,6 @@ def _stress(options: argparse.Namespace) -> None:
     settings = replace(tested.settings, engine=engine)
     rows = stress.stress(settings, tested.make, tried, asked.episodes, asked.num_envs)
     set_aside(target)
-    stress.write(rows, target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, csv_text(rows[0], (row.values() for row in rows)))
     print(f"{stress.summary(rows)}\ntable        {target}")

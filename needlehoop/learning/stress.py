@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.evaluate import wilson
-from needlehoop.runs.files import csv_text, write_whole
 
 NONE, ALL = "none", "all"
 """Names of the conditions without a disturbance, and with every axis at once."""
@@ -188,12 +186,6 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
         "success_low": low,
         "success_high": high,
     }
-
-
-def write(rows: list[dict[str, Any]], path: Path) -> None:
-    """Write rows as a CSV file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, csv_text(rows[0], (row.values() for row in rows)))
 
 
 def summary(rows: list[dict[str, Any]], severity: int = 3) -> str:

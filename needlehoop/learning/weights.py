@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, shown
 from needlehoop.envs.observer import vectors
 from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.agent import Actor
@@ -68,6 +68,17 @@ class Senses:
         env, rules = job.env, job.env.episode
         seen = (env.image_channels, env.image_size, vectors(env.definition, env.obs))
         return cls(*seen, job.encoder, job.network, rules.control, rules.action_size, job.precision)
+
+
+def check_same(have: Senses, want: Senses, what: str) -> None:
+    """Raises ``ValueError``, which begins with ``what``, for networks of something else."""
+    for key in Senses.__dataclass_fields__:
+        own, other = getattr(have, key), getattr(want, key)
+        if own != other:
+            raise ValueError(
+                f"{what}: the agent's networks were made for {key} {shown(own)}, and this is"
+                f" {shown(other)}"
+            )
 
 
 def build_actor(senses: Senses, device: torch.device) -> Actor:

@@ -445,8 +445,8 @@ def test_an_agent_of_other_networks_is_refused(imitated, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for words, message in (
         (["cams=[rgb_side]"], "has cams=('seg_side',); this run has ('rgb_side',)"),
-        (["cams=[seg_side]", "algo.network.hidden=64"], "has algo.network="),
-        (["cams=[seg_side]", "image_size=64"], "has image_size=32; this run has 64"),
+        (["cams=[seg_side]", "algo.network.hidden=64"], "made for network HeadConfig(hidden=256"),
+        (["cams=[seg_side]", "image_size=64"], "made for image_size 32, and this is 64"),
     ):
         with pytest.raises(ValueError, match=re.escape(message)):
             run_composed(composed(*TINY, *words, f"init={imitated}", "results=."))
