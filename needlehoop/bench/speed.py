@@ -32,8 +32,6 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
     Every variant is timed once per round, so other work on the machine slows all of them.
 
     Args:
-        settings: environment with its cameras.
-        rounds: how often each variant is timed.
         steps: vector steps per timing.
     """
     seeing, watch = TorchRLEnv(settings), Stopwatch()

@@ -15,10 +15,6 @@ def measure_training(job: Job, rounds: int) -> dict[str, object]:
 
     The first buffer warms up and is not counted. Stable-Baselines3 is measured elsewhere: its
     mere presence in the process slows this down.
-
-    Args:
-        job: what to train; its run is not written anywhere.
-        rounds: buffers that are counted.
     """
     learner = Learner(replace(job, steps=job.buffer * (rounds + 1)))
     watch = Stopwatch()

@@ -21,8 +21,6 @@ def add_command(
     """Add a command whose words are ``overrides`` of a config.
 
     Args:
-        commands: the subparsers to add it to.
-        name: of the command.
         run: does it; what it returns is the exit status, ``None`` is 0.
         summary: one sentence for the help.
         keys: its own keys, beside those of ``conf/env.yaml``.

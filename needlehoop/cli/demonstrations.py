@@ -90,8 +90,6 @@ def _demonstrator(
     """Its name, the environment, and what acts in it.
 
     Args:
-        asked: values of the command's own keys.
-        values: the composed config.
         conditions: words that change a run's; a run demonstrates in its own environment.
         seed: that was typed; a run's is otherwise one that it has not met.
     """

@@ -91,9 +91,6 @@ def _asked(run: Run, words: list[str], command: str, **kinds: Any) -> _Asked:
     """What was typed beside a run.
 
     Args:
-        run: that is flown.
-        words: what was typed.
-        command: whose config is asked.
         kinds: types of the command's own keys, beside those of both.
 
     Raises:

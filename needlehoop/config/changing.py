@@ -34,7 +34,6 @@ def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
     """Words for a command itself, and those that change a run's settings.
 
     Args:
-        words: what was typed beside the run.
         command: its config, ``conf/<command>.yaml``, has the keys of its own.
     """
     keys = {*_keys(command)}
@@ -51,7 +50,6 @@ def changed(
     """A run's settings after the words, and those among them that are no longer the run's.
 
     Args:
-        recorded: the run's config.
         words: as on the command line: ``task=wide``, ``episode.grasp=friction``.
         command: whose keys are named beside the others where one is unknown.
 

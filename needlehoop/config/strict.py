@@ -90,7 +90,6 @@ def structure(values: Any, kind: Any, path: str = "") -> Any:
 
     Args:
         values: keys and values; there may be no other keys than the dataclass has.
-        kind: the dataclass.
         path: where the values stand in the config, for errors.
 
     Raises:
@@ -108,8 +107,6 @@ def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
 
     Args:
         values: of a composed config; with a ``path`` there may be no others.
-        kind: the dataclass.
-        path: where the values stand in the config.
     """
     if path:
         return structure(values, kind, path)

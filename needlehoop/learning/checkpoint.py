@@ -21,9 +21,7 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> Mapping[str, 
     """That a state is one of the job's, as far as can be told before anything is built.
 
     Args:
-        path: of the checkpoint.
         state: ``update``, ``wall_time`` and ``learner``.
-        job: of the run.
 
     Returns:
         The part of the trainer: weights, optimiser, progress.
@@ -58,8 +56,6 @@ def check_like(path: str, found: Any, like: Any) -> None:
     """That two nested states have the same keys, kinds, and shapes and kinds of tensors.
 
     Args:
-        path: where they are, for the error.
-        found: as it was read.
         like: one of those that are written.
 
     Raises:

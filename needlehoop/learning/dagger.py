@@ -32,10 +32,7 @@ class Dagger(Trainer):
 
     Args:
         agent: updated in place. ``running`` is a copy to act with.
-        config: hyperparameters.
         updates: buffers until the schedule ends.
-        seed: decides the minibatches.
-        workers: to share the work; the result is the same with any number.
     """
 
     def __init__(

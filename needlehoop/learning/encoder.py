@@ -80,7 +80,6 @@ class Encoder(nn.Module):
 
     Args:
         shape: ``(c, h, w)`` of the camera's image.
-        config: stem, channels, blocks.
         out: length of the output.
         dtype: of the products; ``torch.bfloat16`` runs them under autocast.
 

@@ -75,9 +75,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = Fa
 
     Args:
         settings: the environment that the agent was made for, with the evaluation's seed.
-        agent: on the device where it is to run.
         episodes: how many; episode ``i`` is the same however many there are.
-        sampled: as in ``acting``.
 
     Raises:
         ValueError: fewer than one episode.
@@ -99,9 +97,6 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 
     Args:
         job_env: the environment that the agent was made for.
-        agent: on the device where it is to run.
-        episodes: how many.
-        seed: of the episodes.
         out: an ``.mp4`` file; written whole or not at all.
     """
     alone, simulation, imager, act = _alone(job_env, agent, seed)
@@ -122,12 +117,6 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
     """Evaluate an agent at length, on its mean action and with its actions drawn.
 
-    Args:
-        agent: on the device where it is to run.
-        job: of the run.
-        episodes: how many.
-        seed: of the episodes.
-
     Raises:
         ValueError: no episodes, or the seed of the training.
     """
@@ -143,7 +132,6 @@ def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
     """Which of a run's policies is meant, and after how many steps of training it was so.
 
     Args:
-        run: whose folder.
         asked: ``last`` or ``best``; ``None``: the last, or else the best.
 
     Raises:
@@ -173,9 +161,6 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     With the latter its value function is untrained.
 
     Args:
-        run: whose folder.
-        job: of the run.
-        device: where it is to run.
         policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
             ``best``, that of ``best.safetensors``.
 

@@ -19,10 +19,8 @@ def flown_job(
     """The job of a run's config, its environment changed by words, and what was changed.
 
     Args:
-        recorded: the run's config.
         words: as on the command line; none change nothing.
         trust: whether Python code that the run's files name may run. A reward that is typed may.
-        command: see ``changing.changed``.
 
     Returns:
         The job; and new values by their key, such as ``episode.grasp``.

@@ -30,14 +30,7 @@ _MOST_DIVERGED = 0.01
 
 
 class Reinforcement:
-    """PPO: the agent acts at random and learns what pays.
-
-    Args:
-        job: its ``algo`` is PPO's.
-        env: not begun.
-        agent: learns.
-        workers: to share the work.
-    """
+    """PPO: the agent acts at random and learns what pays."""
 
     name = PPO
 
@@ -69,7 +62,7 @@ class Reinforcement:
 class Imitation:
     """DAgger: the agent acts more and more, and learns what the expert would have done.
 
-    Arguments and methods as in ``Reinforcement``. To go on, it repeats the buffers so far.
+    Methods as in ``Reinforcement``. To go on, it repeats the buffers so far.
     """
 
     name = DAGGER
@@ -101,7 +94,6 @@ class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        job: what to build.
         state: of an earlier learner of the same job, to go on from.
         weights: of another run's agent, to begin with.
 

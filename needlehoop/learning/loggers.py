@@ -41,7 +41,6 @@ class TensorBoard:
     """Curves as TensorBoard's event files, in a folder of the run's.
 
     Args:
-        folder: of the run.
         steps: that the run begins with; later points of an interrupted training are taken back.
     """
 
@@ -66,9 +65,7 @@ class WeightsAndBiases:
     """Curves and the video on Weights & Biases; offline where nobody is logged in.
 
     Args:
-        config: project, entity, mode.
         run_name: the run's folder below the results; also its identity when resumed.
-        values: the composed config.
         folder: for wandb's own files.
     """
 
@@ -116,9 +113,6 @@ def build_logger(job: Job, values: Mapping[str, Any], folder: Path, steps: int) 
     """What shows a run beside its own files.
 
     Args:
-        job: of the run.
-        values: its composed config.
-        folder: of the run.
         steps: that it begins with.
 
     Raises:

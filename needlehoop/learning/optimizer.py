@@ -25,7 +25,6 @@ class Optimizer:
     Args:
         weights: what is learnt, float32.
         copies: of the same shapes, in types to compute in; they follow the weights.
-        workers: to share the blocks.
     """
 
     def __init__(

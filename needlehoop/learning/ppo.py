@@ -46,10 +46,7 @@ class Ppo(Trainer):
     Args:
         agent: policy and value function; updated in place. ``running`` is a copy to collect
             with.
-        config: hyperparameters.
         updates: buffers until the schedules end.
-        seed: decides the minibatches.
-        workers: to share the work; the result is the same with any number.
         warmup: buffers from which the value function alone learns, without the trunk that it
             shares with the policy.
         finetune: share of the learning rate, once the policy learns.

@@ -72,9 +72,7 @@ def conditions(
     """Undisturbed, each axis at each severity, and all of these axes at once.
 
     Args:
-        levels: amounts.
         axes: as from ``chosen_axes``.
-        severities: 1, 2, ….
         together: severity of all at once.
 
     Raises:

@@ -41,7 +41,6 @@ def subject(
         who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
         words: settings of the environment: of a run, what is to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
-        device: where networks run.
         trust: whether Python code that a run's files name may run.
 
     Raises:

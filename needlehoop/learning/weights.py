@@ -102,9 +102,6 @@ def write_weights(
     """Write a policy's file, whole or not at all.
 
     Args:
-        path: of the file.
-        senses: what the policy sees and does.
-        actor: the policy.
         values: the run's config, for the record; it is not read back.
         dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
         evaluation: of the best policy, for the record: its row of ``evaluations.csv``.

@@ -36,7 +36,6 @@ class Run:
     """A run's folder. Who writes into it holds its ``Lock``.
 
     Args:
-        folder: where its files are.
         config: the composed config that the run began with; by default what its file says.
     """
 

@@ -19,7 +19,6 @@ class Table:
     A row's first column is its ``update``.
 
     Args:
-        path: of the file.
         text: what was written of it so far.
     """
 

@@ -42,9 +42,6 @@ def train(
     """Train until the job's steps are done, or until a signal asks to stop.
 
     Args:
-        job: what to train.
-        run: where its files go.
-        logger: where else.
         state: the checkpoint to go on from.
         weights: of another run's agent, to begin with.
         until: pause after so many of the steps.
@@ -102,7 +99,6 @@ def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[s
     The return is the final potential; ``length`` is in steps.
 
     Args:
-        buffer: as a learner gives it.
         facts: to be reported, by column; ``Task.columns``.
     """
     following: Any = buffer["next"]
@@ -166,8 +162,6 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
     """Do what a composed config asks for: a new run, or the rest of one.
 
     Args:
-        values: the config.
-        overrides: what was typed.
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Returns:

@@ -40,9 +40,6 @@ class Options:
 def check_options(values: Mapping[str, Any]) -> Options:
     """Check all settings of a training except its reward's program, which may not exist yet.
 
-    Args:
-        values: the composed config.
-
     Raises:
         ValueError: one of them is wrong, or they do not go together; says which.
     """

@@ -44,9 +44,6 @@ def check_plugin(word: str) -> None:
 def reminder(words: Sequence[str]) -> str | None:
     """A hint for ``-m cams=a,b``, where one run with both cameras may have been meant.
 
-    Args:
-        words: what was typed.
-
     Returns:
         A line, if all that was typed after ``cams=`` are cameras of different views.
     """
@@ -113,7 +110,6 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
     A program that is not there is no mistake where a model will be asked to write it.
 
     Args:
-        runs: their overrides, without seeds.
         seeds: of each; none: that of the config.
 
     Raises:

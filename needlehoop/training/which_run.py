@@ -75,8 +75,6 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """The run that a composed config asks for; its folder is made.
 
     Args:
-        values: the config.
-        overrides: what was typed.
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Raises:
@@ -144,8 +142,6 @@ def _continue(run: Run, trust: bool, again: bool = False) -> Session:
     """The rest of a run.
 
     Args:
-        run: that exists.
-        trust: whether Python code that its files name as its reward may run.
         again: whether one that ended before its first checkpoint begins again.
 
     Raises:
