@@ -25,10 +25,7 @@ def initial_weights(job: Job) -> dict[str, Tensor]:
         ValueError: no such run, none trained yet, or one with other networks.
     """
     assert job.init is not None
-    try:
-        run = Run.open(Path(job.init))
-    except ValueError as error:
-        raise ValueError(f"init: {error}") from error
+    run = Run.open(Path(job.init), "init")
     theirs = checked_job(run.config())
     # The order of cameras and which facts are told count as well.
     for key in ("cams", "obs"):

@@ -85,14 +85,14 @@ class Run:
                 self._former.rename(self.folder)
 
     @classmethod
-    def open(cls, folder: Path) -> Run:
-        """A run that exists.
+    def open(cls, folder: Path, key: str | None = None) -> Run:
+        """A run that exists; ``key`` names the setting that says which, for errors.
 
         Raises:
             ValueError: no run there.
         """
         if not (folder / CONFIG).is_file():
-            raise ValueError(f"{folder} is no run: it has no {CONFIG}")
+            raise ValueError(f"{f'{key}: ' if key else ''}{folder} is no run: it has no {CONFIG}")
         return cls(folder)
 
     def config(self) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """
     asked = check_options(values)
     if asked.resume is not None:
-        run = Run.open(Path(asked.resume))
+        run = Run.open(Path(asked.resume), "resume")
         beside = ("resume=", "trust=", "conf_dir=")
         others = [word for word in overrides if not word.startswith(beside)]
         if run.manifest().get("finished") is True:
