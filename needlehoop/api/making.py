@@ -53,8 +53,6 @@ def settings_of(
     """The settings of a run's environment.
 
     Args:
-        run: its folder.
-        num_envs: environments in lockstep.
         seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
         trust: whether Python code that its files name as its reward may run.
         overrides: conditions to change, as on the command line: ``["task=wide"]``.

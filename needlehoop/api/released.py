@@ -31,7 +31,6 @@ def pack(study: Path, out: Path) -> list[Path]:
     the agents stand what they can do (``agents.csv``) and checksums (``SHA256SUMS``).
 
     Args:
-        study: its folder.
         out: a folder that is not there yet; it is written whole or not at all.
 
     Returns:

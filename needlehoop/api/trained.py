@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -14,12 +13,9 @@ from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device
 from needlehoop.learning.policy import Policy
-from needlehoop.learning.weights import Senses, read_actor, read_senses
+from needlehoop.learning.weights import Senses, check_same, read_actor, read_senses
 from needlehoop.runs.files import POLICIES
 from needlehoop.runs.run import Run
-
-_NETWORKS = ("cams", "image_size", "obs", "encoder", "algo.network", "episode.control")
-"""Settings that decide an agent's networks."""
 
 
 def initial_weights(job: Job) -> dict[str, Tensor]:
@@ -29,27 +25,21 @@ def initial_weights(job: Job) -> dict[str, Tensor]:
         ValueError: no such run, none trained yet, or one with other networks.
     """
     assert job.init is not None
-    try:
-        run = Run.open(Path(job.init))
-    except ValueError as error:
-        raise ValueError(f"init: {error}") from error
+    run = Run.open(Path(job.init), "init")
     theirs = checked_job(run.config())
-    for key in _NETWORKS:
-        have, want = _setting(theirs, key), _setting(job, key)
-        if have != want:
-            raise ValueError(f"init: {run.folder} has {key}={have}; this run has {want}")
+    # The order of cameras and which facts are told count as well.
+    for key in ("cams", "obs"):
+        own, other = getattr(theirs.env, key), getattr(job.env, key)
+        if own != other:
+            raise ValueError(f"init: {run.folder} has {key}={own}; this run has {other}")
+    # Their weights replace the first deviation.
+    have, want = (
+        replace(Senses.of(one), precision="", network=replace(one.network, sigma=1.0))
+        for one in (theirs, job)
+    )
+    check_same(have, want, f"init: {run.folder}")
     which, _ = which_policy(run, None)
     return load_agent(run, theirs, torch.device("cpu"), which).state_dict()
-
-
-def _setting(job: Job, key: str) -> Any:
-    """A setting of a job by its key; the networks' without what their weights replace."""
-    group, _, name = key.rpartition(".")
-    if key == "algo.network":
-        return replace(job.network, sigma=1.0)
-    if key == "encoder":
-        return job.encoder
-    return getattr(getattr(job.env, group) if group else job.env, name)
 
 
 def policy_of(run: str | Path, device: str, policy: str | None) -> Policy:

@@ -31,12 +31,7 @@ STEPS = 32
 
 
 class OpenGLGymEnvironment(gymnasium.Env):
-    """The dm_control environment, seen by MuJoCo's renderer, as a gymnasium one.
-
-    Args:
-        settings: environment with its cameras.
-        env: which of the seed's environments.
-    """
+    """The dm_control environment, seen by MuJoCo's renderer, as a gymnasium one."""
 
     def __init__(self, settings: Settings, env: int):
         # Finds an OpenGL library when it is imported, or raises.
@@ -90,18 +85,7 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
 
     Both learn with the job's hyperparameters and encoders, in turns in one process; the first
     round of each warms up and is not counted.
-
-    Args:
-        job: cameras, encoder, hyperparameters; nothing is written anywhere.
-        rounds: that are counted.
-
-    Raises:
-        ValueError: ``rounds`` below 1, or no cameras.
     """
-    if rounds < 1:
-        raise ValueError(f"rounds: {rounds} must be at least 1")
-    if not job.env.cams:
-        raise ValueError("cams: the benchmark needs at least one camera")
     ours = runner(job, StableBaselinesVecEnv(job.env))
     theirs = runner(job, opengl_envs(job.env))
     rates = [(ours(), theirs()) for _ in rounds_of(rounds + 1, "round")][1:]

@@ -43,8 +43,8 @@ class Stopwatch:
         self.watch_env(learner.env)
         # Networks, folding and the optimiser share their work in one place.
         learner.workers.map = self._timed(learner.workers.map)
-        method: Any = learner.method
-        method.ppo.update = self._during(method.ppo.update, "learning")
+        trainer: Any = learner.method.trainer
+        trainer.update = self._during(trainer.update, "learning")
 
     def shares(self, total: float, *parts: str, rest: str) -> dict[str, float]:
         """Shares of ``total`` seconds by part; ``rest`` is what no part accounts for.

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from needlehoop.cli.command import add_command
+import yaml
+
+from needlehoop.cli.command import add_command, environment
+from needlehoop.config import strict
 from needlehoop.config.strict import Range
+
+if TYPE_CHECKING:
+    from needlehoop.envs.settings import Settings
 
 Rounds = Annotated[int, Range(1, 1_000_000)]
 WHAT = ("speed", "train", "sb3")
@@ -31,36 +36,34 @@ def add_commands(commands: Any) -> None:
 def _bench(options: argparse.Namespace) -> None:
     given = [f"what={word}" if "=" not in word else word for word in options.overrides]
     chosen = [word.partition("=")[2] for word in given if word.startswith("what=")]
-    what, words = (chosen or ["speed"])[-1], [word for word in given if word[:5] != "what="]
+    what = (chosen or ["speed"])[-1]
     if what not in WHAT:
         raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(WHAT)}")
-    found = _measure(words) if what == "speed" else _measure_learning(what, words)
+    options.overrides = [word for word in given if not word.startswith("what=")]
+    found = _measure(options) if what == "speed" else _measure_learning(what, options.overrides)
     if options.json:
         print(json.dumps(found))
     else:
-        _print_nested(found)
+        print(yaml.safe_dump(found, sort_keys=False), end="")
 
 
-def _measure(overrides: list[str]) -> dict[str, Any]:
-    from needlehoop.config import composing, strict
-
-    values = composing.compose(overrides, "bench")
-    from needlehoop.envs.settings import settings_from
-
-    settings = settings_from(values)
-    rounds, steps = (strict.value(values, key, Rounds) for key in ("rounds", "steps"))
+def _measure(options: argparse.Namespace) -> dict[str, Any]:
+    settings, values = environment(options, "bench")
+    asked = strict.read(values, rounds=Rounds, steps=Rounds)
+    _check_cameras(settings)
     from needlehoop.bench.speed import measure
 
-    return measure(settings, rounds, steps)
+    return measure(settings, asked.rounds, asked.steps)
 
 
 def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
-    from needlehoop.config import composing, strict
+    from needlehoop.config import composing
 
     values = composing.compose(overrides, "bench_train")
     from needlehoop.learning.job import typed_job
 
     job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
+    _check_cameras(job.env)
     if what == "sb3":
         from needlehoop.bench.stable_baselines import measure_sb3
 
@@ -70,10 +73,6 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
     return measure_training(job, rounds)
 
 
-def _print_nested(values: Mapping[str, Any], indent: str = "") -> None:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            print(f"{indent}{name}:")
-            _print_nested(value, indent + "  ")
-        else:
-            print(f"{indent}{name}: {value}")
+def _check_cameras(settings: Settings) -> None:
+    if not settings.cams:
+        raise ValueError("cams: the benchmark needs at least one camera")

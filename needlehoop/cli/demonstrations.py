@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,8 @@ def add_commands(commands: Any) -> None:
 
 
 def _demonstrations(options: argparse.Namespace) -> None:
+    from tqdm import tqdm
+
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
     from needlehoop.demonstrations.episodes import About, demonstrate
@@ -45,74 +47,63 @@ def _demonstrations(options: argparse.Namespace) -> None:
         conditions = [word for word in others if not word.startswith("seed=")]
         words = [*own, *(word for word in others if word not in conditions)]
     values = composing.compose(words, "demonstrations")
-    episodes, kind = strict.value(values, "episodes", Count), strict.value(values, "format", str)
-    write, place = layout(kind), strict.value(values, "out", str | None)
+    asked = strict.read(
+        values,
+        demonstrator=str | None,
+        episodes=Count,
+        format=str,
+        out=str | None,
+        overwrite=bool,
+        device=str,
+        trust=bool,
+        seed=Seed,
+    )
+    write, place = layout(asked.format), asked.out
     if not place:
         raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
     out = Path(place)
-    if kind == "minari":
+    if asked.format == "minari":
         from needlehoop.demonstrations.minari_layout import check_name
 
         check_name(out.name)
-    has_seed = any(word.startswith("seed=") for word in words)
-    who, settings, make = _demonstrator(values, conditions, has_seed)
-    with new_folder(out, strict.value(values, "overwrite", bool)) as folder:
-        shown = _Shown(demonstrate(settings, make, episodes), episodes)
-        write(folder, shown, About(who, settings, provenance()))
+    seed = asked.seed if any(word.startswith("seed=") for word in words) else None
+    who, settings, make = _demonstrator(asked, values, conditions, seed)
+    counts = Counter()
+
+    def shown() -> Iterator[Demonstration]:
+        found = demonstrate(settings, make, asked.episodes)
+        for one in tqdm(found, total=asked.episodes, unit="episode", dynamic_ncols=True):
+            counts.update(steps=len(one), successful=int(one.success))
+            yield one
+
+    with new_folder(out, asked.overwrite) as folder:
+        write(folder, shown(), About(who, settings, provenance()))
     print(
-        f"{out}: {episodes} episodes (seed {settings.seed}), {shown.steps} steps,"
-        f" {shown.succeeded} successful"
+        f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
+        f" {counts['successful']} successful"
     )
 
 
 def _demonstrator(
-    values: dict[str, Any], conditions: list[str], has_seed: bool
+    asked: Any, values: dict[str, Any], conditions: list[str], seed: int | None
 ) -> tuple[str, Settings, MakeController]:
     """Its name, the environment, and what acts in it.
 
     Args:
-        values: the composed config.
         conditions: words that change a run's; a run demonstrates in its own environment.
-        has_seed: whether a seed was typed; a run's is otherwise one that it has not met.
+        seed: that was typed; a run's is otherwise one that it has not met.
     """
     from needlehoop.demonstrations.episodes import scripted
     from needlehoop.envs.settings import settings_from
-    from needlehoop.learning.evaluate import acting, load_agent, which_policy
-    from needlehoop.learning.flight import flown_job
     from needlehoop.learning.job import pick_device
-    from needlehoop.runs.run import Run
+    from needlehoop.learning.subject import of_run
 
-    who, where = (
-        strict.value(values, "demonstrator", str | None),
-        strict.value(values, "device", str),
-    )
+    who = asked.demonstrator
     if who is None or not Path(who).is_dir():
         settings = settings_from(values)
         who = who or settings.definition.teacher
         return who, settings, scripted(who, settings.definition)
-    run = Run.open(Path(who))
-    trust = strict.value(values, "trust", bool)
-    job, _ = flown_job(run.config(), conditions, trust, "demonstrations")
-    which, _ = which_policy(run, None)
+    device = pick_device(asked.device)
     # After those of its evaluations and of watch.
-    seed = strict.value(values, "seed", Seed) if has_seed else job.evaluation.final_seed + 2
-    if seed == job.env.seed:
-        raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    agent = load_agent(run, job, pick_device(where), which)
-    return who, replace(job.env, seed=seed), acting(agent.actor)
-
-
-class _Shown:
-    """Episodes with a progress bar, counted."""
-
-    def __init__(self, episodes: Iterable[Demonstration], total: int):
-        self._episodes, self._total = episodes, total
-        self.steps = self.succeeded = 0
-
-    def __iter__(self) -> Iterator[Demonstration]:
-        from tqdm import tqdm
-
-        for one in tqdm(self._episodes, total=self._total, unit="episode", dynamic_ncols=True):
-            self.steps += len(one)
-            self.succeeded += one.success
-            yield one
+    more = (asked.trust, "demonstrations", 2)
+    return who, *of_run(Path(who), conditions, seed, device, *more)

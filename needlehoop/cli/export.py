@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from needlehoop.cli.command import add_command
+from needlehoop.cli.command import add_command, environment, new_file
+from needlehoop.config import strict
 
 
 def add_commands(commands: Any) -> None:
@@ -47,12 +48,8 @@ def _pack(options: argparse.Namespace) -> None:
 
 
 def _export(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing, strict
-
-    values = composing.compose(options.overrides, "export")
-    from needlehoop.envs.settings import settings_from
-
-    settings, what = settings_from(values), values["what"]
+    settings, values = environment(options, "export")
+    what = values["what"]
     overwrite = strict.value(values, "overwrite", bool)
     if what not in _FORMATS:
         raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(_FORMATS)}")
@@ -80,10 +77,7 @@ def _export_policy(run: str | None, out: Path, overwrite: bool) -> None:
     from needlehoop.runs.files import write_whole
     from needlehoop.runs.shipped import AGENT
 
-    if out.suffix != ".onnx":
-        raise ValueError(f"out: {str(out)!r} must end in .onnx")
-    if out.exists() and not overwrite:
-        raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
+    new_file(out, ".onnx", overwrite)
     from needlehoop.api.trained import actor_in
     from needlehoop.learning.onnx_file import PRECISION, onnx_bytes
 

@@ -54,8 +54,8 @@ class _Asked(NamedTuple):
     """A run, and how it is to be flown."""
 
     run: Run
-    values: dict[str, Any]
-    """Of the command's own config."""
+    own: Any
+    """Values of the command's own config, by their keys."""
     job: Job
     changed: dict[str, Any]
     """New values of conditions, by their key."""
@@ -64,19 +64,16 @@ class _Asked(NamedTuple):
     policy: str
     steps: int | None
     """Of its training."""
-    seed: int | None
-    """Of the episodes, if one was typed."""
-    filmed: int
-    device: Any
 
     def agent(self) -> Agent:
         import torch
 
         from needlehoop.learning.evaluate import load_agent
+        from needlehoop.learning.job import pick_device
 
         # As in training: their number decides how sums are rounded.
         torch.set_num_threads(1)
-        return load_agent(self.run, self.job, self.device, self.policy)
+        return load_agent(self.run, self.job, pick_device(self.own.device), self.policy)
 
     def tell(self, found: Mapping[str, Any]) -> str:
         """The evaluation in lines, after what was flown and what was changed."""
@@ -90,8 +87,11 @@ class _Asked(NamedTuple):
         return "\n".join((*lines, report(self.job.env.definition, found)))
 
 
-def _asked(run: Run, words: list[str], command: str) -> _Asked:
+def _asked(run: Run, words: list[str], command: str, **kinds: Any) -> _Asked:
     """What was typed beside a run.
+
+    Args:
+        kinds: types of the command's own keys, beside those of both.
 
     Raises:
         ValueError: a word that is wrong, or code that is not trusted.
@@ -99,22 +99,25 @@ def _asked(run: Run, words: list[str], command: str) -> _Asked:
     from needlehoop.config import composing
     from needlehoop.config.changing import check, parted
 
-    own, conditions = parted(words, command)
-    values = composing.compose(own, command)
+    mine, conditions = parted(words, command)
+    own = strict.read(
+        composing.compose(mine, command),
+        trust=bool,
+        policy=str | None,
+        seed=Seed | None,
+        video_episodes=Count,
+        device=str,
+        **kinds,
+    )
     check(conditions, run.config(), command)
     # What the lines before refuse does not wait for this.
     from needlehoop.learning.evaluate import which_policy
     from needlehoop.learning.flight import flown_job
     from needlehoop.learning.job import pick_device
 
-    job, changed = flown_job(run.config(), conditions, strict.value(values, "trust", bool), command)
-    return _Asked(
-        *(run, values, job, changed, conditions),
-        *which_policy(run, strict.value(values, "policy", str | None)),
-        seed=strict.value(values, "seed", Seed | None),
-        filmed=strict.value(values, "video_episodes", Count),
-        device=pick_device(strict.value(values, "device", str)),
-    )
+    pick_device(own.device)
+    job, changed = flown_job(run.config(), conditions, own.trust, command)
+    return _Asked(run, own, job, changed, conditions, *which_policy(run, own.policy))
 
 
 def _evaluate(options: argparse.Namespace) -> None:
@@ -122,38 +125,35 @@ def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
-    asked = _asked(Run.open(options.run_folder), options.overrides, "evaluate")
+    run, kinds = Run.open(options.run_folder), {"as": str | None}
+    asked = _asked(run, options.overrides, "evaluate", episodes=Count | None, video=bool, **kinds)
     from needlehoop.learning.evaluate import assess, film
 
-    run, job, values = asked.run, asked.job, asked.values
-    name = strict.value(values, "as", str | None)
+    job, own, usual = asked.job, asked.own, asked.job.evaluation
+    name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
-    given, own = strict.value(values, "episodes", Count | None), job.evaluation
-    episodes = own.final_episodes if given is None else given
-    seed = own.final_seed if asked.seed is None else asked.seed
-    video = strict.value(values, "video", bool)
+    episodes = usual.final_episodes if own.episodes is None else own.episodes
+    seed = usual.final_seed if own.seed is None else own.seed
     agent = asked.agent()
-    found = assess(agent, job, episodes, seed)
-    found = {"steps_trained": asked.steps, "policy": asked.policy, **found}
+    found = {"steps_trained": asked.steps, "policy": asked.policy}
+    found |= assess(agent, job, episodes, seed)
     found |= {"changed": asked.changed} if asked.changed else {}
     differs = [
         *(setting(word) for word in (asked.conditions if asked.changed else [])),
-        *([("episodes", f"{episodes}")] if episodes != own.final_episodes else []),
-        *([("seed", f"{seed}")] if seed != own.final_seed else []),
+        *([("episodes", f"{episodes}")] if episodes != usual.final_episodes else []),
+        *([("seed", f"{seed}")] if seed != usual.final_seed else []),
         *([("policy", asked.policy)] if asked.policy != "last" else []),
     ]
     place, is_new = _place(run, found, differs, name)
     if is_new:
         run.write(place, json.dumps(found, indent=2) + "\n")
-    print(json.dumps(found) if options.json else asked.tell(found))
-    if not options.json:
-        print(
-            f"written      {run.folder / place}" if is_new else f"the same as  {run.folder / place}"
-        )
-    if video:
+    said = "written     " if is_new else "the same as "
+    lines = f"{asked.tell(found)}\n{said} {run.folder / place}"
+    print(json.dumps(found) if options.json else lines, flush=True)
+    if own.video:
         out = run.vacate(str(Path(place).with_name(VIDEO)))
-        film(job.env, agent, asked.filmed, seed, out)
+        film(job.env, agent, own.video_episodes, seed, out)
         if not options.json:
             print(f"video        {out}")
 
@@ -194,15 +194,14 @@ def _watch(options: argparse.Namespace) -> None:
         named, words = None, [named, *words]
     tasks = [word.partition("=")[2] for word in words if word.startswith("task=")]
     folder = agent_of(*tasks[-1:] or [""]) if named is None else Path(named)
-    asked = _asked(Run.open(folder), words, "watch")
-    job, values = asked.job, asked.values
-    episodes = strict.value(values, "episodes", Count)
-    seed = job.evaluation.final_seed + 1 if asked.seed is None else asked.seed
-    window = values["window"]
-    window = has_display() if window is None else strict.value(values, "window", bool)
+    own = {"episodes": Count, "window": bool | None, "out": str}
+    asked = _asked(Run.open(folder), words, "watch", **own)
+    job, own = asked.job, asked.own
+    seed = job.evaluation.final_seed + 1 if own.seed is None else own.seed
+    window = has_display() if own.window is None else own.window
     if window:
         check_display("window=false writes a film")
-    out = Path(strict.value(values, "out", str))
+    out = Path(own.out)
     if out.suffix.lower() != ".mp4":
         raise ValueError(f"out: {str(out)!r} must end in .mp4")
     from needlehoop.learning.evaluate import assess, film, show
@@ -210,12 +209,12 @@ def _watch(options: argparse.Namespace) -> None:
     agent = asked.agent()
     found = {"run": str(asked.run.folder), "policy": asked.policy}
     found |= {"changed": asked.changed} if asked.changed else {}
-    found |= assess(agent, job, episodes, seed)
-    print(json.dumps(found) if options.json else asked.tell(found))
+    found |= assess(agent, job, own.episodes, seed)
+    print(json.dumps(found) if options.json else asked.tell(found), flush=True)
     if window:
-        show(job.env, agent, asked.filmed, seed)
+        show(job.env, agent, own.video_episodes, seed)
         return
     set_aside(out)
-    film(job.env, agent, asked.filmed, seed, out)
+    film(job.env, agent, own.video_episodes, seed, out)
     if not options.json:
         print(f"film         {out}")

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from needlehoop.cli.command import add_command
+from needlehoop.cli.command import add_command, environment, new_file
 from needlehoop.config import strict
 from needlehoop.config.strict import Amount, Count, Pixels
 
@@ -48,69 +48,47 @@ def add_commands(commands: Any) -> None:
         "controller=expert|smooth|cheat|random",
     )
     add("signals", _signals, "Print the table of a task's signals.", "none of its own")
+    summary = "List the tasks: their facts, phases, controllers and variants."
+    listed = commands.add_parser("tasks", help=summary, description=summary)
+    listed.add_argument(
+        "overrides", nargs="*", metavar="key=value", help="task_dir=<folder> conf_dir=<folder>"
+    )
+    listed.set_defaults(run=_tasks)
 
 
 def _snapshot(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
+    settings, values = environment(options, "snapshot")
+    asked = strict.read(
+        values, out=str, overwrite=bool, size=Pixels, tiles=bool, raw=bool, disturbed=bool
+    )
+    if asked.tiles:
+        if Path(asked.out).suffix:
+            raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
+        folder = new_file(asked.out, "", asked.overwrite)
+        from needlehoop.pictures.stills import tiles
 
-    values = composing.compose(options.overrides, "snapshot")
-    from needlehoop.envs.settings import settings_from
-
-    settings, tiled = settings_from(values), strict.value(values, "tiles", bool)
-    if tiled:
-        _tiles(settings, values)
+        for name, image in tiles(settings).items():
+            _save(image, folder / f"{name}.png")
         return
-    out = _png(values)
-    size, raw = strict.value(values, "size", Pixels), strict.value(values, "raw", bool)
-    if strict.value(values, "disturbed", bool):
+    out = new_file(asked.out, ".png", asked.overwrite)
+    if asked.disturbed:
         from needlehoop.pictures.disturbed import disturbed_sheet
 
         levels = strict.value(values, "levels", Levels)
-        _save(disturbed_sheet(settings, levels, size), out)
+        _save(disturbed_sheet(settings, levels, asked.size), out)
         return
     from needlehoop.pictures.stills import contact_sheet
 
-    _save(contact_sheet(settings, size, raw), out)
-
-
-def _tiles(settings: Any, values: dict[str, Any]) -> None:
-    """A folder with a file for each camera."""
-    out = Path(strict.value(values, "out", str))
-    if out.suffix:
-        raise ValueError(f"out: {str(out)!r}; tiles=true writes a folder")
-    _spare(out, values, "out")
-    from needlehoop.pictures.stills import tiles
-
-    for name, image in tiles(settings).items():
-        _save(image, out / f"{name}.png")
+    _save(contact_sheet(settings, asked.size, asked.raw), out)
 
 
 def _picture(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
-
-    values = composing.compose(options.overrides, "picture")
-    from needlehoop.envs.settings import settings_from
-
-    settings, out = settings_from(values), _png(values)
-    size = strict.value(values, "size", Pixels)
+    settings, values = environment(options, "picture")
+    asked = strict.read(values, out=str, overwrite=bool, size=Pixels)
+    out = new_file(asked.out, ".png", asked.overwrite)
     from needlehoop.pictures.stills import portrait
 
-    _save(portrait(settings, size), out)
-
-
-def _png(values: dict[str, Any]) -> Path:
-    out = Path(strict.value(values, "out", str))
-    if out.suffix.lower() != ".png":
-        raise ValueError(f"out: {str(out)!r} must end in .png")
-    _spare(out, values, "out")
-    return out
-
-
-def _spare(out: Path, values: dict[str, Any], key: str) -> None:
-    """Refuse to write over a file unless told to."""
-    overwrite = strict.value(values, "overwrite", bool)
-    if out.exists() and not overwrite:
-        raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
+    _save(portrait(settings, asked.size), out)
 
 
 def _save(image: Any, out: Path) -> None:
@@ -120,18 +98,13 @@ def _save(image: Any, out: Path) -> None:
 
 
 def _expert(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
-
-    values = composing.compose(options.overrides, "expert")
-    from needlehoop.envs.settings import settings_from
-
-    settings, who = settings_from(values), strict.value(values, "controller", str)
-    episodes = strict.value(values, "episodes", Count)
-    filmed, grasps = strict.value(values, "video_episodes", Count), _grasps(values, options)
+    settings, values = environment(options, "expert")
+    asked = strict.read(
+        values, controller=str, episodes=Count, video_episodes=Count, overwrite=bool
+    )
+    who, grasps = asked.controller, _grasps(values, options)
     if options.video is not None:
-        if options.video.suffix.lower() != ".mp4":
-            raise ValueError(f"--video: {str(options.video)!r} must end in .mp4")
-        _spare(options.video, values, "--video")
+        new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
     from needlehoop.tasks.episode import ArmEpisode
 
@@ -140,13 +113,13 @@ def _expert(options: argparse.Namespace) -> None:
         tried = settings
         if isinstance(settings.episode, ArmEpisode):
             tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
-        summaries[grasp] = run_trials(tried, who, episodes).summary()
+        summaries[grasp] = run_trials(tried, who, asked.episodes).summary()
     if options.json:
         print(json.dumps({"controller": who, "seed": settings.seed, **summaries}))
     else:
-        _print_table(f"{who}, {episodes} episodes each, seed {settings.seed}", summaries)
+        _print_table(f"{who}, {asked.episodes} episodes each, seed {settings.seed}", summaries)
     if options.video is not None:
-        _film(settings, who, filmed, options)
+        _film(settings, who, asked.video_episodes, options)
 
 
 def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
@@ -164,12 +137,8 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
 
 
 def _view(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
-
-    values = composing.compose(options.overrides, "view")
-    from needlehoop.envs.settings import settings_from
-
-    settings, who = settings_from(values), strict.value(values, "controller", str)
+    settings, values = environment(options, "view")
+    who = strict.value(values, "controller", str)
     from needlehoop.pictures.window import view
 
     view(settings, who)
@@ -185,22 +154,42 @@ def _grasps(values: dict[str, Any], options: argparse.Namespace) -> tuple[str, .
     if typed:
         raise ValueError(f"grasps: {typed[0]} names one already; give only one of them")
     grasps = strict.value(values, "grasps", tuple[str, ...])
-    for grasp in grasps:
-        if grasp not in GRASPS:
-            raise ValueError(f"grasps: {grasp!r} is unknown; choose from {', '.join(GRASPS)}")
+    strict.check_names("grasps", grasps, GRASPS)
     if not grasps:
         raise ValueError(f"grasps: name one or more of {', '.join(GRASPS)}")
     return grasps
 
 
 def _signals(options: argparse.Namespace) -> None:
-    from needlehoop.config import composing
-
-    values = composing.compose(options.overrides)
-    from needlehoop.envs.settings import settings_from
+    settings, _ = environment(options)
     from needlehoop.scene.signals import describe
 
-    print(describe(settings_from(values).definition.signals))
+    print(describe(settings.definition.signals))
+
+
+def _tasks(options: argparse.Namespace) -> None:
+    from needlehoop.config.own_folder import part, task_folder
+    from needlehoop.config.task_options import variants
+    from needlehoop.runs.shipped import CONF
+    from needlehoop.tasks.registry import add_folder, find, names
+
+    for word in options.overrides:
+        key = word.partition("=")[0]
+        if key not in ("conf_dir", "task_dir"):
+            raise ValueError(f"{key}: unknown key; choose from conf_dir, task_dir")
+    _, folders = part(options.overrides)
+    if own := task_folder(options.overrides):
+        add_folder(own)
+    for name in names():
+        task = find(name)
+        print(f"{name}: {task.summary}")
+        for fact in task.facts:
+            row = task.signals[fact.name]
+            told = " (kept from reward writers)" if row.source == "verdict" else ""
+            print(f"  fact        {fact.name}: {row.meaning}{told}")
+        print(f"  phases      {', then '.join(f'{p.name} until {p.ends}' for p in task.phases)}")
+        print(f"  controllers {', '.join(task.controllers)}; {task.teacher} is imitated")
+        print(f"  variants    {', '.join(variants(name, [CONF, *folders]))}")
 
 
 def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None:

@@ -13,16 +13,7 @@ import select
 import sys
 from collections.abc import Sequence
 
-from needlehoop.cli.bench import add_commands as add_bench_commands
-from needlehoop.cli.demonstrations import add_commands as add_demonstrations_command
-from needlehoop.cli.export import add_commands as add_export_commands
-from needlehoop.cli.fly import add_commands as add_fly_commands
-from needlehoop.cli.look import add_commands
-from needlehoop.cli.probe import add_commands as add_probe_commands
-from needlehoop.cli.stress import add_commands as add_stress_command
-from needlehoop.cli.study import add_commands as add_study_commands
-from needlehoop.cli.tasks import add_commands as add_tasks_command
-from needlehoop.cli.vlm import add_commands as add_vlm_commands
+from needlehoop.cli import bench, demonstrations, export, fly, look, probe, stress, study, vlm
 from needlehoop.runs.reading import printable
 
 _TRAIN, _VERSION = "train", "--version"
@@ -89,16 +80,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     summary = "Train an agent: python train.py, for those who have no checkout."
     commands.add_parser(_TRAIN, help=summary, add_help=False)
-    add_commands(commands)
-    add_fly_commands(commands)
-    add_stress_command(commands)
-    add_export_commands(commands)
-    add_bench_commands(commands)
-    add_vlm_commands(commands)
-    add_study_commands(commands)
-    add_probe_commands(commands)
-    add_demonstrations_command(commands)
-    add_tasks_command(commands)
+    for group in (look, fly, stress, export, bench, vlm, study, probe, demonstrations):
+        group.add_commands(commands)
     return parser
 
 

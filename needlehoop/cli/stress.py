@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,6 @@ from typing import Any
 from needlehoop.cli.look import Levels
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, Seed
-
-_OWN = (
-    *("axes", "severities", "together", "episodes", "seed", "num_envs", "threads", "out"),
-    *("levels", "device", "trust"),
-)
-"""Keys of the command itself; all others are an environment's."""
 
 
 def add_commands(commands: Any) -> None:
@@ -39,43 +32,45 @@ def add_commands(commands: Any) -> None:
 
 def _stress(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
+    from needlehoop.config.changing import parted
     from needlehoop.learning.job import pick_device
-    from needlehoop.runs.files import STRESS, set_aside
+    from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
 
     who = Path(options.who)
-    own = [word for word in options.overrides if re.split(r"[=.]", word)[0] in _OWN]
-    conditions = [word for word in options.overrides if word not in own]
-    values = composing.compose(own, "stress")
-    severities = strict.value(values, "severities", tuple[Count, ...])
-    levels = strict.value(values, "levels", Levels)
-    episodes, envs, together = (
-        strict.value(values, key, Count) for key in ("episodes", "num_envs", "together")
+    words, conditions = parted(options.overrides, "stress")
+    asked = strict.read(
+        composing.compose(words, "stress"),
+        axes=tuple[str, ...],
+        severities=tuple[Count, ...],
+        together=Count,
+        levels=Levels,
+        episodes=Count,
+        seed=Seed | None,
+        num_envs=Count,
+        threads=Number,
+        out=str | None,
+        device=str,
+        trust=bool,
     )
-    seed, threads = (
-        strict.value(values, "seed", Seed | None),
-        strict.value(values, "threads", Number),
-    )
-    axes, trust = strict.value(values, "axes", tuple[str, ...]), strict.value(values, "trust", bool)
-    out = strict.value(values, "out", str | None)
-    if out is None and (conditions or not who.is_dir()):
+    if asked.out is None and (conditions or not who.is_dir()):
         raise ValueError(
             "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
             " such as out=stress.csv"
         )
-    target = who / STRESS if out is None else Path(out)
+    target = who / STRESS if asked.out is None else Path(asked.out)
     if target.suffix != ".csv":
         raise ValueError(f"out: {str(target)!r} must end in .csv")
-    device = pick_device(strict.value(values, "device", str))
+    device = pick_device(asked.device)
     from needlehoop.learning import stress
     from needlehoop.learning.subject import subject
 
-    tested = subject(options.who, conditions, seed, device, trust)
-    chosen = stress.chosen_axes(axes, blind=tested.blind)
-    tried = stress.conditions(levels, chosen, severities, together)
-    engine = replace(tested.settings.engine, threads=threads)
-    rows = stress.stress(
-        replace(tested.settings, engine=engine), tested.make, tried, episodes, envs
-    )
+    tested = subject(options.who, conditions, asked.seed, device, asked.trust)
+    chosen = stress.chosen_axes(asked.axes, blind=tested.blind)
+    tried = stress.conditions(asked.levels, chosen, asked.severities, asked.together)
+    engine = replace(tested.settings.engine, threads=asked.threads)
+    settings = replace(tested.settings, engine=engine)
+    rows = stress.stress(settings, tested.make, tried, asked.episodes, asked.num_envs)
     set_aside(target)
-    stress.write(rows, target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(target, csv_text(rows[0], (row.values() for row in rows)))
     print(f"{stress.summary(rows)}\ntable        {target}")

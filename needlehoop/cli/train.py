@@ -33,7 +33,6 @@ def run(words: Sequence[str], command: str) -> None:
     """Train what a command line asks for: one run, or with ``-m`` several.
 
     Args:
-        words: what was typed after the command.
         command: ``python train.py`` or ``needlehoop train``.
 
     Raises:

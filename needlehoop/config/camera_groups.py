@@ -26,7 +26,6 @@ def register(words: Sequence[str], *folders: Path) -> None:
     """Tell Hydra which cameras and models there are.
 
     Args:
-        words: the command line.
         folders: the shipped one first.
 
     A new view or rendering is one new file: every file is part of an environment's config, and
@@ -60,7 +59,6 @@ def check_choice(overrides: Iterable[str], conf: Path) -> None:
 
     Args:
         overrides: as Hydra takes them, sweeps included.
-        conf: folder of the groups.
 
     Raises:
         ValueError: ``cams`` is no list of names or repeats one, or the choice of another group

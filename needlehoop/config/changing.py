@@ -34,10 +34,9 @@ def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
     """Words for a command itself, and those that change a run's settings.
 
     Args:
-        words: what was typed beside the run.
         command: its config, ``conf/<command>.yaml``, has the keys of its own.
     """
-    keys = {*read_yaml(CONF / f"{command}.yaml")}
+    keys = {*_keys(command)}
     own: list[str] = []
     others: list[str] = []
     for word in words:
@@ -51,7 +50,6 @@ def changed(
     """A run's settings after the words, and those among them that are no longer the run's.
 
     Args:
-        recorded: the run's config.
         words: as on the command line: ``task=wide``, ``episode.grasp=friction``.
         command: whose keys are named beside the others where one is unknown.
 
@@ -119,10 +117,7 @@ def _top(word: str) -> str:
 
 def _check(top: str, recorded: Mapping[str, Any], command: str | None) -> None:
     """Raises ``ValueError`` for a top-level key that may not be changed."""
-    own = read_yaml(CONF / "env.yaml")
-    listed: list[Any] = own.pop("defaults")
-    groups = [key for entry in listed if isinstance(entry, Mapping) for key in entry]
-    valid = sorted({"views", "renderings", *groups, *own} - _NO_CONDITIONS)
+    valid = sorted({"views", "renderings", *_keys("env")} - _NO_CONDITIONS)
     if top in valid:
         return
     choose = f"choose from {', '.join(valid)}"
@@ -133,8 +128,15 @@ def _check(top: str, recorded: Mapping[str, Any], command: str | None) -> None:
         )
     if top in recorded or top in _NO_CONDITIONS:
         raise ValueError(f"{top}: it is no condition under which a trained agent acts; {choose}")
-    keys = {*read_yaml(CONF / f"{command}.yaml")} - {"defaults"} if command else set()
+    keys = _keys(command) if command else []
     raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted({*keys, *valid}))}")
+
+
+def _keys(config: str) -> list[str]:
+    """The keys and groups that a config of ``conf/`` names itself."""
+    own = read_yaml(CONF / f"{config}.yaml")
+    listed: list[Any] = own.pop("defaults", [])
+    return [*own, *(key for entry in listed if isinstance(entry, Mapping) for key in entry)]
 
 
 def _leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

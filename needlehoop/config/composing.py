@@ -112,9 +112,7 @@ def prepare(
     Also registers the options that are no files.
 
     Args:
-        words: of the command line.
         task: by its name, where a run and not the command line decides it.
-        task_dir: its folder, if it has one.
 
     Raises:
         ValueError: ``conf_dir`` or ``task_dir`` is no such folder.

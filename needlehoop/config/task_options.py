@@ -27,7 +27,6 @@ def register(words: Iterable[str], folders: Sequence[Path], task: str | None = N
     """Tell Hydra what the options are for the task that a command line names.
 
     Args:
-        words: what was typed.
         folders: config folders, ours first.
         task: by its name, where a run and not the command line decides it.
 

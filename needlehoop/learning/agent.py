@@ -27,13 +27,7 @@ from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
 
 
 class Actor(nn.Module):
-    """The policy's part of an agent: observations to the mean action, on plain tensors.
-
-    Args:
-        fold: of images.
-        trunk: of all observations.
-        head: the Gaussian on it.
-    """
+    """The policy's part of an agent: observations to the mean action, on plain tensors."""
 
     def __init__(self, fold: Fold, trunk: Trunk, head: Gaussian):
         super().__init__()
@@ -53,8 +47,6 @@ class Agent(nn.Module):
     Args:
         observed: the environment's observation spec, batch size ``(n,)``.
         actions: length of the action.
-        encoder: of every camera.
-        heads: trunk and heads.
         dtype: of the convolutions.
 
     Raises:

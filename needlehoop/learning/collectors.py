@@ -29,9 +29,7 @@ class _Collector:
 
     Args:
         env: is begun, or gone on with, at the first buffer.
-        running: the agent.
         horizon: steps of each environment per buffer.
-        workers: that fold images.
     """
 
     def __init__(self, env: TorchRLEnv, running: ParallelAgent, horizon: int, workers: Workers):
@@ -110,11 +108,7 @@ class LabellingCollector(_Collector):
     take a thousandth of the room.
 
     Args:
-        env: not begun.
-        running: the learner.
-        config: hyperparameters.
         seed: decides who acts, and the noise.
-        workers: that fold images.
     """
 
     def __init__(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +15,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.collectors import LABEL
+from needlehoop.learning.collectors import LABEL, LEARNER
 from needlehoop.learning.hyperparameters import DaggerConfig
 from needlehoop.learning.trainer import Trainer
 
@@ -32,10 +32,7 @@ class Dagger(Trainer):
 
     Args:
         agent: updated in place. ``running`` is a copy to act with.
-        config: hyperparameters.
         updates: buffers until the schedule ends.
-        seed: decides the minibatches.
-        workers: to share the work; the result is the same with any number.
     """
 
     def __init__(
@@ -48,35 +45,41 @@ class Dagger(Trainer):
             storage=LazyTensorStorage(config.memory, device=device)
         )
 
+    @property
+    def share(self) -> float:
+        """Of the episodes that begin now, those in which the learner acts."""
+        return min(1.0, self.done_updates * (1.0 / (self.config.handover * self.updates)))
+
     def remember(self, buffer: TensorDictBase) -> None:
         """Take frames ``(num_envs, horizon)`` into memory: what was seen, and labels."""
         self._frames.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        """Learn, with a new buffer's frames; returns means over the minibatches."""
+        """Learn, with a new buffer's frames; returns means over the minibatches.
+
+        Episodes of the expert do not count as ended in the buffer afterwards.
+        """
         self.remember(buffer)
+        share = self.share
         frames: Any = self._frames[:]
         seen = [frames[key] for key in self.agent.seen_keys]
-        totals: defaultdict[str, float] = defaultdict(float)
-        rate = 0.0
+        totals, rate = Counter[str](), 0.0
         for number in range(self.config.minibatches):
             rate = self._schedule(number)
             rows = torch.randint(len(frames), (self.config.minibatch,), generator=self._generator)
             rows = rows.to(frames.device)
-            for name, value in self._descend(seen, frames[LABEL], rows).items():
-                totals[name] += value
+            labels = frames[LABEL].index_select(0, rows)
+            slopes, told = self._judge(self.running.forward(seen, rows), labels)
+            self._step(slopes)
+            totals.update(told)
         self._end_update(buffer)
+        buffer["next", "done"] &= buffer[LEARNER]
         return {
             **{name: value / self.config.minibatches for name, value in totals.items()},
             "frames": float(len(frames)),
             "learning_rate": rate,
+            "share": share,
         }
-
-    def _descend(self, seen: list[Tensor], labels: Tensor, rows: Tensor) -> dict[str, float]:
-        """One step of the optimiser on a minibatch; returns what the loss reports."""
-        slopes, told = self._judge(self.running.forward(seen, rows), labels.index_select(0, rows))
-        self._step(slopes)
-        return told
 
     def _judge(
         self, said: Sequence[Tensor], label: Tensor

@@ -8,10 +8,8 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import OneOf, Range
 from needlehoop.runs.files import check_name
-
-HALVINGS = ("pool", "stride")
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
 """What convolutions compute in, by name."""
@@ -31,16 +29,12 @@ class EncoderConfig:
     """Channels of each stack; every stack halves the image."""
     blocks: Annotated[int, Range(1, 64)]
     """Residual blocks per stack."""
-    halving: str = "pool"
+    halving: Annotated[str, OneOf("pool", "stride")] = "pool"
     """How a stack halves the image: ``pool``, by a max-pool after its convolution, as ML-Agents
     does, or ``stride``, by a convolution of stride 2."""
 
     def __post_init__(self) -> None:
         check_name("encoder.name", self.name)
-        if self.halving not in HALVINGS:
-            raise ValueError(
-                f"encoder.halving: {self.halving!r} is unknown; choose from {', '.join(HALVINGS)}"
-            )
         if not 1 <= len(self.channels) <= _STACKS:
             raise ValueError(f"encoder.channels: {self.channels} must be 1 to {_STACKS} stacks")
 
@@ -86,7 +80,6 @@ class Encoder(nn.Module):
 
     Args:
         shape: ``(c, h, w)`` of the camera's image.
-        config: stem, channels, blocks.
         out: length of the output.
         dtype: of the products; ``torch.bfloat16`` runs them under autocast.
 

@@ -20,9 +20,9 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Actor, Agent
-from needlehoop.learning.checkpoint import check_agent, check_state
+from needlehoop.learning.checkpoint import load_weights
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import agent_state, build_agent
+from needlehoop.learning.learner import build_agent
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
@@ -75,9 +75,7 @@ def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = Fa
 
     Args:
         settings: the environment that the agent was made for, with the evaluation's seed.
-        agent: on the device where it is to run.
         episodes: how many; episode ``i`` is the same however many there are.
-        sampled: as in ``acting``.
 
     Raises:
         ValueError: fewer than one episode.
@@ -99,9 +97,6 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 
     Args:
         job_env: the environment that the agent was made for.
-        agent: on the device where it is to run.
-        episodes: how many.
-        seed: of the episodes.
         out: an ``.mp4`` file; written whole or not at all.
     """
     alone, simulation, imager, act = _alone(job_env, agent, seed)
@@ -122,12 +117,6 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
     """Evaluate an agent at length, on its mean action and with its actions drawn.
 
-    Args:
-        agent: on the device where it is to run.
-        job: of the run.
-        episodes: how many.
-        seed: of the episodes.
-
     Raises:
         ValueError: no episodes, or the seed of the training.
     """
@@ -143,7 +132,6 @@ def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
     """Which of a run's policies is meant, and after how many steps of training it was so.
 
     Args:
-        run: whose folder.
         asked: ``last`` or ``best``; ``None``: the last, or else the best.
 
     Raises:
@@ -173,28 +161,22 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     With the latter its value function is untrained.
 
     Args:
-        run: whose folder.
-        job: of the run.
-        device: where it is to run.
         policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
             ``best``, that of ``best.safetensors``.
 
     Raises:
         ValueError: neither of them, or one that is damaged or of another run.
     """
-    weights = run.folder / POLICIES[policy]
-    state = None
-    if policy == "last" and ((run.folder / CHECKPOINT).exists() or not weights.exists()):
-        state = run.checkpoint().state
-        check_state(run.folder / CHECKPOINT, state, job)
+    weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
+    is_last = policy == "last" and (checkpoint.exists() or not weights.exists())
+    state = run.checkpoint().state if is_last else None
     # Networks do not depend on the reward, and a stranger's may be code.
     alone = replace(job.env, num_envs=1, reward=NONE)
     agent = build_agent(job, TorchRLEnv(alone), device)
     if state is None:
         read_weights(weights, agent.actor)
     else:
-        check_agent(state["learner"], agent)
-        agent.load_state_dict(agent_state(state["learner"]))
+        load_weights(checkpoint, state, job, agent)
     return agent
 
 
@@ -202,14 +184,20 @@ def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
     summary = outcome.summary()
     n = int(summary["episodes"])
-    intervals = {}
-    for name in ("success", "cheat"):
-        if name in summary:
-            found = binomtest(round(summary[name] * n), n).proportion_ci(method="wilson")
-            intervals[f"{name}_95"] = [round(float(found.low), 4), round(float(found.high), 4)]
+    intervals = {
+        f"{name}_95": wilson(round(summary[name] * n), n)
+        for name in ("success", "cheat")
+        if name in summary
+    }
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
     return {**summary, **intervals, "return_sd": spread, "human_unit": unit}
+
+
+def wilson(count: int, n: int) -> list[float]:
+    """Lower and upper end of a share's 95 % Wilson interval, with four digits."""
+    found = binomtest(count, n).proportion_ci(method="wilson")
+    return [round(float(found.low), 4), round(float(found.high), 4)]
 
 
 def report(task: Task, found: Mapping[str, Any]) -> str:

@@ -8,10 +8,9 @@ from typing import Any
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
-from needlehoop.config.strict import shown
 from needlehoop.envs.settings import recall_task
 from needlehoop.learning.job import Job, checked_job
-from needlehoop.learning.weights import Senses
+from needlehoop.learning.weights import Senses, check_same
 
 
 def flown_job(
@@ -20,10 +19,8 @@ def flown_job(
     """The job of a run's config, its environment changed by words, and what was changed.
 
     Args:
-        recorded: the run's config.
         words: as on the command line; none change nothing.
         trust: whether Python code that the run's files name may run. A reward that is typed may.
-        command: see ``changing.changed``.
 
     Returns:
         The job; and new values by their key, such as ``episode.grasp``.
@@ -37,14 +34,7 @@ def flown_job(
     own = checked_job(recorded)
     values, found = changed(recorded, given, command)
     job = checked_job(values)
-    before, after = Senses.of(own), Senses.of(job)
-    for key in Senses.__dataclass_fields__:
-        have, want = getattr(before, key), getattr(after, key)
-        if have != want:
-            raise ValueError(
-                f"{', '.join(found)}: the agent's networks were made for {key} {shown(have)}, and"
-                f" this is {shown(want)}"
-            )
+    check_same(Senses.of(own), Senses.of(job), ", ".join(found))
     is_typed = any(word.lstrip("+").startswith("reward=") for word in given)
     paid = rewards.allow(job.env.reward) if is_typed else rewards.recall(job.env.reward, trust)
     return replace(job, env=replace(job.env, reward=paid)), found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from needlehoop.config.strict import Count, Number, Positive, Range, Share
+from needlehoop.config.strict import Count, Number, OneOf, Positive, Range, Share
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.runs.files import DAGGER
 
@@ -52,8 +52,8 @@ class PpoConfig:
 class DaggerConfig:
     """Values in ``conf/algo/dagger.yaml``; a buffer holds ``num_envs * horizon`` steps."""
 
-    kind: str
-    """``dagger``; what tells these values from PPO's."""
+    kind: Annotated[str, OneOf(DAGGER)]
+    """What tells these values from PPO's."""
     horizon: Horizon
     """Steps of each environment per buffer."""
     memory: Annotated[int, Range(1, 10_000_000)]
@@ -75,7 +75,3 @@ class DaggerConfig:
     """Share of the steps after which the learner acts in every new episode. Before, its part of
     the episodes grows."""
     network: HeadConfig
-
-    def __post_init__(self) -> None:
-        if self.kind != DAGGER:
-            raise ValueError(f"algo.kind: {self.kind!r} is unknown; choose from {DAGGER}")

@@ -11,7 +11,7 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Number, Range, Seed, check_names
+from needlehoop.config.strict import Count, Number, OneOf, Range, Seed, check_names
 from needlehoop.envs.settings import Settings, import_task, recall_task, with_task
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
@@ -27,8 +27,6 @@ from needlehoop.runs.files import (
 )
 
 LOGGERS = ("csv", "tensorboard", "wandb")
-WEIGHTS = ("float32", "bfloat16")
-BOTH = "both"
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,8 @@ class WandbConfig:
 
     project: str
     entity: str | None
-    mode: str
+    mode: Annotated[str, OneOf("auto", "online", "offline", "disabled")]
     """``auto``: online where there is a login, offline elsewhere."""
-
-    def __post_init__(self) -> None:
-        valid = ("auto", "online", "offline", "disabled")
-        if self.mode not in valid:
-            raise ValueError(f"mode: {self.mode!r} is unknown; choose from {', '.join(valid)}")
 
 
 @dataclass(frozen=True)
@@ -89,11 +82,11 @@ class Job:
     """Buffers between checkpoints."""
     init: str | None = None
     """Folder of the run whose agent this one begins with."""
-    weights: str = WEIGHTS[0]
+    weights: Annotated[str, OneOf("float32", "bfloat16")] = "float32"
     """What the files of policies keep their numbers in."""
     label: str | None = None
     """Tells the run's folder from those of other settings; a sweep makes it of what differs."""
-    keep: str = BOTH
+    keep: Annotated[str, OneOf(*POLICIES, "both")] = "both"
     """Which policies have a file: the ``last``, the ``best`` of the evaluations on the way, or
     ``both``."""
 
@@ -127,11 +120,6 @@ class Job:
                     f" {seed} is the training's; choose another"
                 )
         check_folder("results", self.results)
-        for key, valid in (("weights", WEIGHTS), ("keep", (*POLICIES, BOTH))):
-            if getattr(self, key) not in valid:
-                raise ValueError(
-                    f"{key}: {getattr(self, key)!r} is unknown; choose from {', '.join(valid)}"
-                )
         if self.keep == "best" and not 0 < self.evaluation.every <= self.updates:
             raise ValueError(
                 f"keep: there is no best without an evaluation on the way; evaluation.every="

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.checkpoint import check_imitation, check_learner
-from needlehoop.learning.collectors import LEARNER, Collector, LabellingCollector
+from needlehoop.learning.checkpoint import check_like
+from needlehoop.learning.collectors import Collector, LabellingCollector
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.job import Job
 from needlehoop.learning.ppo import Ppo
+from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus
 
 Turn = tuple[TensorDictBase, dict[str, float]]
@@ -29,108 +30,70 @@ _MOST_DIVERGED = 0.01
 
 
 class Reinforcement:
-    """PPO: the agent acts at random and learns what pays.
+    """PPO: the agent acts at random and learns what pays."""
 
-    Args:
-        job: its ``algo`` is PPO's.
-        env: not begun.
-        agent: learns.
-        workers: to share the work.
-        state: of an earlier learner of the same job, to go on from.
-    """
+    name = PPO
 
-    def __init__(
-        self,
-        job: Job,
-        env: TorchRLEnv,
-        agent: Agent,
-        workers: Workers,
-        state: dict[str, Any] | None,
-    ):
+    def __init__(self, job: Job, env: TorchRLEnv, agent: Agent, workers: Workers):
         assert isinstance(job.algo, PpoConfig)
-        self._env = env
         kept = (0, 1.0) if job.init is None else (job.algo.warmup, job.algo.finetune)
-        self.ppo = Ppo(agent, job.algo, job.updates, job.env.seed, workers, *kept)
-        if state is not None:
-            check_learner(state, self.ppo, env)
-            self.ppo.load_state_dict(state["ppo"])
-            env.restore(state["env"])
+        self.trainer = Ppo(agent, job.algo, job.updates, job.env.seed, workers, *kept)
         steps = job.buffer // job.env.num_envs
-        self._collector = Collector(env, self.ppo.running, steps, workers)
+        self._env, self._collector = env, Collector(env, self.trainer.running, steps, workers)
 
-    @property
-    def done_updates(self) -> int:
-        """Buffers learnt from."""
-        return self.ppo.done_updates
-
-    def turn(self) -> Turn:
-        """See ``Learner``."""
-        began = time.perf_counter()
-        self._env.progress(self.done_updates / self.ppo.updates)
-        buffer, after = self._collector.collect()
-        collected = time.perf_counter()
-        losses = self.ppo.update(buffer, after)
-        return buffer, {**losses, **_seconds(began, collected)}
+    def collect(self) -> tuple[TensorDict, TensorDict]:
+        """What the trainer's ``update`` takes, of which the buffer is the first."""
+        return self._collector.collect()
 
     def state_dict(self) -> dict[str, Any]:
-        """See ``Learner``."""
-        return {"ppo": self.ppo.state_dict(), "env": self._env.snapshot()}
+        """What decides the next buffer, beside the trainer's state."""
+        return {"env": self._env.snapshot()}
+
+    def blank(self, done: int) -> dict[str, Any]:
+        """A state as it is after so many buffers, to compare a checkpoint with."""
+        self._env.reset()
+        return self.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a ``state_dict``."""
+        self._env.restore(state["env"])
 
 
 class Imitation:
     """DAgger: the agent acts more and more, and learns what the expert would have done.
 
-    Arguments as in ``Reinforcement``. With a state, the buffers of the earlier one are repeated.
+    Methods as in ``Reinforcement``. To go on, it repeats the buffers so far.
     """
 
-    def __init__(
-        self,
-        job: Job,
-        env: TorchRLEnv,
-        agent: Agent,
-        workers: Workers,
-        state: dict[str, Any] | None,
-    ):
+    name = DAGGER
+
+    def __init__(self, job: Job, env: TorchRLEnv, agent: Agent, workers: Workers):
         assert isinstance(job.algo, DaggerConfig)
         seed = job.env.seed
         self._env = env
-        self._rises = 1.0 / (job.algo.handover * job.updates)
-        self.dagger = Dagger(agent, job.algo, job.updates, seed, workers)
-        self._collector = LabellingCollector(env, self.dagger.running, job.algo, seed, workers)
-        if state is not None:
-            check_imitation(state, self.dagger, self._collector)
-            for done, actions in enumerate(state["lessons"]["flown"]):
-                env.progress(done / job.updates)
-                self.dagger.remember(self._collector.review(actions))
-            self.dagger.load_state_dict(state["dagger"])
-            self._collector.load_state_dict(state["lessons"])
+        self.trainer = Dagger(agent, job.algo, job.updates, seed, workers)
+        self._collector = LabellingCollector(env, self.trainer.running, job.algo, seed, workers)
 
-    @property
-    def done_updates(self) -> int:
-        """Buffers learnt from."""
-        return self.dagger.done_updates
-
-    def turn(self) -> Turn:
-        """See ``Learner.__iter__``; episodes of the expert do not count as ended."""
-        began = time.perf_counter()
-        share = min(1.0, self.done_updates * self._rises)
-        self._env.progress(self.done_updates / self.dagger.updates)
-        buffer = self._collector.collect(share)
-        collected = time.perf_counter()
-        losses = self.dagger.update(buffer)
-        buffer["next", "done"] &= buffer[LEARNER]
-        return buffer, {**losses, "share": share, **_seconds(began, collected)}
+    def collect(self) -> tuple[TensorDict]:
+        return (self._collector.collect(self.trainer.share),)
 
     def state_dict(self) -> dict[str, Any]:
-        """See ``Learner``."""
-        return {"dagger": self.dagger.state_dict(), "lessons": self._collector.state_dict()}
+        return {"lessons": self._collector.state_dict()}
+
+    def blank(self, done: int) -> dict[str, Any]:
+        return {"lessons": {**self._collector.state_dict(), "flown": self._collector.blank(done)}}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        for done, actions in enumerate(state["lessons"]["flown"]):
+            self._env.progress(done / self.trainer.updates)
+            self.trainer.remember(self._collector.review(actions))
+        self._collector.load_state_dict(state["lessons"])
 
 
 class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        job: what to build.
         state: of an earlier learner of the same job, to go on from.
         weights: of another run's agent, to begin with.
 
@@ -156,18 +119,15 @@ class Learner:
             self.agent.load_state_dict(weights)
         self.workers = Workers(job.env.engine.threads or available_cpus())
         kind = Imitation if isinstance(job.algo, DaggerConfig) else Reinforcement
-        self.method = kind(job, self.env, self.agent, self.workers, state)
+        self.method = kind(job, self.env, self.agent, self.workers)
         self._ended = self._diverged = 0
         if state is not None:
-            # Last: building an agent draws numbers.
-            torch.set_rng_state(state["rng"])
-            if self.device.type == "cuda":
-                torch.cuda.set_rng_state(state["cuda_rng"], self.device)
+            self._go_on(state)
 
     @property
     def done_updates(self) -> int:
         """Buffers learnt from."""
-        return self.method.done_updates
+        return self.method.trainer.done_updates
 
     @property
     def steps(self) -> int:
@@ -184,9 +144,15 @@ class Learner:
             FloatingPointError: the physics diverges too often.
         """
         while self.done_updates < self.job.updates:
-            turn = self.method.turn()
-            self._check_physics(turn[0])
-            yield turn
+            began = time.perf_counter()
+            self.env.progress(self.done_updates / self.job.updates)
+            given: Any = self.method.collect()
+            collected = time.perf_counter()
+            told = self.method.trainer.update(*given)
+            told["seconds_collect"] = collected - began
+            told["seconds_update"] = time.perf_counter() - collected
+            self._check_physics(given[0])
+            yield given[0], told
 
     def _check_physics(self, buffer: TensorDictBase) -> None:
         """Count the episodes that ended, and those among them whose physics diverged."""
@@ -203,10 +169,27 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        state = {**self.method.state_dict(), "rng": torch.get_rng_state()}
+        trained = {self.method.name: self.method.trainer.state_dict()}
+        return {**trained, **self.method.state_dict(), **self._generators()}
+
+    def _generators(self) -> dict[str, Any]:
+        found = {"rng": torch.get_rng_state()}
         if self.device.type == "cuda":
-            state["cuda_rng"] = torch.cuda.get_rng_state(self.device)
-        return state
+            found["cuda_rng"] = torch.cuda.get_rng_state(self.device)
+        return found
+
+    def _go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from the ``state_dict`` of an earlier learner of the same job."""
+        name, trainer = self.method.name, self.method.trainer
+        rest = self.method.blank(state[name]["done_updates"])
+        like = {name: trainer.state_dict(), **rest, **self._generators()}
+        check_like("learner", {key: state[key] for key in like if key in state}, like)
+        trainer.load_state_dict(state[name])
+        self.method.load_state_dict(state)
+        # Last: building an agent draws numbers.
+        torch.set_rng_state(state["rng"])
+        if self.device.type == "cuda":
+            torch.cuda.set_rng_state(state["cuda_rng"], self.device)
 
 
 def build_agent(job: Job, env: TorchRLEnv, device: torch.device) -> Agent:
@@ -214,13 +197,3 @@ def build_agent(job: Job, env: TorchRLEnv, device: torch.device) -> Agent:
     dtype = convolution_dtype(job.precision, device)
     actions = job.env.episode.action_size
     return Agent(env.observation_spec, actions, job.encoder, job.network, dtype).to(device)
-
-
-def agent_state(state: dict[str, Any]) -> dict[str, torch.Tensor]:
-    """The agent's weights in the state of any method's learner."""
-    return (state.get("ppo") or state["dagger"])["agent"]
-
-
-def _seconds(began: float, collected: float) -> dict[str, float]:
-    learnt = time.perf_counter()
-    return {"seconds_collect": collected - began, "seconds_update": learnt - collected}

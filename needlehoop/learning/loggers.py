@@ -14,23 +14,33 @@ TENSORBOARD = "tensorboard"
 
 
 class Logger:
-    """Takes what the CSV files take. This one does nothing: the run's own files are enough."""
+    """Takes what the CSV files take, for each of several places; none: those files are enough."""
+
+    def __init__(self, *places: TensorBoard | WeightsAndBiases):
+        self._places = places
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
         """A row of the table ``group``."""
+        # Empty numbers have no place in a curve.
+        curves = {f"{group}/{name}": value for name, value in row.items() if value == value}
+        for one in self._places:
+            one.log(curves, int(row["step"]))
 
     def video(self, path: Path) -> None:
         """The video of the finished run."""
+        for one in self._places:
+            one.video(path)
 
     def close(self) -> None:
         """The run is over, for whatever reason."""
+        for one in self._places:
+            one.close()
 
 
-class TensorBoard(Logger):
+class TensorBoard:
     """Curves as TensorBoard's event files, in a folder of the run's.
 
     Args:
-        folder: of the run.
         steps: that the run begins with; later points of an interrupted training are taken back.
     """
 
@@ -40,21 +50,22 @@ class TensorBoard(Logger):
         self._writer = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
         print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
 
-    def log(self, group: str, row: Mapping[str, Any]) -> None:
-        for name, value in _curves(group, row).items():
-            self._writer.add_scalar(name, value, int(row["step"]))
+    def log(self, curves: dict[str, Any], step: int) -> None:
+        for name, value in curves.items():
+            self._writer.add_scalar(name, value, step)
+
+    def video(self, path: Path) -> None:
+        """Nothing: the file is in the run's folder."""
 
     def close(self) -> None:
         self._writer.close()
 
 
-class WeightsAndBiases(Logger):
+class WeightsAndBiases:
     """Curves and the video on Weights & Biases; offline where nobody is logged in.
 
     Args:
-        config: project, entity, mode.
         run_name: the run's folder below the results; also its identity when resumed.
-        values: the composed config.
         folder: for wandb's own files.
     """
 
@@ -88,8 +99,8 @@ class WeightsAndBiases(Logger):
         elif self._run.settings.mode == "offline":
             print(f"wandb: offline; send it with: wandb sync {Path(self._run.dir).parent}")
 
-    def log(self, group: str, row: Mapping[str, Any]) -> None:
-        self._run.log(_curves(group, row), step=int(row["step"]))
+    def log(self, curves: dict[str, Any], step: int) -> None:
+        self._run.log(curves, step=step)
 
     def video(self, path: Path) -> None:
         self._run.log({"video": self._wandb.Video(str(path), format="mp4")})
@@ -98,44 +109,22 @@ class WeightsAndBiases(Logger):
         self._run.finish()
 
 
-class Several(Logger):
-    """All of some loggers."""
-
-    def __init__(self, *loggers: Logger):
-        self._loggers = loggers
-
-    def log(self, group: str, row: Mapping[str, Any]) -> None:
-        for one in self._loggers:
-            one.log(group, row)
-
-    def video(self, path: Path) -> None:
-        for one in self._loggers:
-            one.video(path)
-
-    def close(self) -> None:
-        for one in self._loggers:
-            one.close()
-
-
 def build_logger(job: Job, values: Mapping[str, Any], folder: Path, steps: int) -> Logger:
     """What shows a run beside its own files.
 
     Args:
-        job: of the run.
-        values: its composed config.
-        folder: of the run.
         steps: that it begins with.
 
     Raises:
         ValueError: as in ``check_installed``.
     """
     check_installed(job)
-    loggers: list[Logger] = []
+    places: list[Any] = []
     if TENSORBOARD in job.logger:
-        loggers.append(TensorBoard(folder, steps))
+        places.append(TensorBoard(folder, steps))
     if "wandb" in job.logger:
-        loggers.append(WeightsAndBiases(job.wandb, job.place, values, folder))
-    return Several(*loggers)
+        places.append(WeightsAndBiases(job.wandb, job.place, values, folder))
+    return Logger(*places)
 
 
 def check_installed(job: Job) -> None:
@@ -144,8 +133,3 @@ def check_installed(job: Job) -> None:
         raise ValueError(
             f"logger: {TENSORBOARD} is not installed: pip install 'needlehoop[{TENSORBOARD}]'"
         )
-
-
-def _curves(group: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """A row's numbers by their names in plots, without empty ones."""
-    return {f"{group}/{name}": value for name, value in row.items() if value == value}

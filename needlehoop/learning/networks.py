@@ -67,8 +67,6 @@ class Trunk(nn.Module):
     Args:
         images: ``(c, h, w)`` by camera.
         vectors: lengths of the other observations.
-        encoder: of every camera.
-        heads: width and layers.
         dtype: of the convolutions.
     """
 

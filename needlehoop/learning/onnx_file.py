@@ -38,7 +38,6 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
 
     Args:
-        senses: what it sees.
         actor: its policy, on the CPU, in ``PRECISION``.
 
     Raises:

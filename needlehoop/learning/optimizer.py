@@ -25,7 +25,6 @@ class Optimizer:
     Args:
         weights: what is learnt, float32.
         copies: of the same shapes, in types to compute in; they follow the weights.
-        workers: to share the blocks.
     """
 
     def __init__(
@@ -51,10 +50,6 @@ class Optimizer:
         """Adam's state, by block."""
         return [block.adam.state_dict() for block in self._blocks]
 
-    def moved_state(self) -> list[dict[str, Any]]:
-        """What ``state_dict`` is like once there was a step; its numbers mean nothing."""
-        return [{**block.adam.state_dict(), "state": block.moments()} for block in self._blocks]
-
     def load_state_dict(self, state: list[dict[str, Any]]) -> None:
         """Go on from a ``state_dict``."""
         for block, own in zip(self._blocks, state, strict=True):
@@ -76,17 +71,10 @@ class _Block:
         for weight in self._weights:
             weight.grad = torch.zeros_like(weight)
         self.adam = torch.optim.Adam(self._weights, fused=True)
-
-    def moments(self) -> dict[int, dict[str, Tensor]]:
-        """What Adam remembers of each weight, before it has anything to remember."""
-        return {
-            index: {
-                "step": torch.zeros(()),
-                "exp_avg": torch.zeros_like(weight),
-                "exp_avg_sq": torch.zeros_like(weight),
-            }
-            for index, weight in enumerate(self._weights)
-        }
+        # As Adam would at its first step: a state has the same keys before it and after.
+        for weight in self._weights:
+            zeros = {key: torch.zeros_like(weight) for key in ("exp_avg", "exp_avg_sq")}
+            self.adam.state[weight] = {"step": torch.zeros((), device=weight.device), **zeros}
 
     @torch.no_grad()
     def step(self, gradient: Callable[[int, slice, Tensor], None]) -> None:

@@ -55,7 +55,6 @@ class ParallelAgent:
     Args:
         agent: what runs. Its dense layers' weights are set not to ask for gradients.
         shards: parts of all encoders together, at least, and parts of the rest.
-        workers: to share them.
     """
 
     def __init__(self, agent: Agent, shards: int, workers: Workers):

@@ -23,8 +23,6 @@ class Policy:
     float32 and of the same kind: numpy for numpy, torch for torch.
 
     Args:
-        senses: what it sees.
-        actor: trained.
         origin: which policy it is, in words.
     """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -46,10 +46,7 @@ class Ppo(Trainer):
     Args:
         agent: policy and value function; updated in place. ``running`` is a copy to collect
             with.
-        config: hyperparameters.
         updates: buffers until the schedules end.
-        seed: decides the minibatches.
-        workers: to share the work; the result is the same with any number.
         warmup: buffers from which the value function alone learns, without the trunk that it
             shares with the policy.
         finetune: share of the learning rate, once the policy learns.
@@ -107,13 +104,13 @@ class Ppo(Trainer):
         self._estimate(batch, after)
         steps = batch.select(*_LEARNT_FROM).reshape(-1)
         seen = [batch[key].flatten(0, 1) for key in self.agent.seen_keys]
-        totals: defaultdict[str, float] = defaultdict(float)
-        count = 0
+        totals, count = Counter[str](), 0
         for _ in range(self.config.epochs):
             order = torch.randperm(len(steps), generator=self._generator)
             for rows in order.split(self.config.minibatch):
-                for name, value in self._descend(steps[rows], seen, rows).items():
-                    totals[name] += value
+                slopes, told = self._judge(steps[rows], self.running.forward(seen, rows))
+                self._step(slopes)
+                totals.update(told)
                 count += 1
         self._end_update(batch)
         return {
@@ -123,12 +120,6 @@ class Ppo(Trainer):
             "epsilon": float(self._loss.clip_epsilon),
             "sigma": float(batch["scale"].mean()),
         }
-
-    def _descend(self, steps: TensorDictBase, seen: list[Tensor], rows: Tensor) -> dict[str, float]:
-        """One step of the optimiser on a minibatch; returns what the loss reports."""
-        slopes, told = self._judge(steps, self.running.forward(seen, rows))
-        self._step(slopes)
-        return told
 
     def _write(self, weight: int, rows: slice, out: Tensor) -> None:
         """A weight's gradient, for the optimiser; none of the policy's in the warm-up."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import binomtest
 from tqdm import tqdm
 
 from needlehoop.disturbances.config import AXES, GROUPS, amount_at, disturb_of
@@ -17,7 +15,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.runs.files import csv_text, write_whole
+from needlehoop.learning.evaluate import wilson
 
 NONE, ALL = "none", "all"
 """Names of the conditions without a disturbance, and with every axis at once."""
@@ -74,9 +72,7 @@ def conditions(
     """Undisturbed, each axis at each severity, and all of these axes at once.
 
     Args:
-        levels: amounts.
         axes: as from ``chosen_axes``.
-        severities: 1, 2, ….
         together: severity of all at once.
 
     Raises:
@@ -175,7 +171,7 @@ def _deal(
 def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A line of ``stress.csv``: the condition, and rates and means over its episodes."""
     success = found["success"]
-    low, high = binomtest(int(success.sum()), len(success)).proportion_ci(method="wilson")
+    low, high = wilson(int(success.sum()), len(success))
     amount = condition.amounts.get(condition.axis)
     unit = AXES[condition.axis].unit if condition.axis in AXES else ""
     return {
@@ -185,15 +181,9 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
         "unit": unit,
         "episodes": len(success),
         **{name: round(float(values.mean()), 4) for name, values in found.items()},
-        "success_low": round(float(low), 4),
-        "success_high": round(float(high), 4),
+        "success_low": low,
+        "success_high": high,
     }
-
-
-def write(rows: list[dict[str, Any]], path: Path) -> None:
-    """Write rows as a CSV file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, csv_text(rows[0], (row.values() for row in rows)))
 
 
 def summary(rows: list[dict[str, Any]], severity: int = 3) -> str:

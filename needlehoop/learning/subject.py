@@ -41,7 +41,6 @@ def subject(
         who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
         words: settings of the environment: of a run, what is to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
-        device: where networks run.
         trust: whether Python code that a run's files name may run.
 
     Raises:
@@ -49,14 +48,8 @@ def subject(
     """
     path = Path(who)
     if path.is_dir():
-        run = Run.open(path)
-        job, _ = flown_job(run.config(), words, trust, "stress")
-        own = job.evaluation.final_seed if seed is None else seed
-        if own == job.env.seed:
-            raise ValueError(f"seed: the run was trained on {own}; choose another")
-        settings = replace(job.env, seed=own, disturb=Disturb())
-        agent = load_agent(run, job, device, which_policy(run, None)[0])
-        return Subject(settings, acting(agent.actor), not settings.cams)
+        settings, make = of_run(path, words, seed, device, trust, "stress")
+        return Subject(replace(settings, disturb=Disturb()), make, not settings.cams)
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
         senses = read_senses(path)
@@ -78,3 +71,29 @@ def subject(
             f" of {settings.task.name}: {', '.join(valid)}"
         )
     return Subject(replace(settings, cams=()), lambda own, *_: controller(who, own), blind=True)
+
+
+def of_run(
+    folder: Path,
+    words: Iterable[str],
+    seed: int | None,
+    device: torch.device,
+    trust: bool,
+    command: str,
+    later: int = 0,
+) -> tuple[Settings, MakeController]:
+    """A run's environment on episodes that it was not trained on, and its agent.
+
+    Arguments and errors as in ``subject``.
+
+    Args:
+        command: whose keys are named beside the run's where one is unknown.
+        later: how many seeds after that of the final evaluation, if none is given.
+    """
+    run = Run.open(folder)
+    job, _ = flown_job(run.config(), words, trust, command)
+    own = job.evaluation.final_seed + later if seed is None else seed
+    if own == job.env.seed:
+        raise ValueError(f"seed: the run was trained on {own}; choose another")
+    agent = load_agent(run, job, device, which_policy(run, None)[0])
+    return replace(job.env, seed=own), acting(agent.actor)

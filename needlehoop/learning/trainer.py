@@ -35,11 +35,12 @@ class Trainer:
         self.running = ParallelAgent(agent.computing(), parts, workers)
         self._workers = workers
         self._optimizer = self._new_optimizer()
-        self._normalizers = {
-            path.rpartition(".")[2]: module
+        # Each trunk has one of its own for each vector.
+        self._normalizers = [
+            (path.rpartition(".")[2], module)
             for path, module in agent.named_modules()
             if isinstance(module, Normalizer)
-        }
+        ]
         self._generator = torch.Generator().manual_seed(seed)
 
     def _new_optimizer(self) -> Optimizer:
@@ -57,7 +58,7 @@ class Trainer:
 
     def _end_update(self, buffer: TensorDictBase) -> None:
         """After the last minibatch of a buffer."""
-        for name, normalizer in self._normalizers.items():
+        for name, normalizer in self._normalizers:
             normalizer.learn(buffer[name])
         self.running.agent.follow(self.agent)
         self.done_updates += 1
@@ -70,10 +71,6 @@ class Trainer:
             "generator": self._generator.get_state(),
             "done_updates": self.done_updates,
         }
-
-    def moved_state(self) -> dict[str, Any]:
-        """A state like that after an update, to compare a checkpoint with."""
-        return {**self.state_dict(), "optimizer": self._optimizer.moved_state()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a ``state_dict``."""

@@ -19,7 +19,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, shown
 from needlehoop.envs.observer import vectors
 from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.agent import Actor
@@ -70,6 +70,17 @@ class Senses:
         return cls(*seen, job.encoder, job.network, rules.control, rules.action_size, job.precision)
 
 
+def check_same(have: Senses, want: Senses, what: str) -> None:
+    """Raises ``ValueError``, which begins with ``what``, for networks of something else."""
+    for key in Senses.__dataclass_fields__:
+        own, other = getattr(have, key), getattr(want, key)
+        if own != other:
+            raise ValueError(
+                f"{what}: the agent's networks were made for {key} {shown(own)}, and this is"
+                f" {shown(other)}"
+            )
+
+
 def build_actor(senses: Senses, device: torch.device) -> Actor:
     """An untrained policy; needs no simulator."""
     heads, size = senses.network, senses.image_size
@@ -91,9 +102,6 @@ def write_weights(
     """Write a policy's file, whole or not at all.
 
     Args:
-        path: of the file.
-        senses: what the policy sees and does.
-        actor: the policy.
         values: the run's config, for the record; it is not read back.
         dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
         evaluation: of the best policy, for the record: its row of ``evaluations.csv``.
@@ -135,11 +143,10 @@ def read_senses(path: Path) -> Senses:
 
 def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
     """The trained policy of a file; errors as in ``read_senses``."""
-    # Built without memory first: a config may describe more than the file holds.
+    # Built without memory first: a config may describe more than the file holds. The meta device
+    # has no automatic casting to bfloat16; the shapes are the same.
     with torch.device("meta"):
-        # The meta device has no automatic casting to bfloat16. The shapes are the same.
-        described = build_actor(replace(senses, precision="fp32"), torch.device("meta"))
-    check_weights(path, described)
+        check_weights(path, build_actor(replace(senses, precision="fp32"), torch.device("meta")))
     actor = build_actor(senses, device)
     read_weights(path, actor)
     return actor.to(device)

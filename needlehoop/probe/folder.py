@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from needlehoop.learning.metrics import peak_memory
 from needlehoop.probe.frames import KINDS
 from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.probe.quantities import Quantities
 from needlehoop.probe.scores import Errors, Interval, error, places, score
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
-from needlehoop.runs.machine import provenance
+from needlehoop.runs.machine import peak_memory, provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")

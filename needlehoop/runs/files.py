@@ -27,8 +27,11 @@ FURTHER = "evaluations"
 SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
 
-DAGGER, EXPERT = "dagger", "expert"
-"""``algo.kind`` of imitation, and its part of a path, where others have their reward's name."""
+PPO, DAGGER = "ppo", "dagger"
+"""Methods of training; ``algo.kind`` names the second."""
+
+EXPERT = "expert"
+"""Imitation's part of a path, where others have their reward's name."""
 
 SIGNALS = "signals"
 """Stands among the cameras of an agent that is told the state."""

@@ -9,7 +9,6 @@ import os
 import platform
 import sys
 from pathlib import Path
-from types import TracebackType
 
 from needlehoop.runs.files import naming
 
@@ -66,12 +65,7 @@ class Lock:
     def __enter__(self) -> Lock:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.release()
 
     def _take(self) -> int:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,6 @@ class Run:
     """A run's folder. Who writes into it holds its ``Lock``.
 
     Args:
-        folder: where its files are.
         config: the composed config that the run began with; by default what its file says.
     """
 
@@ -85,14 +85,14 @@ class Run:
                 self._former.rename(self.folder)
 
     @classmethod
-    def open(cls, folder: Path) -> Run:
-        """A run that exists.
+    def open(cls, folder: Path, key: str | None = None) -> Run:
+        """A run that exists; ``key`` names the setting that says which, for errors.
 
         Raises:
             ValueError: no run there.
         """
         if not (folder / CONFIG).is_file():
-            raise ValueError(f"{folder} is no run: it has no {CONFIG}")
+            raise ValueError(f"{f'{key}: ' if key else ''}{folder} is no run: it has no {CONFIG}")
         return cls(folder)
 
     def config(self) -> dict[str, Any]:
@@ -102,10 +102,8 @@ class Run:
             ValueError: the file is damaged.
         """
         if self._config is None:
-            try:
-                self._config = read_yaml(self.folder / CONFIG)
-            except UnreadableError as error:
-                raise _damaged(self.folder / CONFIG, error) from error
+            with _reading(self.folder / CONFIG) as path:
+                self._config = read_yaml(path)
         return self._config
 
     def manifest(self) -> dict[str, Any]:
@@ -114,13 +112,8 @@ class Run:
         Raises:
             ValueError: the file is damaged.
         """
-        path = self.folder / MANIFEST
-        if not path.exists():
-            return {}
-        try:
-            return read_json(path)
-        except UnreadableError as error:
-            raise _damaged(path, error) from error
+        with _reading(self.folder / MANIFEST) as path:
+            return read_json(path) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
         """Add to the manifest."""
@@ -160,10 +153,8 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it), and nothing can go on from there"
             )
-        try:
+        with _reading(path):
             return read_checkpoint(path)
-        except UnreadableError as error:
-            raise _damaged(path, error) from error
 
     def go_on(self, checkpoint: Checkpoint | None) -> None:
         """Go on with the tables as a checkpoint has them; with none where there is none.
@@ -223,11 +214,16 @@ def _check_vacant(folder: Path, overwrite: bool) -> None:
         raise ValueError(f"overwrite: {folder} holds files but no run; move them away")
 
 
-def _damaged(path: Path, reason: UnreadableError) -> ValueError:
-    return ValueError(
-        f"{path} {reason}; put it back, or begin the run again with overwrite=true, which keeps"
-        " this one under a number"
-    )
+@contextmanager
+def _reading(path: Path) -> Iterator[Path]:
+    """Adds to what is wrong with a file which it is, and what to do."""
+    try:
+        yield path
+    except UnreadableError as error:
+        raise ValueError(
+            f"{path} {error}; put it back, or begin the run again with overwrite=true, which keeps"
+            " this one under a number"
+        ) from error
 
 
 class _Plain(yaml.SafeDumper):

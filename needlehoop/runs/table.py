@@ -19,7 +19,6 @@ class Table:
     A row's first column is its ``update``.
 
     Args:
-        path: of the file.
         text: what was written of it so far.
     """
 
@@ -74,33 +73,14 @@ class Table:
             else:
                 self.path.unlink()
             return None
-        lost = self._lost(found or b"")
         kept = set_aside(self.path)
         write_whole(self.path, own)
         where = f"; what was there is kept as {kept.name}" if kept else ""
-        return f"{self.path} was damaged ({lost}), and is whole again{where}"
-
-    def _lost(self, found: bytes) -> str:
-        """Which rows a file lacks."""
-        there = set(found.decode("utf-8", "replace").splitlines())
-        _, *rows = self.text.splitlines() or [""]
-        lost = [int(row.partition(",")[0]) for row in rows if row not in there]
-        return f"without updates {_ranges(lost)}" if lost else "changed"
+        return f"{self.path} was damaged, and is whole again{where}"
 
 
 def _line(cells: Iterable[Any]) -> str:
     return csv_text(cells, [])
-
-
-def _ranges(numbers: list[int]) -> str:
-    """``1 to 4, 7`` for 1, 2, 3, 4, 7."""
-    parts: list[list[int]] = []
-    for number in numbers:
-        if parts and number == parts[-1][1] + 1:
-            parts[-1][1] = number
-        else:
-            parts.append([number, number])
-    return ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in parts)
 
 
 def _cell(value: Any) -> Any:

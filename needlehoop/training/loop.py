@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 from tqdm import tqdm
 
 from needlehoop.learning.agent import Agent
@@ -21,10 +22,10 @@ from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, r
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger, build_logger
-from needlehoop.learning.metrics import episode_columns, peak_memory
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.interruption import Interruption, terminable
+from needlehoop.runs.machine import peak_memory
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
@@ -41,9 +42,6 @@ def train(
     """Train until the job's steps are done, or until a signal asks to stop.
 
     Args:
-        job: what to train.
-        run: where its files go.
-        logger: where else.
         state: the checkpoint to go on from.
         weights: of another run's agent, to begin with.
         until: pause after so many of the steps.
@@ -65,7 +63,7 @@ def train(
             _check_finite(losses, update)
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
-            row = {**at, "steps_per_second": rate, **episode_columns(buffer, columns), **losses}
+            row = {**at, "steps_per_second": rate, **_episode_columns(buffer, columns), **losses}
             row["memory_gb"] = peak_memory()
             run.append(METRICS, row)
             logger.log("train", row)
@@ -93,6 +91,27 @@ def train(
     if learner.done_updates == job.updates:
         return "done"
     return "stopped" if interruption.asked else "paused"
+
+
+def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
+    """Means over the episodes that ended in a buffer ``(num_envs, horizon)``; NaN for none.
+
+    The return is the final potential; ``length`` is in steps.
+
+    Args:
+        facts: to be reported, by column; ``Task.columns``.
+    """
+    following: Any = buffer["next"]
+    last = following[following["done"].squeeze(-1)]
+    columns = {
+        "episodes": float(len(last)),
+        "return": float(last["potential"].mean()),
+        **{f"term_{name}": float(term.mean()) for name, term in last["terms"].items()},
+    }
+    for column, fact in facts.items():
+        columns[column] = float(last["facts", fact].float().mean())
+    columns["length"] = float(last["steps"].float().mean())
+    return columns
 
 
 def _check_finite(losses: Mapping[str, float], update: int) -> None:
@@ -143,8 +162,6 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
     """Do what a composed config asks for: a new run, or the rest of one.
 
     Args:
-        values: the config.
-        overrides: what was typed.
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Returns:

@@ -23,7 +23,6 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     it has only what is recorded.
 
     Args:
-        values: the composed config of a training.
         settings: its scene and cameras, with any reward.
 
     Raises:
@@ -47,10 +46,6 @@ def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
     """What the gates refuse or flag in the program that is the reward of a training.
 
     Empty for rewards that are no programs.
-
-    Args:
-        values: the composed config of the training, for its gates.
-        settings: its environment, with the reward.
     """
     reward = rewards.load(settings.reward, settings.definition)
     if not isinstance(reward, written.Written):

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Range, shown
+from needlehoop.config.strict import OneOf, Range, shown
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig
 from needlehoop.vlm.providers.contract import config_of
-
-EXISTING = ("auto", "stop", "resume")
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Options:
     """The folder of a run to go on with; ``None``: the other settings name the run."""
     overwrite: bool
     """Whether it is set aside and a new run begins."""
-    existing: str
+    existing: Annotated[str, OneOf("auto", "stop", "resume")]
     until: Annotated[int, Range(1, 10**15)] | None
     """Environment steps after which a run pauses."""
     trust: bool
@@ -35,18 +33,12 @@ class Options:
     """The number of a finished run's evaluation that a search for settings makes high."""
 
     def __post_init__(self) -> None:
-        if self.existing not in EXISTING:
-            valid = ", ".join(EXISTING)
-            raise ValueError(f"existing: {self.existing!r} is unknown; choose from {valid}")
         if self.resume is not None and not self.resume.strip():
             raise ValueError("resume: give the folder of a run")
 
 
 def check_options(values: Mapping[str, Any]) -> Options:
     """Check all settings of a training except its reward's program, which may not exist yet.
-
-    Args:
-        values: the composed config.
 
     Raises:
         ValueError: one of them is wrong, or they do not go together; says which.

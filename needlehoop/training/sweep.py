@@ -50,7 +50,6 @@ def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
     """The names of a sweep's run, for its note; its settings are not checked yet.
 
     Args:
-        values: the composed config.
         overrides: what makes this run differ from the others.
     """
     return {
@@ -68,7 +67,6 @@ def label_of(
     """What tells a sweep's run from the others, where cameras, reward and seed do not.
 
     Args:
-        values: the composed config.
         typed: words of the command line, without flags.
         params: what an experiment's sweeper adds to them.
         own: the words that the run itself was composed of.
@@ -113,8 +111,6 @@ def attempt(run: Callable[[], str], folder: Path, note: Mapping[str, Any]) -> No
 
     Args:
         run: does it; returns how it ended in a word, such as ``done``.
-        folder: the job's own.
-        note: what is known of the run, as ``identity`` gives it.
 
     Raises:
         KeyboardInterrupt: somebody stopped the run, and with it the sweep.
@@ -199,9 +195,6 @@ def rest(existing: str, overwrite: bool) -> str:
 
 def threads(launcher: Mapping[str, Any]) -> int:
     """Threads for each of a launcher's jobs, so that they do not crowd each other.
-
-    Args:
-        launcher: Hydra's config of it.
 
     Returns:
         0, which is every CPU, where jobs run one after the other or have CPUs of their own.

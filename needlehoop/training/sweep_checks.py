@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
-from itertools import product
 from typing import Any
 
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 
@@ -15,9 +15,6 @@ from needlehoop.config import composing
 from needlehoop.runs.files import listed
 
 MULTIRUN = {"-m", "--multirun"}
-
-_BASIC = "hydra._internal.core_plugins.basic_sweeper.BasicSweeper"
-
 
 _SEARCH, _DIRECTION = "hydra/sweeper=optuna", "hydra.sweeper.direction="
 
@@ -46,9 +43,6 @@ def check_plugin(word: str) -> None:
 
 def reminder(words: Sequence[str]) -> str | None:
     """A hint for ``-m cams=a,b``, where one run with both cameras may have been meant.
-
-    Args:
-        words: what was typed.
 
     Returns:
         A line, if all that was typed after ``cams=`` are cameras of different views.
@@ -84,47 +78,30 @@ class Programs(Callback):
             use_own_processes()
         sweeper, typed = config.hydra.sweeper, config.hydra.overrides.task
         # Another sweeper decides later what it runs.
-        if sweeper._target_ != _BASIC:
+        if not sweeper._target_.endswith(".BasicSweeper"):
             return
         params = [f"{key}={value}" for key, value in (sweeper.params or {}).items()]
         try:
             words = [*params, *typed]
             # Folders of one's own are among Hydra's settings.
             place = [w for w in config.hydra.overrides.hydra if w.startswith("hydra.searchpath=")]
-            found = wrong_programs([[*place, *run] for run in distinct(words)], seeds(words))
+            runs, seeds = parted(words)
+            found = wrong_programs([[*place, *run] for run in runs], seeds)
         except ValueError as error:
             sys.exit(f"nothing was started: {error}")
         if found:
             sys.exit("\n".join(("nothing was started: these rewards cannot be had", *found)))
 
 
-def distinct(words: Iterable[str]) -> list[list[str]]:
-    """The overrides of each of a sweep's runs without seeds, as Hydra's basic sweeper makes them.
-
-    Args:
-        words: of the sweep; of two words for one key, the later counts.
-    """
-    choices: dict[str, list[str]] = {}
-    for override in OverridesParser.create().parse_overrides(list(words)):
-        key = override.get_key_element()
-        values = (
-            list(override.sweep_string_iterator())
-            if override.is_sweep_override()
-            else [override.get_value_element_as_str()]
-        )
-        choices[key] = [f"{key}={value}" for value in values]
-    choices["seed"] = []
-    return [list(run) for run in product(*(options for options in choices.values() if options))]
-
-
-def seeds(words: Iterable[str]) -> list[Any]:
-    """The seeds of a sweep; none where none are given."""
-    found: list[Any] = []
-    for override in OverridesParser.create().parse_overrides(list(words)):
-        if override.get_key_element() == "seed":
-            swept = override.is_sweep_override()
-            found = list(override.sweep_iterator()) if swept else [override.value()]
-    return found
+def parted(words: Iterable[str]) -> tuple[list[list[str]], list[Any]]:
+    """A sweep's runs without seeds, as Hydra's basic sweeper makes them; and its seeds, if any."""
+    runs, seeds = [], []
+    for one in OverridesParser.create().parse_overrides(list(words)):
+        if one.get_key_element() == "seed":
+            seeds = [*one.sweep_iterator()] if one.is_sweep_override() else [one.value()]
+        else:
+            runs.append(one)
+    return [*BasicSweeper.split_arguments(runs, None)[0]], seeds
 
 
 def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]:
@@ -133,7 +110,6 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
     A program that is not there is no mistake where a model will be asked to write it.
 
     Args:
-        runs: their overrides, without seeds.
         seeds: of each; none: that of the config.
 
     Raises:

@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
 from needlehoop.learning.checkpoint import check_state
-from needlehoop.learning.job import Job, recorded_job, typed_job
+from needlehoop.learning.job import Job, checked_job, recorded_job, typed_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
@@ -50,12 +49,7 @@ class Session(AbstractContextManager):
     weights: dict[str, Any] | None = None
     """Weights of the agent that it begins with; ``None``: new ones."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         if self.lock is not None:
             if error is not None:
                 self.run.unmake()
@@ -81,8 +75,6 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """The run that a composed config asks for; its folder is made.
 
     Args:
-        values: the config.
-        overrides: what was typed.
         command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Raises:
@@ -91,7 +83,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """
     asked = check_options(values)
     if asked.resume is not None:
-        run = Run.open(Path(asked.resume))
+        run = Run.open(Path(asked.resume), "resume")
         beside = ("resume=", "trust=", "conf_dir=")
         others = [word for word in overrides if not word.startswith(beside)]
         if run.manifest().get("finished") is True:
@@ -150,8 +142,6 @@ def _continue(run: Run, trust: bool, again: bool = False) -> Session:
     """The rest of a run.
 
     Args:
-        run: that exists.
-        trust: whether Python code that its files name as its reward may run.
         again: whether one that ended before its first checkpoint begins again.
 
     Raises:
@@ -198,25 +188,34 @@ def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any])
     other = _differing(checkpoint.config, values)
     if other:
         raise ValueError(
-            f"{path} was trained with another {', '.join(other)} than {CONFIG} has now; put the"
+            f"{path} was trained with another {other} than {CONFIG} has now; put the"
             " file back, or begin a run of its own with study="
         )
 
 
 def _check_same(run: Run, values: Mapping[str, Any]) -> None:
-    """Raises ``ValueError`` if a run that exists has other settings than those asked for."""
-    other = _differing(run.config(), values)
+    """Raises ``ValueError`` if a run that exists has other settings than those asked for.
+
+    A key that its config lacks is one that came later: the run has its default.
+    """
+    jobs = [checked_job(one) for one in (run.config(), values)]
+    # An amount that is left out is none.
+    wrong = [(job.env.disturb.amounts, job.env.disturb.ramp) for job in jobs]
+    both = zip(jobs, wrong, strict=True)
+    other = _differing(
+        *({**vars(job), **vars(job.env), "env": None, "disturb": own} for job, own in both)
+    )
     if other:
         raise ValueError(
-            f"{run.folder} exists with another {', '.join(other)}; choose another label= or"
+            f"{run.folder} exists with another {other}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
         )
 
 
-def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Settings that differ and affect results."""
+def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """The names of settings that differ and affect results."""
     keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
-    return sorted(key for key in keys if before.get(key) != _plain(now.get(key)))
+    return ", ".join(sorted(key for key in keys if _plain(before.get(key)) != _plain(now.get(key))))
 
 
 def _plain(value: Any) -> Any:

@@ -20,11 +20,6 @@ GROUPS = ("task", "episode", "reward", "engine", "obs", "disturb")
 TRAINING = ("algo", "encoder")
 COMMANDS = {"gates": "check", "vlm": "ask", "levels": "stress"}
 """Groups that a command's config has, by command."""
-ENTRIES = sorted(
-    file.stem
-    for file in composing.CONF.glob("*.yaml")
-    if file.stem not in ("evaluate", "watch", "stress")
-)
 
 
 def options(group: str) -> list[str]:
@@ -36,7 +31,7 @@ def every(groups: Iterable[str]) -> list[tuple[str, str]]:
 
 
 CAMERAS = " ".join(f"{r}_{v}" for r in options("rendering") for v in options("view"))
-UNKNOWN = ("rgb_top", "[rgb_top]", "rgb_front,rgb_top", "[rgbd_front]", "front", "[front]")
+UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]", "front")
 
 BAD = [
     # override, then what the message has to say: the key, and what would be valid.
@@ -46,10 +41,8 @@ BAD = [
     ("cams=3", ["cams", "3", "no list of cameras"]),
     ("cams=null", ["cams", "None", "no list of cameras"]),
     ("+cameras.rgb_front={view: side, rendering: rgb}", ["cameras.rgb_front", "cams="]),
-    ("+cameras.rgb_front=3", ["cameras.rgb_front", "cams="]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
-    ("episode=nope", ["episode", "nope", "default"]),
     ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
     ("episode.control=joints", ["episode.control", "joints", "tip, pose"]),
     ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
@@ -63,47 +56,32 @@ BAD = [
     ("task.tool_position_range=[0,-0.1,0]", ["task.tool_position_range", "negative"]),
     ("task.workspace_lower=[0,0.5,0]", ["task.workspace_lower", "0.5", "below"]),
     ("task.jaw_closed=2", ["task.jaw_closed", "2.0", "below"]),
-    ("episode.substeps=0", ["episode.substeps", "0", "at least 1"]),
     ("episode.close_below=0.9", ["episode.close_below", "0.9", "below"]),
     ("views.front.fovy=180", ["views.front", "fovy", "180", "(0, 180)"]),
     ("views.front.elevation=90", ["views.front", "elevation", "90", "(-90, 90)"]),
-    ("views.front.near=0.9", ["views.front", "near", "0.9", "far"]),
-    ("image_size=0", ["image_size", "0", "at least 1"]),
-    ("num_envs=0", ["num_envs", "0", "at least 1"]),
     ("seed=-1", ["seed", "-1", "at least 0"]),
     ("disturb=nope", ["disturb", "nope", "mild", "moderate", "severe"]),
     ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
     ("disturb.camera.shift=-0.1", ["disturb", "-0.1", "negative"]),
     ("disturb.camera.shift=5", ["disturb.camera.shift", "at most 0.1 m"]),
     ("disturb.picture.late=1.5", ["disturb.picture.late", "whole number"]),
-    ("engine=nope", ["engine/nope", "cpu", "dm_control"]),
     ("engine.kind=nope", ["engine.kind", "nope", "cpu, dm_control"]),
     ("engine.threads=-1", ["engine.threads", "-1", "negative"]),
     ("engine.renderer=opengl", ["engine.renderer", "opengl", "rasteriser, tracer"]),
     ("image_size=64.5", ["image_size", "64.5", "whole number"]),
     ("num_envs=true", ["num_envs", "True", "whole number"]),
-    ("image_size=big", ["image_size", "big"]),
-    ("task.needle_radius=thin", ["task.needle_radius", "thin"]),
     ("task.needle_radius=1e-9", ["task.needle_radius", "1e-09", "at least 1e-05"]),
-    ("task.needle_radius=null", ["task.needle_radius"]),
     ("task.needle_position=[0.1]", ["task.needle_position", "0.1"]),
-    ("task.hoop_position=[0,0,0,0]", ["task.hoop_position"]),
     ("task.hoop_position=[0,0,high]", ["task.hoop_position", "high"]),
     ("obs.proprio=maybe", ["obs.proprio", "maybe", "true or false"]),
     ("obs.told=[threaded]", ["obs.told", "threaded", "choose from grasped, lifted"]),
     ("obs.told=[lifted,lifted]", ["obs.told", "lifted, lifted", "twice"]),
-    ("reward.grasp=x", ["reward.grasp", "x", "number"]),
     ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
     ("view=front", ["view", "unknown", "cams", "views"]),
-    ("task.needle_radus=0.1", ["task.needle_radus", "unknown", "needle_radius", "needle_arc"]),
     ("episode.contrl=pose", ["episode.contrl", "unknown", "control", "grasp"]),
-    ("reward.closd=1", ["reward.closd", "unknown", "closed", "closed_below"]),
-    ("obs.image=true", ["obs.image", "unknown", "proprio", "signals"]),
     ("views.front.fov=20", ["views.front.fov", "unknown", "fovy", "target"]),
-    ("+task.extra=1", ["task", "extra"]),
     ("+reward.extra=1", ["reward", "extra", "closed_below"]),
     ("~reward.rate", ["reward", "rate", "closed_below"]),
-    ("~task.needle_radius", ["task", "needle_radius"]),
 ]
 
 
@@ -119,7 +97,6 @@ def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid():
 def test_a_config_from_the_sessions_cache_is_what_hydra_makes(read_configs_once, monkeypatch):
     lines = (
         ["seed=3", "cams=[rgb_side]", "episode.max_steps=17"],
-        ["reward=vlm_text", "cams=dep_front,seg_side", "study=s", "obs=signals"],
         ["+experiment=paper", "cams=[seg_side]", "task=wide", "+reward.cams=[rgb_side]"],
         ["~reward.rate", "views.front.fovy=33"],
     )
@@ -163,13 +140,6 @@ def test_every_option_of_a_training_group_composes():
         composed = composing.compose(["cams=[seg_side]", f"{group}={option}"], "config")
         assert composed[group], option
         typed_job(composed)
-
-
-def test_every_command_has_an_environment_in_its_config():
-    for entry in ENTRIES:
-        # What a command can't do without.
-        more = ["out=demos/smooth-v0"] if entry == "demonstrations" else []
-        assert compose_settings(["num_envs=3", *more], name=entry).num_envs == 3, entry
 
 
 def test_no_group_of_the_folder_is_forgotten():
@@ -292,22 +262,20 @@ def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
         compose_settings(["cams=[rgb_side]"])
 
 
-@pytest.mark.parametrize("cams", ["rgb_front,seg_side", ["rgb_front", "seg_side"], ()])
 @pytest.mark.parametrize(
-    ("make", "built"),
+    ("make", "built", "cams"),
     [
-        (needlehoop.make_env, "needlehoop.envs.torchrl_env.TorchRLEnv"),
-        (needlehoop.load, "needlehoop.envs.dm_control_env.load"),
+        # Cameras may also be one string, as on the command line.
+        (needlehoop.make_env, "needlehoop.envs.torchrl_env.TorchRLEnv", "rgb_front,seg_side"),
+        (needlehoop.load, "needlehoop.envs.dm_control_env.load", ["rgb_front", "seg_side"]),
+        (needlehoop.load, "needlehoop.envs.dm_control_env.load", ()),
     ],
 )
 def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, built):
-    """Cameras may also be one string, as on the command line."""
     monkeypatch.setattr(built, lambda settings: settings)
     made = make(cams=cams, reward="sparse", seed=5, overrides=["image_size=12"])
     assert made.cams == (("rgb_front", "seg_side") if cams else ())
-    assert made.reward["kind"] == "sparse"
-    assert made.seed == 5
-    assert made.image_size == 12
+    assert (made.reward["kind"], made.seed, made.image_size) == ("sparse", 5, 12)
 
 
 def test_make_env_refuses_a_bad_camera_by_name():

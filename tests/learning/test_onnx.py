@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_runs import TINY, run_train
+from tiny_runs import TINY, composed, run_composed
 
 import needlehoop
 from needlehoop.cli.main import main
@@ -32,7 +32,7 @@ OWN = {
 @pytest.mark.parametrize("seen", OWN)
 def test_a_policy_in_onnx_acts_as_in_torch(seen, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run_train(*TINY, *OWN[seen], "results=results")
+    run_composed(composed(*TINY, *OWN[seen], "results=results"))
     run = f"results/main/{seen}/sparse/seed0"
     capsys.readouterr()
     assert main(["export", "what=policy", "format=onnx", f"run={run}"]) == 0
@@ -76,11 +76,9 @@ def test_what_cannot_be_exported_is_refused(words, said, tmp_path, monkeypatch, 
     assert [path.name for path in tmp_path.iterdir()] == ["here.onnx"]
 
 
-def test_without_the_exporter_the_extra_is_named(tmp_path, monkeypatch, capsys):
+def test_without_the_exporter_the_extra_is_named(tiny_run, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run_train(*TINY, "results=results")
-    capsys.readouterr()
     monkeypatch.setitem(sys.modules, "onnxscript", None)
-    assert main(["export", "what=policy", "run=results/main/signals/sparse/seed0"]) == 2
+    assert main(["export", "what=policy", f"run={tiny_run}"]) == 2
     assert "needlehoop[onnx]" in capsys.readouterr().err
     assert not Path("policy.onnx").exists()

@@ -2,7 +2,7 @@
 
 import io
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import pytest
@@ -54,9 +54,9 @@ GIVEN = {**VALUES, "network": {**asdict(HEADS), "told": list(HEADS.told)}}
 """As a config has them."""
 
 
-def make_agent(seen: str = "signals", seed: int = 0) -> Agent:
+def make_agent(seen: str = "signals", seed: int = 0, heads: HeadConfig = HEADS) -> Agent:
     torch.manual_seed(seed)
-    return Agent(SPECS[seen], 2, ENCODER, HEADS, torch.float32)
+    return Agent(SPECS[seen], 2, ENCODER, heads, torch.float32)
 
 
 def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
@@ -149,8 +149,9 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize("seen", SPECS)
-@pytest.mark.parametrize("endings", ENDINGS)
+@pytest.mark.parametrize(
+    ("seen", "endings"), [*((next(iter(SPECS)), one) for one in ENDINGS), ("pixels", "both")]
+)
 def test_time_outs_bootstrap_and_terminations_do_not(seen, endings):
     agent = make_agent(seen)
     buffer = make_buffer(agent, 1, *ENDINGS[endings])
@@ -271,15 +272,18 @@ def test_the_seed_decides_the_minibatches():
 
 
 def test_vectors_are_standardised_by_the_buffers_that_were_learnt_from():
-    agent = make_agent()
+    agent = make_agent(heads=replace(HEADS, shared=False))
     ppo = make_ppo(agent)
     buffers = [make_buffer(agent, seed) for seed in range(2)]
     for buffer in buffers:
         learn(ppo, buffer)
-    (normalizer,) = (module for module in agent.modules() if isinstance(module, Normalizer))
+    normalizers = [module for module in agent.modules() if isinstance(module, Normalizer)]
     rows = torch.cat([buffer["signals"] for buffer in buffers]).flatten(0, 1)
-    assert int(normalizer.count) == len(rows)
-    torch.testing.assert_close(normalizer.mean.float(), rows.mean(0))
+    # The policy's, and that of the value function's own trunk.
+    assert len(normalizers) == 2
+    for normalizer in normalizers:
+        assert int(normalizer.count) == len(rows)
+        torch.testing.assert_close(normalizer.mean.float(), rows.mean(0))
 
 
 def test_values_that_foresee_everything_explain_all_variance():
@@ -325,39 +329,19 @@ def test_the_policy_learns_which_action_pays(clip_value):
     assert all(math.isfinite(value) for losses in told for value in losses.values())
 
 
-def test_the_entropy_may_weigh_nothing():
-    agent = make_agent()
-    assert learn(make_ppo(agent, beta=0.0), make_buffer(agent))["loss_entropy"] == 0
-
-
 NAN = float("nan")
 
 
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("horizon", 0),
-        ("minibatch", 0),
         ("epochs", -1),
-        ("learning_rate", 0.0),
         ("learning_rate", NAN),
-        ("epsilon", -0.2),
         ("epsilon_end", 0.0),
-        ("gamma", 1.01),
-        ("gamma", NAN),
         ("lam", -0.1),
-        ("beta", -1e-3),
-        ("beta", NAN),
-        ("value_coefficient", -0.5),
         ("value_coefficient", NAN),
     ],
 )
 def test_a_bad_hyperparameter_is_refused_by_key(key, value):
     with pytest.raises(ValueError, match=rf"^algo\.{key}: .*({value}|number)"):
         strict.structure({**GIVEN, key: value}, PpoConfig, "algo")
-
-
-def test_the_limits_of_the_hyperparameters_are_allowed():
-    given = {**GIVEN, "horizon": 1, "gamma": 1.0, "lam": 0.0, "beta": 0.0}
-    config = strict.structure(given, PpoConfig, "algo")
-    assert (config.horizon, config.gamma, config.lam, config.beta) == (1, 1.0, 0.0, 0.0)

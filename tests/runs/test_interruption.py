@@ -32,48 +32,32 @@ def installed() -> list[object]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_first_signal_only_asks(kind, capsys):
+def test_the_first_signal_only_asks(kind, handlers, capsys):
     with Interruption() as interruption:
         assert not interruption.asked
+        assert all(ours is not found for ours, found in zip(handlers, installed(), strict=True))
         os.kill(os.getpid(), kind)
         assert interruption.asked
     assert "once more to stop at once" in capsys.readouterr().err
+    assert installed() == handlers
 
 
 @pytest.mark.parametrize("first", KINDS)
-def test_the_second_ctrl_c_acts_at_once(first):
-    with Interruption() as interruption:
-        signal.raise_signal(first)
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        assert interruption.asked
+@pytest.mark.parametrize(
+    ("second", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_the_second_acts_at_once_and_the_handlers_are_put_back(first, second, raised, handlers):
+    def signalled() -> None:
+        with Interruption():
+            signal.raise_signal(first)
+            signal.raise_signal(second)
 
-
-def test_a_sigterm_after_a_ctrl_c_acts_at_once():
-    with Interruption():
-        signal.raise_signal(signal.SIGINT)
-        with pytest.raises(SystemExit):
-            signal.raise_signal(signal.SIGTERM)
-
-
-def test_the_handlers_are_put_back_when_nothing_happened(handlers):
-    with Interruption() as interruption:
-        assert all(ours is not found for ours, found in zip(handlers, installed(), strict=True))
-    assert installed() == handlers
-    assert not interruption.asked
-
-
-def test_the_handlers_are_put_back_after_a_signal(handlers):
-    with Interruption():
-        signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(raised):
+        signalled()
     assert installed() == handlers
 
 
 def test_the_handlers_are_put_back_after_an_error_that_passes_through(handlers):
-    def fail():
-        with Interruption():
-            raise OSError("disk")
-
-    with pytest.raises(OSError, match="disk"):
-        fail()
+    with pytest.raises(OSError, match="disk"), Interruption():
+        raise OSError("disk")
     assert installed() == handlers

@@ -74,11 +74,6 @@ def test_a_new_run_writes_down_what_it_is(run, folder):
     assert {"commit", "python", "started"} <= manifest.keys()
 
 
-def test_a_run_may_begin_in_an_empty_folder(folder):
-    folder.mkdir(parents=True)
-    assert Run.create(folder, VALUES, "", overwrite=False).config() == VALUES
-
-
 def test_an_existing_run_is_not_begun_again_unasked(run, folder):
     fill(run, 1, 2)
     with pytest.raises(ValueError, match=r"exists.*resume=.*overwrite=true") as caught:
@@ -102,13 +97,16 @@ def test_overwrite_begins_anew_and_keeps_what_was_there_under_a_number(run, fold
     assert {path.name for path in folder.parent.iterdir()} == {"seed0", "seed0.1", "seed0.2"}
 
 
-@pytest.mark.parametrize("names", [[REWARD], [REWARD, MANIFEST], ["reward.txt.partial"]])
-def test_a_run_begins_where_one_died_in_the_making(folder, names):
-    folder.mkdir(parents=True)
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_run_begins_where_one_died_in_the_making_or_nothing_is(folder, overwrite):
+    (folder / "empty").mkdir(parents=True)
+    assert Run.create(folder / "empty", VALUES, "", overwrite).config() == VALUES
+    (folder / "dead").mkdir()
+    names = {REWARD, MANIFEST, "reward.txt.partial"}
     for name in names:
-        (folder / name).write_text("half a run")
-    assert Run.create(folder, VALUES, "", overwrite=False).config() == VALUES
-    assert {path.name for path in (folder.parent / "seed0.1").iterdir()} == set(names)
+        (folder / "dead" / name).write_text("half a run")
+    assert Run.create(folder / "dead", VALUES, "", overwrite).config() == VALUES
+    assert {path.name for path in (folder / "dead.1").iterdir()} == names
 
 
 @pytest.mark.parametrize("name", [REWARD, MANIFEST, CONFIG])
@@ -136,10 +134,6 @@ def test_a_folder_with_somebody_elses_files_is_never_deleted(folder, overwrite):
     assert [path.name for path in folder.iterdir()] == ["thesis"]
 
 
-def test_overwrite_makes_a_run_where_there_is_none(folder):
-    assert Run.create(folder, VALUES, "", overwrite=True).config() == VALUES
-
-
 def test_a_folder_without_a_config_is_no_run(tmp_path):
     (tmp_path / METRICS).write_text("update\r\n1\r\n")
     for place in (tmp_path, tmp_path / "nowhere"):
@@ -154,27 +148,11 @@ def test_notes_add_to_the_manifest_and_replace_what_they_name(run):
     assert run.manifest() == {**before, "steps": 512, "finished": True, "wall_time": 1.5}
 
 
-def test_rows_come_back_in_order_under_one_header(run):
-    path = fill(run, 1, 2, 3)
-    assert rows_of(run) == [
-        {"update": "1", "return": "0.1"},
-        {"update": "2", "return": "0.2"},
-        {"update": "3", "return": "0.3"},
-    ]
-    assert path.read_text().splitlines() == ["update,return", "1,0.1", "2,0.2", "3,0.3"]
-
-
 def test_what_is_not_known_becomes_an_empty_cell(run):
     run.append(METRICS, {"update": 1, "return": math.nan, "success": None, "length": 0.0})
     assert rows_of(run) == [{"update": "1", "return": "", "success": "", "length": "0"}]
     (missing,) = columns(rows_of(run), "return")
     assert math.isnan(missing)
-
-
-def test_a_row_may_end_with_an_empty_cell(run):
-    run.append(METRICS, {"update": 1, "return": 0.5})
-    run.append(METRICS, {"update": 2, "return": math.nan})
-    assert rows_of(run)[1] == {"update": "2", "return": ""}
 
 
 def test_a_float32_comes_back_to_the_bit(run):
@@ -201,7 +179,7 @@ def test_a_table_keeps_the_columns_that_it_began_with(run):
     assert (head, last) == ("update,return", "2,0.5")
 
 
-@pytest.mark.parametrize("torn", ["3", "3,", "3,0.", "3,0.3", "3,0.3\n", "3,0.3\n4,0.4\n"])
+@pytest.mark.parametrize("torn", ["3,", "3,0.3", "3,0.3\n4,0.4\n"])
 def test_rows_after_the_checkpoint_are_made_again(run, folder, torn, capsys):
     path = fill(run, 1, 2)
     save(run, 2)
@@ -212,35 +190,27 @@ def test_rows_after_the_checkpoint_are_made_again(run, folder, torn, capsys):
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("content", "lost"),
-    [
-        (None, "without updates 1 to 3"),
-        ("", "without updates 1 to 3"),
-        ("update,ret", "without updates 1 to 3"),
-        ("update,return\n1,0.1\n", "without updates 2 to 3"),
-        ("update,return\n2,0.2\n", "without updates 1, 3"),
-        ("update,return\n1,0.1\n2,0.9\n3,0.3\n", "without updates 2"),
-        ("update,return\n1,0.1\n1,0.1\n2,0.2\n3,0.3\n", "changed"),
-        (b"\xff\xfe\x00", "without updates 1 to 3"),
-    ],
-    ids=["lost", "emptied", "cut in its header", "cut", "rows gone", "edited", "doubled", "noise"],
-)
-def test_a_damaged_table_is_made_whole_from_the_checkpoint(run, folder, content, lost, capsys):
+DAMAGED = {
+    "lost": None,
+    "emptied": b"",
+    "rows gone": b"update,return\n2,0.2\n",
+    "edited": b"update,return\n1,0.1\n2,0.9\n3,0.3\n",
+    "noise": b"\xff\xfe\x00",
+}
+
+
+@pytest.mark.parametrize("content", DAMAGED.values(), ids=DAMAGED)
+def test_a_damaged_table_is_made_whole_from_the_checkpoint(run, folder, content, capsys):
     path = fill(run, 1, 2, 3)
     save(run, 3)
-    if content is None:
-        path.unlink()
-    else:
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    damaged = path.read_bytes() if path.exists() else None
+    path.unlink() if content is None else path.write_bytes(content)
     go_on(folder)
     assert path.read_text() == "update,return\n1,0.1\n2,0.2\n3,0.3\n4,0.4\n"
     said = capsys.readouterr().err
-    assert f"{path} was damaged ({lost}), and is whole again" in said
-    if damaged:
+    assert f"{path} was damaged, and is whole again" in said
+    if content:
         assert "kept as metrics.1.csv" in said
-        assert (folder / "metrics.1.csv").read_bytes() == damaged
+        assert (folder / "metrics.1.csv").read_bytes() == content
 
 
 def test_a_table_that_is_emptied_under_a_running_run_is_made_whole_at_the_checkpoint(run, capsys):
@@ -249,7 +219,7 @@ def test_a_table_that_is_emptied_under_a_running_run_is_made_whole_at_the_checkp
     fill(run, 3)
     save(run, 3)
     assert updates_of(run) == [1, 2, 3]
-    assert "without updates 1 to 2" in capsys.readouterr().err
+    assert "was damaged, and is whole again" in capsys.readouterr().err
 
 
 def test_a_refused_run_keeps_its_rows(run, folder):
@@ -283,12 +253,6 @@ def test_a_checkpoint_comes_back_as_it_was_saved(run):
     assert {key: loaded[key] for key in plain} == {key: state[key] for key in plain}
 
 
-def test_a_later_checkpoint_replaces_the_earlier(run):
-    run.save({"update": 1})
-    run.save({"update": 2})
-    assert run.checkpoint().state == {"update": 2}
-
-
 def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
     run.save({"update": 1, "weights": torch.ones(3)})
 
@@ -312,9 +276,7 @@ def test_a_run_without_a_checkpoint_says_so(run):
         run.checkpoint()
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"\x93\xff\x00 noise", b"PK\x03\x04 and no more", b"a,b\n1,2\n"]
-)
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"a,b\n1,2\n"])
 def test_a_damaged_file_is_named_where_a_run_goes_on(run, content):
     save(run)
     for name in (CONFIG, MANIFEST, CHECKPOINT):
@@ -335,7 +297,7 @@ def test_no_flipped_bit_is_trained_on(run):
     path = run.folder / CHECKPOINT
     whole = path.read_bytes()
     refused = 0
-    for place in range(0, len(whole), 7):
+    for place in range(0, len(whole), 29):
         flipped = bytes([whole[place] ^ (1 << place % 8)])
         path.write_bytes(whole[:place] + flipped + whole[place + 1 :])
         try:
@@ -345,7 +307,7 @@ def test_no_flipped_bit_is_trained_on(run):
             continue
         assert repr(found) == repr(state)
     # The rest is padding, and what a reader does not look at.
-    assert refused > len(whole) // 7 / 3
+    assert refused > len(whole) // 29 / 3
 
 
 def test_a_checkpoint_that_is_no_plain_file_is_refused(run):
@@ -372,9 +334,3 @@ def test_a_checkpoint_from_elsewhere_runs_no_code(run, tmp_path):
     assert not sprung.exists()
     torch.load(run.folder / CHECKPOINT, weights_only=False)
     assert sprung.exists()
-
-
-def test_a_small_file_is_written_where_it_is_said(run):
-    path = run.write("evaluation.json", "{}\n")
-    assert path == run.folder / "evaluation.json"
-    assert path.read_text() == "{}\n"

@@ -21,7 +21,13 @@ SEARCH = [
 """Two trials, each in a study of its own."""
 
 
-@pytest.mark.parametrize("more", [[], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]])
+@pytest.mark.parametrize(
+    "more",
+    [
+        [],
+        pytest.param(["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], marks=pytest.mark.full),
+    ],
+)
 def test_a_search_finds_the_trial_with_the_highest_objective(tmp_path, more):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
     words = [sys.executable, str(ROOT / "train.py"), *TINY, *SEARCH, *more]

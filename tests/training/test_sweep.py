@@ -28,23 +28,12 @@ from needlehoop.training import sweep
 
 ROOT = Path(__file__).parents[2]
 
-TINY = [
-    "steps=64",
-    "num_envs=4",
-    "algo.horizon=16",
-    "algo.minibatch=32",
-    "image_size=32",
-    "episode.max_steps=12",
-    "evaluation.every=0",
-    "evaluation.final_episodes=2",
-    "evaluation.video_episodes=0",
-    "results=results",
-]
+TINY = [*SMALL, "steps=8", "evaluation.every=0", "results=results"]
 """One buffer."""
 
 
-def finished(place: str) -> dict:
-    return json.loads(Path(f"results/main/{place}/manifest.json").read_text())
+def finished(seed: int) -> dict:
+    return json.loads(Path(f"results/main/signals/sparse/seed{seed}/manifest.json").read_text())
 
 
 def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
@@ -52,58 +41,57 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
 ):
     monkeypatch.chdir(tmp_path)
     # The file is in the way of the second run's folder.
-    Path("results/main").mkdir(parents=True)
-    blocked = Path("results/main/dep_side")
+    Path("results/main/signals/sparse").mkdir(parents=True)
+    blocked = Path("results/main/signals/sparse/seed1")
     blocked.write_text("")
-    words = ["-m", "cams=[seg_side],[dep_side],[rgb_side]", *TINY]
+    words = ["-m", "seed=0,1,2", *TINY]
     with pytest.raises(SystemExit) as caught:
         run_train(*words)
     assert caught.value.code == 1
     said = capfd.readouterr().out
     assert "3 runs, 1 failed" in said
-    assert "  dep_side/human/seed0: " in said.splitlines()[-2]
+    assert "  signals/sparse/seed1: " in said.splitlines()[-2]
     assert said.splitlines()[-1] == "the same command does what is missing"
     assert main(["status", "results/main"]) == 0
-    assert "dep_side/human/seed0  failed" in capfd.readouterr().out
-    began = {name: finished(f"{name}/human/seed0")["started"] for name in ("seg_side", "rgb_side")}
+    assert "signals/sparse/seed1  failed" in capfd.readouterr().out
+    began = {seed: finished(seed)["started"] for seed in (0, 2)}
 
     blocked.unlink()
     run_train(*words)
     assert "3 runs, 0 failed, 2 done before" in capfd.readouterr().out
-    assert finished("dep_side/human/seed0")["finished"]
-    for name, when in began.items():
-        assert finished(f"{name}/human/seed0")["started"] == when
+    assert finished(1)["finished"]
+    for seed, when in began.items():
+        assert finished(seed)["started"] == when
 
 
 def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["cams=[seg_side]", *TINY]
-    run_train(*words)
-    run_train(*words, "existing=resume", "engine.threads=1")
+    run_train(*TINY)
+    run_train(*TINY, "existing=resume", "engine.threads=2")
     with pytest.raises(
         SystemExit, match="exists with another algo, steps; choose another label= or"
     ):
-        run_train(*words, "existing=resume", "steps=128", "algo.gamma=0.5")
+        run_train(*TINY, "existing=resume", "steps=128", "algo.gamma=0.5")
     with pytest.raises(SystemExit, match="exists; go on with"):
-        run_train(*words)
+        run_train(*TINY)
     with pytest.raises(
         SystemExit, match="existing: 'skip' is unknown; choose from auto, stop, resume"
     ):
-        run_train(*words, "existing=skip")
+        run_train(*TINY, "existing=skip")
 
 
 def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["cams=[seg_side]", "existing=resume", *TINY]
+    words = ["existing=resume", *TINY]
     run_train(*words)
-    folder = Path("results/main/seg_side/human/seed0")
+    folder = Path("results/main/signals/sparse/seed0")
     (folder / "checkpoint.pt").unlink()
-    manifest = {**finished("seg_side/human/seed0"), "finished": False, "started": "long ago"}
+    manifest = {**finished(0), "finished": False, "started": "long ago"}
     # Noted with the first checkpoint.
     del manifest["steps"]
     (folder / "manifest.json").write_text(json.dumps(manifest))
     run_train(*words)
-    again = finished("seg_side/human/seed0")
+    again = finished(0)
     assert again["finished"]
     assert again["started"] != "long ago"
 
@@ -194,13 +182,11 @@ def swept(experiment: str) -> list[tuple[tuple[str, ...], str]]:
     return runs
 
 
-@pytest.mark.parametrize(
-    ("experiment", "count"), [("table2", 14), ("rewards", 12), ("full", 20), ("segdep", 4)]
-)
-def test_every_run_of_an_experiment_is_another_and_composes(experiment, count):
-    runs = swept(experiment)
-    assert len(set(runs)) == len(runs) == count
-    for cams, reward in runs:
+def test_every_run_of_an_experiment_is_another_and_composes():
+    runs = {name: swept(name) for name in ("table2", "rewards", "full", "segdep")}
+    assert [len(own) for own in runs.values()] == [14, 12, 20, 4]
+    assert all(len(set(own)) == len(own) for own in runs.values())
+    for cams, reward in {run for own in runs.values() for run in own}:
         words = [f"cams=[{','.join(cams)}]", f"reward={reward}"]
         job = typed_job(composing.compose(words, "config"))
         assert (job.env.cams, job.reward_name) == (cams, reward)
@@ -218,7 +204,7 @@ def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capf
     started: list[str] = []
     monkeypatch.setattr(sweep, "attempt", lambda run, folder, note: started.append(note["run"]))
     with pytest.raises(SystemExit):
-        run_train("+experiment=segdep", "seed=3", *TINY)
+        run_train("+experiment=segdep", "seed=3", *TINY[2:], "obs=images")
     assert len(started) == 4
     assert "4 runs, 4 failed" in capfd.readouterr().out
 
@@ -316,7 +302,7 @@ def test_threads_are_divided_among_jobs(launcher, expected, monkeypatch):
 )
 @pytest.mark.full
 def test_a_launcher_runs_a_sweep(tmp_path, launcher):
-    words = ["-m", "cams=[seg_side],[dep_side]", *TINY, *launcher]
+    words = ["-m", "seed=0,1", *TINY, "engine.threads=0", *launcher]
     # Ray makes its workers yield to everything else; on a busy machine they would starve.
     surroundings = {**os.environ, "RAY_worker_niceness": "0", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -329,28 +315,14 @@ def test_a_launcher_runs_a_sweep(tmp_path, launcher):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     assert "2 runs, 0 failed" in done.stdout
-    for name in ("seg_side", "dep_side"):
-        folder = tmp_path / f"results/main/{name}/human/seed0"
+    for seed in (0, 1):
+        folder = tmp_path / f"results/main/signals/sparse/seed{seed}"
         assert json.loads((folder / "manifest.json").read_text())["finished"]
         assert yaml.safe_load((folder / "config.yaml").read_text())["engine"]["threads"] == 1
 
 
-def test_slurm_is_submitit_with_our_defaults():
-    found = subprocess.run(
-        [
-            sys.executable,
-            ROOT / "train.py",
-            "hydra/launcher=slurm",
-            "--cfg",
-            "hydra",
-            "--package",
-            "hydra.launcher",
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
-    launcher = yaml.safe_load(found.stdout)
+def test_slurm_is_submitit_with_our_defaults(capsys):
+    run_train("hydra/launcher=slurm", "--cfg", "hydra", "--package", "hydra.launcher")
+    launcher = yaml.safe_load(capsys.readouterr().out)
     assert launcher["_target_"].endswith("SlurmLauncher")
     assert launcher["cpus_per_task"] == 4

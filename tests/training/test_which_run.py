@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, outcome, refusal, run_train
+from tiny_runs import PLACE, TINY, composed, outcome, refusal, run_composed, run_train
 
 from needlehoop.runs import run as run_files
 from needlehoop.runs.lock import Lock
@@ -73,30 +73,28 @@ def test_a_killed_run_goes_on_to_the_same_bits(folder, whole):
     assert outcome(folder) == whole
 
 
-def test_a_run_killed_before_its_last_note_goes_on_to_the_same_bits(folder, whole):
-    """The manifest then lags behind the checkpoint, and an evaluation says what it was of."""
+def test_a_run_whose_files_lag_behind_its_checkpoint_goes_on_to_the_same_bits(folder, whole, capfd):
+    """The last note was not written, a table is damaged; and how it computes was changed."""
     manifest = json.loads((folder / "manifest.json").read_text())
     (folder / "manifest.json").write_text(json.dumps({**manifest, "steps": 8}))
-    run_train(f"resume={folder}")
-    assert outcome(folder) == whole
-
-
-def test_a_damaged_table_is_whole_again_at_the_end(folder, whole, capfd):
     (folder / "metrics.csv").write_text("")
+    change(folder, engine={"threads": 2, "renderer": "rasteriser"})
     run_train(f"resume={folder}")
-    assert "without updates 1 to 2" in capfd.readouterr().err
+    assert "was damaged, and is whole again" in capfd.readouterr().err
     found = outcome(folder)
     found["files"].remove("metrics.1.csv")
     assert found == whole
 
 
-@pytest.mark.parametrize("words", [["resume={folder}"], [*TINY, "overwrite=true"], TINY])
-def test_a_run_under_way_is_left_alone(folder, words):
+def test_a_run_under_way_is_left_alone(folder):
     before = kept(folder)
-    given = [word.format(folder=folder) for word in words]
-    given += [] if "resume" in given[0] else ["existing=resume"]
     with Lock(folder):
-        assert "is in the hands of process" in refusal(*given)
+        for words in (
+            [f"resume={folder}"],
+            [*TINY, "overwrite=true"],
+            [*TINY, "existing=resume"],
+        ):
+            assert "is in the hands of process" in refusal(*words)
     assert kept(folder) == before
     assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
@@ -122,20 +120,27 @@ def test_overwrite_keeps_the_run_that_was_there(folder, whole):
     assert kept(folder.parent / "seed0.1") == before
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps"), ({"num_envs": 4}, "num")],
-)
-def test_settings_that_were_edited_are_refused(folder, changes, said):
-    change(folder, **changes)
-    before = kept(folder)
-    assert f"was trained with another {said}" in refusal(f"resume={folder}")
-    assert kept(folder) == before
+def test_settings_that_were_edited_are_refused(folder):
+    for changes, said in (({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps")):
+        change(folder, **changes)
+        before = kept(folder)
+        assert f"was trained with another {said}" in refusal(f"resume={folder}")
+        assert kept(folder) == before
 
 
-def test_settings_of_no_consequence_may_be_edited(folder, whole):
-    change(folder, engine={"threads": 2, "renderer": "rasteriser"})
-    run_train(f"resume={folder}")
+def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
+    """It has the setting's default."""
+    later = ("disturb", "label", "task_dir")
+
+    def forget(values: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in values.items() if key not in later}
+
+    path = folder / "config.yaml"
+    path.write_text(yaml.safe_dump(forget(yaml.safe_load(path.read_text()))))
+    edit(folder, lambda state: state.update(config=forget(state["config"])))
+    said = refusal(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
+    assert "exists with another disturb, episode;" in said
+    run_train(*TINY, "existing=resume")
     assert outcome(folder) == whole
 
 
@@ -145,11 +150,11 @@ SPOILT = {
     "update is no number": (lambda s: s.update(update="2"), "update: '2'"),
     "no update": (lambda s: s.pop("update"), "update: None"),
     "wall time is none": (lambda s: s.update(wall_time=float("nan")), "wall_time"),
-    "no learner": (lambda s: s.pop("learner"), "learner: missing"),
+    "no learner": (lambda s: s.pop("learner"), "learner.ppo: missing"),
     "no ppo": (lambda s: s["learner"].pop("ppo"), "learner.ppo: missing"),
     "no agent": (lambda s: s["learner"]["ppo"].pop("agent"), "learner.ppo: agent"),
-    "no env": (lambda s: s["learner"].pop("env"), "learner.env: missing"),
-    "no rng": (lambda s: s["learner"].pop("rng"), "learner.rng: missing"),
+    "no env": (lambda s: s["learner"].pop("env"), "learner: env"),
+    "no rng": (lambda s: s["learner"].pop("rng"), "learner: rng"),
     "other updates": (lambda s: s["learner"]["ppo"].update(done_updates=1), "done_updates"),
     "other weights": (
         lambda s: s["learner"]["ppo"]["agent"].update(
@@ -179,13 +184,15 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("name", SPOILT)
-def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder, name):
-    spoil, said = SPOILT[name]
-    edit(folder, spoil)
-    before = kept(folder)
-    message = refusal(f"resume={folder}")
-    assert said in message
-    assert "checkpoint" in message
-    del before["manifest.json"]
-    assert {name: data for name, data in kept(folder).items() if name in before} == before
+def test_a_checkpoint_that_does_not_fit_is_refused_in_a_line(folder):
+    values, whole = composed(f"resume={folder}"), (folder / "checkpoint.pt").read_bytes()
+    for name, (spoil, said) in SPOILT.items():
+        edit(folder, spoil)
+        before = kept(folder)
+        with pytest.raises(ValueError, match="checkpoint") as caught:
+            run_composed(values)
+        assert said in str(caught.value), name
+        assert "\n" not in str(caught.value), name
+        del before["manifest.json"]
+        assert {key: data for key, data in kept(folder).items() if key in before} == before, name
+        (folder / "checkpoint.pt").write_bytes(whole)
