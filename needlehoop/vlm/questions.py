@@ -190,7 +190,12 @@ def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Setting
 
 
 def opening(
-    settings: Settings, album: Album, sets: Sequence[str], told: str, words: bool = True
+    settings: Settings,
+    album: Album,
+    sets: Sequence[str],
+    told: str,
+    scene: str,
+    words: bool = True,
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
@@ -199,12 +204,13 @@ def opening(
         album: its pictures.
         sets: the list.
         told: how much is told: ``full``, ``names`` or ``nothing``.
+        scene: as ``description.scene`` tells it; with ``names`` that takes a while.
         words: whether cameras come with their places in words.
     """
     cameras, _ = seen_by(settings, sets)
     kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
     said = [
-        description.scene(settings, told),
+        scene,
         *([] if told == "nothing" or not words else [description.cameras(settings, kinds)]),
         description.stages(settings, told),
     ]
