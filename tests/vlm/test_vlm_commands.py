@@ -22,6 +22,7 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.tasks.needle_hoop.signals import TABLE
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward, which_run
 from needlehoop.vlm.writing import ProgramRules, Verdict
@@ -256,7 +257,11 @@ def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words,
     assert len(server.requests) == 4
 
 
-def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(study, words, server):
+def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(
+    study, words, server, monkeypatch
+):
+    told = dict.fromkeys(TABLE, ([0.0], [1.0]))
+    monkeypatch.setattr("needlehoop.vlm.description.ranges", lambda _: told)
     server.script[:] = ['{"task": "to pick"}', *programs("import os", 3)]
     assert main(["vlm", "reward", *words, CAMS, "vlm.told=nothing"]) == 0
     assert [len(body["contents"]) for body in server.requests] == [1, 3, 5]
