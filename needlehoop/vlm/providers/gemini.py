@@ -51,14 +51,10 @@ class _Response(ReplyPart):
 
 
 class Gemini(SdkProvider):
-    """Asks ``generate_content``.
-
-    Args:
-        config: whom to ask and how.
+    """Asks ``generate_content``; errors as in ``SdkProvider``.
 
     Raises:
-        ValueError: no key, or sampling settings that Gemini does not have.
-        RuntimeError: google-genai is not installed.
+        ValueError: sampling settings that Gemini does not have.
     """
 
     def __init__(self, config: LiveConfig):
