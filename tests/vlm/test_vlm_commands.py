@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 import yaml
 from needle_task import load_reward, random_signals
-from needlehoop.tasks.needle_hoop.signals import TABLE
 from PIL import Image
 from vlm_server import KEY, Server, by_schema, live
 
@@ -22,6 +21,7 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward, which_run
 from needlehoop.vlm.writing import ProgramRules, Verdict
