@@ -83,7 +83,8 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     for flavour in ("text", "image"):
         begin().ask(reward_prompt(seen, RULES, flavour, shown), ProgramAnswer)
     for told in ("full", "names", "nothing"):
-        order(begin(), sets, opening(settings, shown, sets, told))
+        scene = description.scene(settings, told)
+        order(begin(), sets, opening(settings, shown, sets, told, scene))
     for flavour in ("text", "image"):
         begin().ask(reward_prompt(seen, RULES, flavour, shown, "names"), ProgramAnswer)
     conversation = begin()

@@ -111,6 +111,11 @@ def _value(schema: dict[str, Any], defs: dict[str, Any]) -> Any:
     return "so be it"
 
 
+def live(server: Server) -> list[str]:
+    """The words of a command that asks it as Gemini."""
+    return ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
+
+
 @contextmanager
 def serve() -> Iterator[Server]:
     """A server on a free port, for as long as the context lasts."""

@@ -100,13 +100,8 @@ def given(function: Callable[..., Any]) -> dict[str, Any]:
     return {**plain, _CALL: Called(function, {}, name)}
 
 
-def is_called(config: Mapping[str, Any]) -> bool:
-    """Whether a reward's config names Python code."""
-    return config.get("kind") == KIND or config.get("kind") in kinds()
-
-
 def check(config: Mapping[str, Any]) -> None:
-    """Check a config that ``is_called``; imports nothing.
+    """Check a config that names code; imports nothing.
 
     Raises:
         ValueError: missing or unknown keys, or ``values`` is not a mapping.
@@ -152,7 +147,7 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A config that ``is_called``, with the function's source. A run goes on with that alone.
+    """A config that names code, with the function's source. A run goes on with that alone.
 
     Raises:
         ValueError: as in ``allow``.

@@ -140,11 +140,7 @@ def _typed(config: Mapping[str, Any]) -> _Config:
 
 
 def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
-    """The reward of a config whose ``kind`` is in ``KINDS``.
-
-    Args:
-        config: of the reward.
-        table: of the task's signals, which a program may read.
+    """The reward of a config whose ``kind`` is in ``KINDS``; its program may read ``table``.
 
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
@@ -196,12 +192,9 @@ def read(path: Path) -> Source:
 
 
 def scaled(source: Source, unit: float | None, key: str) -> Source:
-    """A program with another size of its scene unit.
+    """A program with another size of its scene unit, m; ``None`` leaves it as it is.
 
-    Args:
-        source: the program.
-        unit: m; ``None`` leaves the program as it is.
-        key: of the unit, for messages.
+    ``key`` names the unit in messages.
 
     Raises:
         ValueError: the program has no line that gives its scene unit.

@@ -45,41 +45,43 @@ class Album:
     Args:
         pictures: by stage (see ``prompts.stages_of``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
+        names: of the stages, in their order; none: their own.
     """
 
-    def __init__(self, pictures: Mapping[str, Mapping[str, Png]], pixels: int):
+    def __init__(
+        self,
+        pictures: Mapping[str, Mapping[str, Png]],
+        pixels: int,
+        names: Sequence[str] = (),
+    ):
         self._pictures, self._pixels = pictures, pixels
+        own = [stage for stage in pictures if stage != SEEN]
+        self._names = dict(zip(own, names or own, strict=True))
 
-    def show(
-        self, cameras: Sequence[str], stages: Sequence[str] = (), names: Sequence[str] = ()
-    ) -> list[Part]:
-        """Pictures, each after a line that names its camera and stage.
+    def named(self, names: Sequence[str]) -> Album:
+        """The same pictures, with other names of their stages."""
+        return Album(self._pictures, self._pixels, names)
 
-        Args:
-            cameras: what to show, stage by stage.
-            stages: of those that there are; none: all.
-            names: of all stages, in their order; none: their own.
-        """
-        called = self._called(names)
-        parts: list[Part] = []
-        for stage in stages or called:
-            for camera in cameras:
-                parts += [f"{camera}, {called[stage]}:", self._pictures[stage][camera]]
-        return parts
+    def show(self, cameras: Sequence[str], *stages: str) -> list[Part]:
+        """Pictures, stage by stage (all, or ``stages``), each after a line that names it."""
+        return [
+            part
+            for stage in stages or self._names
+            for camera in cameras
+            for part in (f"{camera}, {self._names[stage]}:", self._pictures[stage][camera])
+        ]
 
-    def show_seen(self, cameras: Sequence[str], names: Sequence[str] = ()) -> list[Part]:
-        """Two stages at the agent's own resolution, enlarged; ``names`` as in ``show``."""
-        n, called = self._pixels, self._called(names)
-        first, second = (called[stage] for stage in _seen([*called]))
-        parts: list[Part] = []
-        for camera in cameras:
-            said = f"{camera} as the agent sees it, {n} x {n} pixels (enlarged), {first}, {second}:"
-            parts += [said, self._pictures[SEEN][camera]]
-        return parts
-
-    def _called(self, names: Sequence[str]) -> dict[str, str]:
-        own = [stage for stage in self._pictures if stage != SEEN]
-        return dict(zip(own, names or own, strict=True))
+    def show_seen(self, cameras: Sequence[str]) -> list[Part]:
+        """Two stages at the agent's own resolution, enlarged."""
+        n, names = self._pixels, ", ".join(self._names[stage] for stage in _seen([*self._names]))
+        return [
+            part
+            for camera in cameras
+            for part in (
+                f"{camera} as the agent sees it, {n} x {n} pixels (enlarged), {names}:",
+                self._pictures[SEEN][camera],
+            )
+        ]
 
 
 def _seen(stages: Sequence[str]) -> tuple[str, str]:

@@ -101,12 +101,9 @@ def card(
 ) -> Card:
     """Put a program through the gates.
 
-    Args:
-        program: compiled.
-        settings: the environment in which trajectories are recorded. Its cameras, its reward
-            and its number of environments do not matter.
-        gates: what the program must pass.
-        trajectories: those of an earlier ``collect``, which takes a second or two.
+    Trajectories are recorded in an environment of the settings, whose cameras, reward and number
+    of environments do not matter; or they are those of an earlier ``collect``, which takes a
+    second or two.
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)

@@ -14,7 +14,7 @@ from needlehoop.rewards.written import FIRST, check_flavour, file_name
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.study.render.table import Table
-from needlehoop.vlm import prompts, tables
+from needlehoop.vlm import description, prompts, tables
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, totals_of
@@ -147,6 +147,7 @@ class Inquiry(AbstractContextManager):
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
         how, told, words = self.ranked(lists), self._told, lists.words or not lists.sets
+        scene = description.scene(self._settings, told) if how else ""
         album = self._album([*chain(*lists.sets)])
         self._clear(f"rank{how}", files=(f"rankings{how}.json",))
         questioned: dict[int, Conversation] = {}
@@ -155,7 +156,7 @@ class Inquiry(AbstractContextManager):
         def afresh(number: int, sample: int, sets: Sequence[str]) -> Ranked:
             own = seen_by(self._settings, sets)[1] if lists.sets else self._settings
             if (shown := tuple(sets)) not in openings:
-                openings[shown] = opening(own, album, sets, told, words)
+                openings[shown] = opening(own, album, sets, told, scene, words)
             name = f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"
             return order(self._begin(name), sets, openings[shown])
 

@@ -61,16 +61,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     Raises:
         ValueError: settings that the scripts cannot drive, by key.
     """
-    blind = replace(
-        settings,
-        cams=(),
-        num_envs=gates.episodes,
-        seed=gates.seed,
-        # Nobody reads this reward: programs score the moments later.
-        reward=NONE,
-        # Episodes end at the goal, see below; whatever else counts as success must not end them.
-        episode=replace(settings.episode, end_on_success=False),
-    )
+    blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
     simulation, _ = build(blind)
     moments: list[Signals] = []
     last = {}
@@ -81,6 +72,16 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         lived, last[who] = _episodes(steps, blind.definition.goal)
         moments += lived
     return Trajectories(_join(moments), last, *_random_steps(blind, gates), _stopped(blind, gates))
+
+
+def _blind(settings: Settings, episodes: int) -> Settings:
+    """So many episodes at once, without cameras and with a reward that nobody reads.
+
+    Success does not end them: programs are judged up to the goal, whatever else counts as success,
+    and ranges would tell what success is.
+    """
+    episode = replace(settings.episode, end_on_success=False)
+    return replace(settings, cams=(), num_envs=episodes, reward=NONE, episode=episode)
 
 
 _HELD = 20
@@ -173,11 +174,9 @@ _RANGED = 8
 def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     """The least and the most of each signal, number by number.
 
-    Over whole episodes of the task's teacher and of a random policy: where they would end at
-    success, ranges would tell what success is.
+    Over whole episodes of the task's teacher and of a random policy.
     """
-    episode = replace(settings.episode, end_on_success=False)
-    s = replace(settings, cams=(), num_envs=_RANGED, reward=NONE, episode=episode)
+    s = _blind(settings, _RANGED)
     simulation, _ = build(s)
     moments: list[Signals] = []
     for who in (s.definition.teacher, "random"):

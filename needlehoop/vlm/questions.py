@@ -8,7 +8,7 @@ from functools import partial
 from itertools import chain, combinations
 from typing import Annotated, Any
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, check_names
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
@@ -42,10 +42,7 @@ class Questions:
 
     def check(self, settings: Settings) -> None:
         """Raises ``ValueError`` for a rendering that the scene does not have."""
-        for name in self.shown:
-            if name not in settings.renderings:
-                valid = ", ".join(settings.renderings)
-                raise ValueError(f"shown: {name!r} is unknown; choose from {valid}")
+        check_names("shown", self.shown, tuple(settings.renderings))
 
 
 @dataclass(frozen=True)
@@ -70,12 +67,10 @@ class Lists:
     def __post_init__(self) -> None:
         if not self.lists:
             raise ValueError("lists: there is nothing to rank")
-        for key, sets in (
-            *(("lists", sets) for sets in self.lists),
-            *(("sets", sets) for sets in self.sets),
-        ):
-            if len(sets) < 2 or len(set(sets)) < len(sets):
-                raise ValueError(f"{key}: {list(sets)} must be two or more different sets")
+        for key, lists in (("lists", self.lists), ("sets", self.sets)):
+            for sets in lists:
+                if len(sets) < 2 or len(set(sets)) < len(sets):
+                    raise ValueError(f"{key}: {list(sets)} must be two or more different sets")
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """Raises ``ValueError`` for a camera that the questions do not show."""
@@ -105,14 +100,14 @@ def question(
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
     of = {rendering: [f"{rendering}_{view}" for view in views] for rendering in shown}
     first, *others = of.values()
-    opening = fill(
+    text = fill(
         "subtasks",
         scene=description.scene(settings),
         cameras=description.cameras(settings, shown),
         stages=description.stages(settings),
         rendering=shown[0],
     )
-    subtasks = conversation.ask([opening, *album.show(first)], Subtasks)
+    subtasks = conversation.ask([text, *album.show(first)], Subtasks)
     rest = [camera for cameras in others for camera in cameras]
     pictures = [*album.show(rest), *album.show_seen([*first, *rest])]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
@@ -190,7 +185,12 @@ def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Setting
 
 
 def opening(
-    settings: Settings, album: Album, sets: Sequence[str], told: str, words: bool = True
+    settings: Settings,
+    album: Album,
+    sets: Sequence[str],
+    told: str,
+    scene: str,
+    words: bool = True,
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
@@ -199,18 +199,19 @@ def opening(
         album: its pictures.
         sets: the list.
         told: how much is told: ``full``, ``names`` or ``nothing``.
+        scene: as ``description.scene`` tells it; with ``names`` that takes a while.
         words: whether cameras come with their places in words.
     """
     cameras, _ = seen_by(settings, sets)
     kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
     said = [
-        description.scene(settings, told),
+        scene,
         *([] if told == "nothing" or not words else [description.cameras(settings, kinds)]),
         description.stages(settings, told),
     ]
-    names = description.stage_names(settings, told)
+    album = album.named(description.stage_names(settings, told))
     text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
-    return [text, *album.show(cameras, names=names), *album.show_seen(cameras, names)]
+    return [text, *album.show(cameras), *album.show_seen(cameras)]
 
 
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:

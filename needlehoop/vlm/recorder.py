@@ -20,17 +20,9 @@ _SHOWN = 8
 def persist(
     ask: Callable[[], Reply], config: AskingConfig, sleep: Callable[[float], None]
 ) -> tuple[Reply, tuple[int | str, ...]]:
-    """Try until there is a reply, a lasting failure, or no try left.
+    """The reply, and the status of each try, of which there may be several.
 
-    Nothing else decides on retries: those of the SDKs are off.
-
-    Args:
-        ask: one try.
-        config: ``tries``, ``first_wait`` and ``longest_wait``.
-        sleep: waits a number of seconds.
-
-    Returns:
-        The reply, and the status of each try.
+    Nothing else decides on retries: those of the SDKs are off. ``sleep`` waits a number of seconds.
 
     Raises:
         ProviderError: the last failure, with the statuses of all tries.
@@ -93,11 +85,7 @@ class Recorder:
                 )
 
     def ask(self, request: Request, conversation: str) -> Exchange:
-        """A usable answer.
-
-        Args:
-            request: the conversation so far.
-            conversation: its name, for the record.
+        """A usable answer; ``conversation`` is a name for the record.
 
         Raises:
             RefusalError: the model would not answer, or its answer is empty.

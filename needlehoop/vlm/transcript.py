@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from needlehoop.runs.files import naming
+from needlehoop.runs.files import naming, write_whole
 from needlehoop.runs.reading import RECORD, UnreadableError, read_bytes
 from needlehoop.runs.run import Run
 from needlehoop.vlm.messages import PICTURE, Canonical, Png, Request, mistakes
@@ -95,9 +95,7 @@ class Transcript:
         path = self.folder / IMAGES / f"{picture.sha256}.png"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial = path.with_suffix(".partial")
-            partial.write_bytes(picture.png)
-            partial.replace(path)
+            write_whole(path, picture.png)
 
     def picture(self, sha256: str) -> Png:
         """A saved picture.

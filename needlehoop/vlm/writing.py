@@ -42,12 +42,7 @@ class ProgramRules:
 
 
 def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
-    """The rules with the gates as their judge.
-
-    Args:
-        settings: the environment in which the gates' trajectories are recorded, once.
-        gates: what a program must pass.
-    """
+    """The rules with the gates as their judge, whose trajectories are recorded here, once."""
     trajectories, table = collect(settings, gates), settings.definition.signals
 
     def judge(source: str) -> Verdict:
@@ -71,12 +66,7 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
 
 
 class ProgramAttempts:
-    """A conversation about one program, and what was found of each attempt.
-
-    Args:
-        conversation: a new one.
-        rules: the judge.
-    """
+    """A conversation about one program, and what was found of each attempt."""
 
     def __init__(self, conversation: Conversation, rules: ProgramRules):
         self._conversation, self._rules = conversation, rules
@@ -164,14 +154,14 @@ def reward_prompt(
     }
     pixels, listed = settings.image_size, description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
-    return [text, *album.show(list(cameras), ["start"])]
+    return [text, *album.show(list(cameras), "start")]
 
 
 def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
     told = description.scene(settings, "names")
     said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
-    return [said, *album.show(settings.cams, names=description.stage_names(settings, "nothing"))]
+    return [said, *album.named(description.stage_names(settings, "nothing")).show(settings.cams)]
 
 
 def _bare(program: str) -> str:

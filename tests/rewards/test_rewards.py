@@ -215,35 +215,26 @@ def test_the_potential_is_the_sum_of_the_terms():
     assert rewards.potential({"a": term(3.0)}).tolist() == [3.0]
 
 
-@pytest.mark.parametrize("kind", ["humane", None, "", "Human"])
-def test_an_unknown_kind_is_refused_with_the_valid_ones(values, kind):
-    with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
-        load_reward({**values["human"], "kind": kind})
-
-
-def test_a_reward_without_a_kind_is_refused(values):
-    without = {key: value for key, value in values["human"].items() if key != "kind"}
-    with pytest.raises(ValueError, match=r"reward\.kind: .*human, sparse"):
-        load_reward(without)
-
-
-def test_a_missing_value_is_refused_by_name(values):
-    without = {key: value for key, value in values["human"].items() if key != "rate"}
-    with pytest.raises(
-        ValueError, match=r"reward: rate is missing; its keys are unit, tolerance, rate"
+def test_a_value_that_is_no_good_is_refused_by_name(values):
+    human = values["human"]
+    for config, said in (
+        *(({**human, "kind": kind}, r"reward\.kind: .*human, sparse") for kind in ("humane", None)),
+        (without(human, "kind"), r"reward\.kind: .*human, sparse"),
+        (without(human, "rate"), "reward: rate is missing; its keys are unit, tolerance, rate"),
+        ({**values["sparse"], "bonus": 1.0}, "reward: unknown key bonus; its keys are success"),
+        *(({**human, "grasp": one}, r"reward\.grasp: .*not a number") for one in ("2", None, True)),
+        ({**human, "name": "sparse"}, "'sparse' means another reward; choose a name of your own"),
+        ({**human, "name": "vlm_img"}, "'vlm_img' means another reward"),
+        ({**human, "name": "expert"}, "'expert' means another reward"),
+        ({**human, "name": "a/b"}, r"reward\.name: 'a/b' is no name for a folder"),
+        ({**human, "name": 3}, r"reward\.name: 3"),
     ):
-        load_reward(without)
+        with pytest.raises(ValueError, match=said):
+            load_reward(config)
 
 
-def test_an_unknown_value_is_refused_by_name(values):
-    with pytest.raises(ValueError, match=r"reward: unknown key bonus; its keys are success"):
-        load_reward({**values["sparse"], "bonus": 1.0})
-
-
-@pytest.mark.parametrize("value", ["2", None, True, [1.0]])
-def test_a_value_that_is_no_number_is_refused_by_name(values, value):
-    with pytest.raises(ValueError, match=r"reward\.grasp: .*not a number"):
-        load_reward({**values["human"], "grasp": value})
+def without(config: dict, key: str) -> dict:
+    return {name: value for name, value in config.items() if name != key}
 
 
 @BOTH
@@ -253,22 +244,6 @@ def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
     assert rewards.pin(named) == named
     assert [reward_name(one) for one in (named, values[kind])] == ["my idea-2", kind]
     assert load_reward({**values[kind], "name": kind}) == load_reward(values[kind])
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("sparse", r"reward\.name: 'sparse' means another reward; choose a name of your own"),
-        ("vlm_img", "'vlm_img' means another reward"),
-        ("expert", "'expert' means another reward"),
-        ("a/b", r"reward\.name: 'a/b' is no name for a folder"),
-        ("", r"reward\.name: '' is no name for a folder"),
-        (3, r"reward\.name: 3"),
-    ],
-)
-def test_a_name_that_cannot_be_had_is_refused(values, name, said):
-    with pytest.raises(ValueError, match=said):
-        load_reward({**values["human"], "name": name})
 
 
 @BOTH

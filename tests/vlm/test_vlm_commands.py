@@ -6,7 +6,6 @@ import csv
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import imageio.v2 as imageio
@@ -15,13 +14,14 @@ import pytest
 import yaml
 from needle_task import load_reward, random_signals
 from PIL import Image
-from vlm_server import KEY, Server, by_schema, serve
+from vlm_server import KEY, Server, by_schema, live
 
 from needlehoop import rewards
 from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
+from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward, which_run
 from needlehoop.vlm.writing import ProgramRules, Verdict
@@ -47,39 +47,22 @@ def values(source: str) -> list[float]:
     return [(-1) ** (worth(source) + 1) * step for step in range(6)]
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with serve() as server:
-        yield server
-
-
 @pytest.fixture(autouse=True)
-def place(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GEMINI_API_KEY", KEY)
-    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+def rules(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     rules = ProgramRules(0.0, 9.0, judge, values)
     monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
-    server.script.clear()
-    server.requests.clear()
-    server.otherwise = by_schema
-
-
-@pytest.fixture
-def words(server: Server) -> list[str]:
-    return ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
 
 
 @pytest.fixture(scope="module")
-def studied(server: Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def studied(running: Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose questioning is recorded: ``results/main/vlm``."""
     results = tmp_path_factory.mktemp("studied") / "results"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GEMINI_API_KEY", KEY)
-        live = ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
         # Busy, an answer in the wrong form, then as asked.
-        server.script[:] = [{"status": 429}, {"status": 500}, "no JSON"]
-        assert main(["vlm", "question", *live, f"results={results}"]) == 0
+        running.otherwise = by_schema
+        running.script = [{"status": 429}, {"status": 500}, "no JSON"]
+        assert main(["vlm", "question", *live(running), f"results={results}"]) == 0
     return results
 
 
@@ -256,7 +239,11 @@ def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words,
     assert len(server.requests) == 4
 
 
-def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(study, words, server):
+def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(
+    study, words, server, monkeypatch
+):
+    told = dict.fromkeys(TABLE, ([0.0], [1.0]))
+    monkeypatch.setattr("needlehoop.vlm.description.ranges", lambda _: told)
     server.script[:] = ['{"task": "to pick"}', *programs("import os", 3)]
     assert main(["vlm", "reward", *words, CAMS, "vlm.told=nothing"]) == 0
     assert [len(body["contents"]) for body in server.requests] == [1, 3, 5]

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider, running, server
-from vlm_server import KEY, gemini_reply, openai_reply, serve
+from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider
+from vlm_server import KEY, by_schema, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
 from needlehoop.vlm.messages import Message, Request
@@ -21,7 +21,7 @@ from needlehoop.vlm.providers.sdk import LARGEST
 from needlehoop.vlm.recorder import Recorder, RefusalError, persist
 from needlehoop.vlm.transcript import TRANSCRIPT, Transcript
 
-__all__ = ["kind", "provider", "running", "server"]
+__all__ = ["kind", "provider"]
 """Fixtures of the other file."""
 
 
@@ -218,13 +218,10 @@ def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
         assert len(Transcript(folder).exchanges) == 3
 
 
-def test_no_control_character_reaches_the_terminal(server, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_no_control_character_reaches_the_terminal(server, capsys):
     evil = "\x1b]0;owned\x07"
 
     def answer(schema: dict[str, Any], prompt: str) -> str:
-        from vlm_server import by_schema
-
         return by_schema(schema).replace("so be it", "so\\u001b]0;owned\\u0007 be it")
 
     server.otherwise = answer

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from vlm_server import KEY, Server, by_schema, serve
+from vlm_server import KEY, Server, by_schema
 
 from needlehoop.config import strict
 from needlehoop.vlm.messages import Message, Png, Request
@@ -47,19 +47,6 @@ NOWHERE = Path("nowhere")
 @pytest.fixture(params=["gemini", "openai"], scope="module")
 def kind(request: pytest.FixtureRequest) -> str:
     return request.param
-
-
-@pytest.fixture(scope="module")
-def running() -> Iterator[Server]:
-    with serve() as server:
-        yield server
-
-
-@pytest.fixture
-def server(running: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
-    monkeypatch.setenv("TEST_KEY", KEY)
-    running.script, running.requests, running.headers = [], [], []
-    return running
 
 
 def config_of(kind: str, server: Server | None, **changes) -> LiveConfig:

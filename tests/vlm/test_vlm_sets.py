@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import runpy
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 
 import pytest
 from PIL import Image
-from vlm_server import KEY, Server, by_schema, serve
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
@@ -21,22 +20,6 @@ from needlehoop.study.data.sweeps import planned
 from needlehoop.vlm.grouping import deal, rank_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with serve() as server:
-        yield server
-
-
-@pytest.fixture
-def words(server: Server, tmp_path, monkeypatch) -> list[str]:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("GEMINI_API_KEY", KEY)
-    server.script.clear()
-    server.requests.clear()
-    server.otherwise = by_schema
-    return ["vlm=gemini", f"vlm.base_url={server.url}", "vlm.first_wait=0", "size=16"]
 
 
 def by_number(number: int, names: Sequence[str]) -> dict:

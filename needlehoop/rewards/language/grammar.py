@@ -34,8 +34,9 @@ _TOKEN = re.compile(
     r"|(?P<operator>\*\*|[<>=!]=|[-+*/]=|[-+*/<>=(),:])"
     r"|(?P<comment>#[ -~]*)"
     r"|(?P<space> +)"
-    r"|(?P<newline>\n)",
-    re.ASCII,
+    r"|(?P<newline>\n)"
+    r"|(?P<foreign>.)",
+    re.ASCII | re.DOTALL,
 )
 
 _NOT_HERE = {
@@ -100,38 +101,33 @@ def parse(source: str) -> ast.Module:
 
 
 def _check_tokens(source: str) -> None:
-    position, line, line_start = 0, 1, 0
-    brackets = tokens = 0
-
-    def refuse(reason: str) -> ProgramError:
-        return ProgramError(line, position - line_start + 1, reason)
-
-    while position < len(source):
-        found = _TOKEN.match(source, position)
-        if found is None:
-            raise refuse(_foreign(source[position]))
-        kind, text = found.lastgroup, found.group()
+    """Raises ``ProgramError`` for a token that is not in the language, or too many of them."""
+    line, line_start, brackets, tokens = 1, 0, 0, 0
+    for found in _TOKEN.finditer(source):
+        kind, text, reason = found.lastgroup, found.group(), None
         if kind == "newline":
             line, line_start = line + 1, found.end()
             tokens = tokens if brackets else 0
         elif kind == "space":
-            if position == line_start and len(text) > MAX_INDENT:
-                raise refuse(f"indented by {len(text)} spaces; at most {MAX_INDENT}")
+            if found.start() == line_start and len(text) > MAX_INDENT:
+                reason = f"indented by {len(text)} spaces; at most {MAX_INDENT}"
+        elif kind == "foreign":
+            reason = _foreign(text)
         elif kind != "comment":
             tokens += 1
-            if tokens > MAX_TOKENS:
-                raise refuse(f"a statement has at most {MAX_TOKENS} tokens; split it up")
             brackets = max(0, brackets + (text == "(") - (text == ")"))
-            if brackets > MAX_BRACKETS:
-                raise refuse(f"more than {MAX_BRACKETS} brackets inside each other")
-            reason = _check_token(kind, text, source[found.end() : found.end() + 1])
-            if reason:
-                raise refuse(reason)
-        position = found.end()
+            if tokens > MAX_TOKENS:
+                reason = f"a statement has at most {MAX_TOKENS} tokens; split it up"
+            elif brackets > MAX_BRACKETS:
+                reason = f"more than {MAX_BRACKETS} brackets inside each other"
+            else:
+                reason = _unfit(kind, text, source[found.end() : found.end() + 1])
+        if reason is not None:
+            raise ProgramError(line, found.start() - line_start + 1, reason)
 
 
-def _check_token(kind: str | None, text: str, following: str) -> str | None:
-    """Why a token is refused, if it is."""
+def _unfit(kind: str | None, text: str, following: str) -> str | None:
+    """Why a number or a name is refused, if it is."""
     if kind == "number":
         if following and (following.isalnum() or following in "_."):
             return "not a number; write it as 12, 0.5 or 1e-3"
@@ -152,10 +148,10 @@ def _check_token(kind: str | None, text: str, following: str) -> str | None:
 def _foreign(character: str) -> str:
     if character in _NOT_HERE:
         return _NOT_HERE[character]
+    coded = f"U+{ord(character):04X}"
     if not character.isascii():
-        return f"U+{ord(character):04X} is not an ASCII character"
-    shown = character if character.isprintable() else f"U+{ord(character):04X}"
-    return f"{shown} is not in the language"
+        return f"{coded} is not an ASCII character"
+    return f"{character if character.isprintable() else coded} is not in the language"
 
 
 def refuse(node: ast.AST, reason: str) -> ProgramError:

@@ -8,15 +8,9 @@ from needlehoop.vlm.providers.contract import AskingConfig, ManualConfig, Provid
 
 
 def build_provider(config: AskingConfig, folder: Path) -> Provider:
-    """A provider by its kind. It sends nothing yet.
+    """A provider by its kind. It sends nothing yet; errors as in ``SdkProvider``.
 
-    Args:
-        config: whom to ask and how, of one of ``contract.KINDS``.
-        folder: of the study's record, for providers that ask by files.
-
-    Raises:
-        ValueError: no key.
-        RuntimeError: the provider's package is not installed.
+    ``folder`` is the study's record, for providers that ask by files.
     """
     if isinstance(config, ManualConfig):
         from needlehoop.vlm.providers.manual import Manual

@@ -45,15 +45,7 @@ class _Completion(_Part):
 
 
 class Compatible(SdkProvider):
-    """Asks ``chat.completions``.
-
-    Args:
-        config: whom to ask and how.
-
-    Raises:
-        ValueError: no key.
-        RuntimeError: openai is not installed.
-    """
+    """Asks ``chat.completions``; errors as in ``SdkProvider``."""
 
     def __init__(self, config: LiveConfig):
         super().__init__(config, "openai", "openai")

@@ -51,22 +51,22 @@ class _Response(ReplyPart):
 
 
 class Gemini(SdkProvider):
-    """Asks ``generate_content``.
-
-    Args:
-        config: whom to ask and how.
+    """Asks ``generate_content``; errors as in ``SdkProvider``.
 
     Raises:
-        ValueError: no key, or sampling settings that Gemini does not have.
-        RuntimeError: google-genai is not installed.
+        ValueError: sampling settings that Gemini does not have.
     """
 
     def __init__(self, config: LiveConfig):
         super().__init__(config, "google-genai", "google.genai")
         import httpx2
 
-        self._http = careful(httpx2.Client, config.timeout)
         types = self._sdk.types
+        for name in config.sent:
+            if name not in types.GenerateContentConfig.model_fields:
+                valid = "temperature, top_p, top_k, seed, max_output_tokens, thinking_config"
+                raise ValueError(f"vlm.sampling: unknown key {name!r}; choose from {valid}, …")
+        self._http = careful(httpx2.Client, config.timeout)
         # Without retry_options it tries once.
         options = types.HttpOptions(
             base_url=config.base_url,
@@ -76,10 +76,6 @@ class Gemini(SdkProvider):
         self._client = self._sdk.Client(
             api_key=self._key or "none", vertexai=False, http_options=options
         )
-        for name in config.sent:
-            if name not in types.GenerateContentConfig.model_fields:
-                valid = "temperature, top_p, top_k, seed, max_output_tokens, thinking_config"
-                raise ValueError(f"vlm.sampling: unknown key {name!r}; choose from {valid}, …")
 
     def _send(self, request: Request) -> Reply:
         options = self._sdk.types.GenerateContentConfig(

@@ -89,9 +89,7 @@ class Manual:
 def write_request(request: Request, place: Path) -> None:
     """A request as ``request.md``, its pictures as ``01.png``, …, and ``schema.json``.
 
-    Args:
-        request: the conversation so far.
-        place: the folder, which is made here. ``request.md`` is written last.
+    The folder is made here; ``request.md`` is written last.
     """
     place.mkdir(parents=True, exist_ok=True)
     for number, picture in enumerate(request.pictures, 1):
