@@ -11,7 +11,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.cameras import pose_of
-from needlehoop.tasks.needle_hoop import crossing
+from needlehoop.tasks.needle_hoop import facts
 
 ALL = [
     f"{r}_{v}" for r, v in product(("rgb", "dep", "seg", "segdep"), ("default", "front", "side"))
@@ -62,7 +62,7 @@ def held_needles(layout):
     for corner, roll in product(corners, np.linspace(-1, 1, 9) * layout.roll_range):
         at = torch.tensor([corner], dtype=torch.float64)
         turn = geo.about_z(torch.tensor([layout.needle_yaw + roll], dtype=torch.float64))
-        points.append(crossing.centre_line(layout, at, turn)[0].numpy())
+        points.append(facts.centre_line(layout, at, turn)[0].numpy())
         points.append(np.array(corner) + 0.005 * np.array(list(product((-1, 1), (-1, 1), (0,)))))
     return np.concatenate(points)
 

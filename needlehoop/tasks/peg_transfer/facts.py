@@ -49,11 +49,6 @@ def observe(
     return facts, welds
 
 
-def success(rules: PegRules, signals: Signals) -> Tensor:
-    """Whether the block stands over the marked peg; ``(n,)`` bool."""
-    return signals.placed
-
-
 def cheat(memory: Memory, signals: Signals) -> Tensor:
     """The block has been at the marked peg in this episode, and is not placed; ``(n,)``.
 
