@@ -35,7 +35,7 @@ def pixels_of(image, colour):
 @pytest.mark.parametrize("view", ["default", "front", "side"])
 @pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
 def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
-    settings = compose_settings([f"cams=[seg_{view}]", "num_envs=120", f"task={difficulty}"])
+    settings = compose_settings([f"cams=[seg_{view}]", "num_envs=40", f"task={difficulty}"])
     simulation, imager = build(settings)
     simulation.reset()
     image = imager(simulation.engine.render())[f"seg_{view}"]
@@ -143,7 +143,7 @@ def test_an_unknown_class_of_colours_is_refused():
 def test_the_tracer_sees_what_mujoco_casts_rays_at():
     # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
     cams = "cams=[segdep_default,segdep_front,segdep_side]"
-    settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer"])
+    settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer", "image_size=32"])
     simulation, _ = build(settings)
     simulation.reset()
     engine = simulation.engine
