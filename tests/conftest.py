@@ -108,4 +108,4 @@ def episode(settings: Settings) -> NeedleRules:
 @pytest.fixture(scope="session", params=joints.VARIANTS)
 def model(request: pytest.FixtureRequest, settings: Settings) -> mujoco.MjModel:
     """The compiled scene, with either arm."""
-    return spec_of(settings, request.param, settings.views).compile()
+    return spec_of(settings, request.param).compile()

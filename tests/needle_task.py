@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import mujoco
 
 from needlehoop import rewards
 from needlehoop.engines.addresses import Addresses
+from needlehoop.envs.build import scene_spec
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language import program
 from needlehoop.scene.signals import Readings
 from needlehoop.tasks import stepping
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.scene import build_spec
 from needlehoop.tasks.start import draws as draw
 from needlehoop.vlm import moments
 
@@ -28,9 +29,9 @@ def observe(layout, episode, memory, readings):
     return seen.memory, seen.signals, seen.welds.get("grasp")
 
 
-def spec_of(settings: Settings, psm: str, views=None) -> mujoco.MjSpec:
+def spec_of(settings: Settings, psm: str) -> mujoco.MjSpec:
     """The scene, with either arm."""
-    return build_spec(TASK, settings.task, settings.episode, psm, views or {})
+    return scene_spec(replace(settings, psm=psm))
 
 
 def addresses_of(model: mujoco.MjModel) -> Addresses:

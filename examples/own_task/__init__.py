@@ -11,13 +11,13 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Positive
-from needlehoop.robot.geometry import about_z, aside, distance
+from needlehoop.robot.geometry import aside, distance
 from needlehoop.robot.shapes import collision
 from needlehoop.scene import signals
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Length, Place, Spread, ToolLayout
-from needlehoop.tasks.start import Start, scatter
+from needlehoop.tasks.start import Start, scatter, standing
 
 from .expert import expert
 from .robot import PREFIX, ROBOT, servos
@@ -65,16 +65,15 @@ def build(spec: mujoco.MjSpec, layout: CubeLayout, rules: CubeRules) -> None:
 
 def start(layout: CubeLayout, uniform: Tensor) -> Start:
     """Scatter cube, spot and hand; ``uniform`` ``(n, 7)``."""
-    n, flat = len(uniform), torch.zeros_like(uniform[:, :1])
+    zero = torch.zeros_like(uniform[:, 0])
     cube = scatter(uniform[:, 0:2], layout.cube_position, layout.position_range)
     spot = scatter(uniform[:, 2:4], layout.spot_position, layout.position_range)
     tool = scatter(uniform[:, 4:7], layout.tool_position, layout.tool_position_range)
-    opening = torch.full((n,), layout.open, dtype=torch.float64)
-    pose = torch.cat((cube, flat + layout.cube / 2, about_z(flat[:, 0])), -1)
+    opening = zero + layout.open
     return Start(
         robot={"tool": tool, "opening": opening},
-        free={"cube": pose},
-        mocap={"spot": torch.cat((spot, flat), -1)},
+        free={"cube": standing(cube, layout.cube / 2, yaw=zero)},
+        mocap={"spot": torch.cat((spot, zero.unsqueeze(-1)), -1)},
         control=servos(tool, opening),
     )
 
@@ -94,8 +93,7 @@ def observe(
 class Human:
     """What a person would pay: come to the cube, bring it to the spot, leave it there."""
 
-    scale: Positive
-    """Distance over which closeness falls to a third, m."""
+    scale: Positive  # Distance over which closeness falls to a third, m.
 
     def __call__(self, signals: Any) -> dict[str, Tensor]:
         """Terms ``(n,)`` by name; being done pays more than anything else."""
@@ -126,9 +124,7 @@ TASK = Task(
         ),
         "finger_1_touch": signals.touch(f"{PREFIX}pad_1", "cube", "first finger touches the cube"),
         "finger_2_touch": signals.touch(f"{PREFIX}pad_2", "cube", "second finger touches the cube"),
-        "grip_command": signals.Signal(
-            (), "m", "joint", "command", "commanded opening of a finger"
-        ),
+        "grip_command": signals.command("m", "commanded opening of a finger"),
         "elapsed": signals.ELAPSED,
         "held": signals.fact("both fingers touch the cube"),
         "placed": signals.verdict("the cube lies on the spot, let go"),
@@ -142,7 +138,6 @@ TASK = Task(
     facts=(Fact("held", once=True, column="has_held"), Fact("placed")),
     observe=observe,
     goal="placed",
-    success=lambda rules, signals: signals.placed,
     phases=(Phase("pick", "held", ("tool", "cube")), Phase("put", "placed", ("cube", "spot"))),
     state=("tool", "cube", "spot", "grip", "grip_command", "held"),
     controllers={"expert": expert},

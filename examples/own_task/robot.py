@@ -15,9 +15,7 @@ PREFIX = "gantry_"
 """Of the names in ``gantry.xml``, once they are in the scene."""
 
 
-def act(
-    layout: Any, rules: Any, memory: Memory, action: Tensor
-) -> tuple[dict[str, Tensor], Tensor]:
+def act(layout: Any, rules: Any, memory: Memory, action: Tensor) -> tuple[dict, Tensor]:
     """Move the hand's target by three numbers and the opening's by the fourth."""
     tool = layout.clamp(memory["tool"] + rules.translation * action[:, :3])
     opening = (memory["opening"] + rules.grip * action[:, 3]).clamp(0.0, layout.open)

@@ -125,59 +125,47 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
         return lambda signals: act(signals).clamp(-1.0, 1.0)
 
     for batch in batches(settings, episodes, _BATCH):
-        logs = [_Log(settings.cams) for _ in range(batch.settings.num_envs)]
-        for step in batch.rollout(carried_out):
-            seen = _seen(settings, step)
-            for env in step.alive.nonzero().flatten().tolist():
-                logs[env].add(seen, step, env)
-        for log in logs:
-            yield log.demonstration()
+        rows = [_row(settings, step) for step in batch.rollout(carried_out)]
+        for env in range(batch.settings.num_envs):
+            yield _episode(settings.cams, rows, env)
 
 
-def _seen(settings: Settings, step: Step) -> dict[str, np.ndarray]:
-    """Images ``(n, h, w, c)`` and vectors ``(n, k)`` by name."""
-    vectors = read(settings.definition, replace(settings.obs, proprio=True), step.signals)
-    return {
-        **{name: image.permute(0, 2, 3, 1).numpy() for name, image in step.images().items()},
-        **{name: rows.numpy() for name, rows in vectors.items()},
-    }
+def _row(settings: Settings, step: Step) -> dict[str, np.ndarray]:
+    """What was seen at a step, by camera ``(n, h, w, c)`` and vector ``(n, k)``; and the rest.
 
-
-class _Log:
-    """One episode so far.
-
-    Args:
-        cameras: names of the images among what was seen.
+    ``alive``, ``success``, ``terminated`` and ``reward`` ``(n,)``; ``action`` ``(n, k)``, but at
+    the start.
     """
+    vectors = read(settings.definition, replace(settings.obs, proprio=True), step.signals)
+    moment = step.moment
+    known = {
+        **{name: image.permute(0, 2, 3, 1) for name, image in step.images().items()},
+        **{f"vector {name}": rows for name, rows in vectors.items()},
+        "alive": step.alive,
+        "success": moment.facts["success"],
+        "terminated": moment.terminated,
+        "reward": moment.reward.float(),
+        **({} if step.action is None else {"action": step.action.float()}),
+    }
+    # Copies: some are buffers, used again for the next step.
+    return {name: value.numpy().copy() for name, value in known.items()}
 
-    def __init__(self, cameras: tuple[str, ...]):
-        self._cameras = cameras
-        self._seen: list[dict[str, np.ndarray]] = []
-        self._actions: list[np.ndarray] = []
-        self._rewards: list[float] = []
-        self._ended: dict[str, bool] = {}
 
-    def add(self, seen: dict[str, np.ndarray], step: Step, env: int) -> None:
-        """One environment's part of a step."""
-        # Copies: the images are the engine's buffers, used again for the next step.
-        self._seen.append({name: rows[env].copy() for name, rows in seen.items()})
-        if step.action is None:
-            return
-        moment = step.moment
-        self._actions.append(step.action[env].to(torch.float32).numpy().copy())
-        self._rewards.append(float(moment.reward[env]))
-        self._ended = {
-            "success": bool(moment.facts["success"][env]),
-            "terminated": bool(moment.terminated[env]),
-        }
+def _episode(
+    cameras: tuple[str, ...], rows: list[dict[str, np.ndarray]], env: int
+) -> Demonstration:
+    """One environment's episode, of what a batch's steps were."""
+    own = [row for row in rows if row["alive"][env]]
 
-    def demonstration(self) -> Demonstration:
-        """The whole episode."""
-        seen = {name: np.stack([row[name] for row in self._seen]) for name in self._seen[0]}
-        return Demonstration(
-            images={name: seen[name] for name in self._cameras},
-            vectors={name: rows for name, rows in seen.items() if name not in self._cameras},
-            actions=np.stack(self._actions),
-            rewards=np.array(self._rewards, dtype=np.float32),
-            **self._ended,
-        )
+    def column(name: str, steps: list[dict[str, np.ndarray]]) -> np.ndarray:
+        return np.stack([row[name][env] for row in steps])
+
+    vectors = (name for name in own[0] if name.startswith("vector "))
+    return Demonstration(
+        images={name: column(name, own) for name in cameras},
+        vectors={name.removeprefix("vector "): column(name, own) for name in vectors},
+        actions=column("action", own[1:]),
+        rewards=column("reward", own[1:]),
+        success=bool(own[-1]["success"][env]),
+        terminated=bool(own[-1]["terminated"][env]),
+    )

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
+from needlehoop.config.strict import check_names
 from needlehoop.demonstrations.episodes import About, Demonstration
 
 FORMATS = ("minari", "lerobot")
@@ -27,8 +28,7 @@ def layout(name: str) -> Layout:
     Raises:
         ValueError: an unknown format, or one whose library is not installed.
     """
-    if name not in FORMATS:
-        raise ValueError(f"format: {name!r} is unknown; choose from {', '.join(FORMATS)}")
+    check_names("format", [name], FORMATS)
     try:
         if name == "minari":
             from needlehoop.demonstrations.minari_layout import write

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, check_names
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,13 +31,8 @@ class EngineConfig:
     """Of ``KINDS``; runs from before there was a choice name none."""
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(
-                f"engine.kind: {self.kind!r} is unknown; choose from {', '.join(KINDS)}"
-            )
-        if self.renderer not in RENDERERS:
-            valid = ", ".join(RENDERERS)
-            raise ValueError(f"engine.renderer: {self.renderer!r} is unknown; choose from {valid}")
+        check_names("engine.kind", [self.kind], KINDS)
+        check_names("engine.renderer", [self.renderer], RENDERERS)
 
 
 FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")

@@ -13,17 +13,26 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
-from needlehoop.tasks.scene import build_spec
+from needlehoop.scene.signals import sensors_of
+from needlehoop.scene.spec import TABLE, add_cameras, add_sensors, add_table, begin_spec
 
 PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""
 
 
 def scene_spec(settings: Settings) -> mujoco.MjSpec:
-    """The scene with every view's camera, and ``picture``."""
-    s = settings
-    views = {**s.views, PICTURE: s.picture}
-    spec = build_spec(s.definition, s.task, s.episode, s.psm, views)
+    """The scene, ready to compile: robot, table, lights, sensors and what the task adds.
+
+    Its cameras are those of all views, and ``picture``.
+    """
+    s, task = settings, settings.definition
+    materials = {**TABLE, **task.materials, **task.robot.materials}
+    spec = begin_spec("needlehoop", s.task.timestep, materials)
+    add_table(spec)
+    task.robot.add(spec, s.task, s.psm)
+    task.build(spec, s.task, s.episode)
+    add_cameras(spec, {**s.views, PICTURE: s.picture})
+    add_sensors(spec, sensors_of(task.signals))
     add_objects(spec, int(s.disturb.amounts.get("scene.objects", 0)))
     return spec
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.rollout import Controller, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals
@@ -33,9 +34,7 @@ def controller(name: str, settings: Settings) -> Controller:
     """
     if name == RANDOM:
         return random_controller(settings.episode.action_size, settings.seed)
-    valid = controllers(settings)
-    if name not in valid:
-        raise ValueError(f"controller: {name!r} is unknown; choose from {', '.join(valid)}")
+    check_names("controller", [name], controllers(settings))
     return settings.definition.controllers[name](settings.task, settings.episode)
 
 

@@ -152,11 +152,6 @@ def run_batches(settings: Settings, episodes: int, size: int, make: MakeControll
     )
 
 
-def run_episodes(simulation: Simulation, controller: Controller) -> Outcome:
-    """What came of one episode in every environment; arguments as in ``rollout``."""
-    return outcome_of(rollout(simulation, controller))
-
-
 def outcome_of(steps: Iterator[Step]) -> Outcome:
     """What came of the episodes of a rollout."""
     last: dict[str, Tensor] = {}

@@ -64,8 +64,7 @@ class Settings:
     """What goes wrong; nothing by default."""
 
     def __post_init__(self) -> None:
-        if self.psm not in VARIANTS:
-            raise ValueError(f"psm: {self.psm!r} is unknown; choose from {', '.join(VARIANTS)}")
+        check_names("psm", [self.psm], VARIANTS)
         check_names("obs.told", self.obs.told, self.definition.told)
         # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)

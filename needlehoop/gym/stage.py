@@ -13,7 +13,7 @@ from gymnasium.error import Error, InvalidAction
 from torch import Tensor
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Pixels, shown
+from needlehoop.config.strict import Pixels, check_names, shown
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
@@ -47,7 +47,7 @@ class Stage:
         settings: Settings,
         channels: str,
         mode: str | None,
-        modes: Iterable[str],
+        modes: tuple[str, ...],
         size: int,
     ):
         if Stage._used_in not in (None, os.getpid()):
@@ -56,11 +56,9 @@ class Stage:
                 ' here; use AsyncVectorEnv(..., context="spawn"), or make_vec, which needs no'
                 " processes"
             )
-        if mode is not None and mode not in modes:
-            raise ValueError(f"render_mode: {mode!r} is unknown; choose from {', '.join(modes)}")
+        check_names("render_mode", [mode] if mode is not None else [], modes)
         strict.structure(size, Pixels, "render_size")
-        if channels not in CHANNELS:
-            raise ValueError(f"channels: {channels!r} is unknown; choose from last, first")
+        check_names("channels", [channels], CHANNELS)
         if not (settings.cams or vectors(settings.definition, settings.obs)):
             raise ValueError(
                 "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, check_names
 
 Place = Annotated[float, Range(-100.0, 100.0)]
 """A coordinate, m."""
@@ -56,8 +56,8 @@ class Rendering:
     colours: Mapping[str, tuple[Shade, Shade, Shade]]
 
     def __post_init__(self) -> None:
-        _choose("rendering.colour", self.colour, ("rgb", "flat", "none"))
-        _choose("rendering.depth", self.depth, ("channel", "shade", "none"))
+        check_names("rendering.colour", [self.colour], ("rgb", "flat", "none"))
+        check_names("rendering.depth", [self.depth], ("channel", "shade", "none"))
         if self.channels == 0:
             raise ValueError("rendering.colour: nothing to render; give a colour or depth=channel")
         if self.colour == "none" and self.depth == "shade":
@@ -97,8 +97,8 @@ def parse_cameras(
                 f"cams: {name!r} is not <rendering>_<view>; renderings: {', '.join(renderings)};"
                 f" views: {', '.join(views)}"
             )
-        _choose(f"cams: {name!r}: rendering", rendering, renderings)
-        _choose(f"cams: {name!r}: view", view, views)
+        check_names(f"cams: {name!r}: rendering", [rendering], renderings)
+        check_names(f"cams: {name!r}: view", [view], views)
         if any(camera.name == name for camera in cameras):
             raise ValueError(f"cams: {name!r} is named twice")
         cameras.append(Camera(name, view, rendering))
@@ -130,8 +130,3 @@ def pose_of(view: View) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     return position, quaternion
-
-
-def _choose(key: str, value: str, valid: Iterable[str]) -> None:
-    if value not in tuple(valid):
-        raise ValueError(f"{key}: {value!r} is unknown; choose from {', '.join(valid)}")

@@ -89,6 +89,11 @@ def touch(geom: str, body: str, meaning: str) -> Signal:
     return Signal((), "bool", "-", "sensor", meaning, (read,))
 
 
+def command(unit: str, meaning: str) -> Signal:
+    """What a joint is told by the robot's memory."""
+    return Signal((), unit, "joint", "command", meaning)
+
+
 def fact(meaning: str) -> Signal:
     """A fact that reward writers may see."""
     return Signal((), "bool", "-", "fact", meaning)

@@ -95,6 +95,26 @@ def add_mesh(
     )
 
 
+def add_upright(
+    body: mujoco.MjsBody,
+    name: str,
+    kind: mujoco.mjtGeom,
+    heights: tuple[float, float],
+    radius: float,
+    material: str,
+    solid: bool = True,
+) -> None:
+    """A cylinder or capsule along z that is seen; and ``<name>_solid``, felt, if it is solid.
+
+    ``heights``: of its lower and upper end in the body's frame, m.
+    """
+    low, high = heights
+    shape = {"type": kind, "fromto": [0, 0, low, 0, 0, high], "size": [radius, 0, 0]}
+    body.add_geom(name=name, material=material, **shape, **collision(False))
+    if solid:
+        body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))
+
+
 def _set_physics(spec: mujoco.MjSpec, timestep: float) -> None:
     option = spec.option
     option.timestep = timestep

@@ -194,8 +194,6 @@ class Task:
     ``(n,)`` bool by name, and what welds have to become, by their name in the scene."""
     goal: str
     """The fact that says that the task is done."""
-    success: Callable[[Any, Any], Tensor]
-    """From rules and signals, whether an episode is successful now, ``(n,)`` bool."""
     phases: tuple[Phase, ...]
     state: tuple[str, ...]
     """Signals that ``obs=signals`` reports: enough to do the task without eyes."""
@@ -205,6 +203,9 @@ class Task:
     """Of the controllers, the one that is imitated."""
     human: type
     """The reward that a person wrote; values in ``conf/reward``."""
+    success: Callable[[Any, Any], Tensor] | None = None
+    """From rules and signals, whether an episode is successful now, ``(n,)`` bool; ``None``: where
+    ``goal`` holds."""
     cheat: Callable[[Memory, Any], Tensor] | None = None
     """From memory and signals, whether an episode looks done and is not; ``None``: never."""
     cheating: str = "cheating"

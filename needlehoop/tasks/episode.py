@@ -5,15 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Range, check_names
 
 GRASPS = ("weld", "friction")
-
-
-def check_option(key: str, value: str, valid: tuple[str, ...]) -> None:
-    """Raises ``ValueError`` for a value that is none of the valid ones."""
-    if value not in valid:
-        raise ValueError(f"episode.{key}: {value!r} is unknown; choose from {', '.join(valid)}")
 
 
 @dataclass(frozen=True)
@@ -33,7 +27,7 @@ class Episode:
     """Whether success terminates the episode."""
 
     def __post_init__(self) -> None:
-        check_option("control", self.control, tuple(self.CONTROLS))
+        check_names("episode.control", [self.control], tuple(self.CONTROLS))
 
     @property
     def action_size(self) -> int:
@@ -73,7 +67,7 @@ class ArmEpisode(ToolEpisode):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_option("grasp", self.grasp, GRASPS)
+        check_names("episode.grasp", [self.grasp], GRASPS)
         if not self.close_below < self.release_above:
             raise ValueError(
                 f"episode.close_below: {self.close_below} must be below"

@@ -18,6 +18,7 @@ from needlehoop.scene.signals import (
     ELAPSED,
     Sensor,
     Signal,
+    command,
     of_body,
     of_joints,
     of_site,
@@ -49,8 +50,6 @@ JOINT_SIGNALS = {
     ),
 }
 
-_JAW_COMMAND = Signal((), "rad", "joint", "command", "commanded angle between the jaws")
-
 _MATERIALS: Materials = {
     "arm_light": ((0.80, 0.81, 0.83), 0.3, 0.4),
     "arm_dark": ((0.27, 0.29, 0.33), 0.3, 0.4),
@@ -76,8 +75,9 @@ def signals(
         for side, word in ((1, "first"), (2, "second"))
         if touched
     }
+    told = command("rad", "commanded angle between the jaws")
     own = {**TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches}
-    return {**own, "jaw_command": _JAW_COMMAND, "elapsed": ELAPSED, **facts}
+    return {**own, "jaw_command": told, "elapsed": ELAPSED, **facts}
 
 
 def tool_start(layout: ArmLayout, uniform: Tensor) -> dict[str, Tensor]:

@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from needlehoop.robot.geometry import about_z
+
 
 @dataclass(frozen=True, eq=False)
 class Start:
@@ -44,6 +46,11 @@ def draws(seed: int, env: int, episode: int, count: int) -> np.ndarray:
     """
     sequence = np.random.SeedSequence(entropy=seed, spawn_key=(env, episode))
     return np.random.Generator(np.random.Philox(sequence)).random(count)
+
+
+def standing(places: Tensor, height: float, yaw: Tensor) -> Tensor:
+    """Poses ``(n, 7)`` over ``places`` ``(n, 2)``, m, turned about z by ``yaw`` ``(n,)``, rad."""
+    return torch.cat((places, torch.full_like(places[:, :1], height), about_z(yaw)), -1)
 
 
 def scatter(uniform: Tensor, nominal: Sequence[float], half: Sequence[float]) -> Tensor:

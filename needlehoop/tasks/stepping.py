@@ -104,7 +104,8 @@ def observe(
         **facts,
     }
     signals = task.signals_class(**fields, batch_size=memory.batch_size)
-    known = {**facts, "success": task.success(rules, signals)}
+    done = facts[task.goal] if task.success is None else task.success(rules, signals)
+    known = {**facts, "success": done}
     if task.cheat is not None:
         known["cheat"] = task.cheat(memory, signals)
     known |= {name: memory[name] for name in kept if name not in known}

@@ -26,6 +26,23 @@ def shown() -> list[Demonstration]:
     return list(demonstrate(compose_settings(WORDS), scripted("smooth", TASK), 3))
 
 
+@pytest.fixture(scope="module")
+def minari_folder(tmp_path_factory) -> Path:
+    """The folder of Minari's dataset smooth-v0."""
+    pytest.importorskip("minari")
+    out = tmp_path_factory.mktemp("minari")
+    assert export(out / "smooth-v0") == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def lerobot_folder(tmp_path_factory) -> Path:
+    pytest.importorskip("pyarrow")
+    out = tmp_path_factory.mktemp("lerobot") / "smooth"
+    assert export(out, "format=lerobot") == 0
+    return out
+
+
 def export(out: Path, *words: str) -> int:
     return main(["demonstrations", *WORDS, "episodes=3", f"out={out}", *words])
 
@@ -74,10 +91,10 @@ def test_a_robot_of_ones_own_has_names_of_its_own():
         scripted("smooth", own)
 
 
-def test_minari_reads_what_was_done(tmp_path, monkeypatch, shown):
-    minari = pytest.importorskip("minari")
-    assert export(tmp_path / "smooth-v0") == 0
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+def test_minari_reads_what_was_done(minari_folder, monkeypatch, shown):
+    import minari
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(minari_folder))
     dataset = minari.load_dataset("smooth-v0")
     assert dataset.total_episodes == 3
     assert dataset.total_steps == sum(map(len, shown))
@@ -93,15 +110,13 @@ def test_minari_reads_what_was_done(tmp_path, monkeypatch, shown):
         assert read.infos["success"].tolist() == [False] * len(done) + [True]
 
 
-def test_torchrl_reads_what_was_done(tmp_path, monkeypatch, shown):
-    pytest.importorskip("minari")
+def test_torchrl_reads_what_was_done(tmp_path, minari_folder, monkeypatch, shown):
     from tensordict import TensorDict
     from torchrl.data.datasets import MinariExperienceReplay
 
     # TorchRL 0.14.1 fills its tensors and then keeps empty ones of their shapes.
     monkeypatch.setattr(TensorDict, "memmap_like", TensorDict.memmap)
-    assert export(tmp_path / "smooth-v0") == 0
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(minari_folder))
     replay = MinariExperienceReplay(
         "smooth-v0", batch_size=4, root=tmp_path / "torchrl", load_from_local_minari=True
     )
@@ -114,10 +129,10 @@ def test_torchrl_reads_what_was_done(tmp_path, monkeypatch, shown):
     assert int(steps["next", "done"].sum()) == 3
 
 
-def test_lerobot_layout_holds_what_was_done(tmp_path, shown):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    out = tmp_path / "smooth"
-    assert export(out, "format=lerobot") == 0
+def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
+    import pyarrow.parquet as parquet
+
+    out = lerobot_folder
     info = json.loads((out / "meta/info.json").read_text())
     total = sum(map(len, shown))
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 25)
@@ -140,18 +155,15 @@ def test_lerobot_layout_holds_what_was_done(tmp_path, shown):
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_lerobot_films_show_what_was_seen(tmp_path, shown):
-    pytest.importorskip("pyarrow")
+def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
     import imageio.v2 as imageio
 
-    out = tmp_path / "smooth"
-    assert export(out, "format=lerobot") == 0
     seen = np.concatenate([one.images["dep_front"][:-1] for one in shown])
     for name, wanted in (
         ("dep_front", seen[..., :3]),
         ("dep_front_depth", seen[..., 3:].repeat(3, -1)),
     ):
-        path = out / f"videos/observation.images.{name}/chunk-000/file-000.mp4"
+        path = lerobot_folder / f"videos/observation.images.{name}/chunk-000/file-000.mp4"
         with imageio.get_reader(path) as film:
             shown = np.stack([np.asarray(frame) for frame in film])
             assert film.get_meta_data()["fps"] == 25

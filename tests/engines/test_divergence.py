@@ -7,7 +7,7 @@ import torch
 
 from needlehoop.config import composing
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import run_episodes
+from needlehoop.envs.rollout import outcome_of, rollout
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.job import typed_job
@@ -83,7 +83,7 @@ def test_an_evaluation_counts_it(kind):
             break_down(simulation, 0)
         return torch.zeros(3, 5)
 
-    outcome = run_episodes(simulation, act)
+    outcome = outcome_of(rollout(simulation, act))
     assert outcome.facts["diverged"].tolist() == [True, False, False]
     assert outcome.steps.tolist() == [3, 6, 6]
     assert outcome.summary()["diverged"] == pytest.approx(1 / 3)

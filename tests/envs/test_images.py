@@ -11,7 +11,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.cameras import pose_of
-from needlehoop.tasks.needle_hoop import crossing
+from needlehoop.tasks.needle_hoop import facts
 
 ALL = [
     f"{r}_{v}" for r, v in product(("rgb", "dep", "seg", "segdep"), ("default", "front", "side"))
@@ -35,7 +35,7 @@ def pixels_of(image, colour):
 @pytest.mark.parametrize("view", ["default", "front", "side"])
 @pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
 def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
-    settings = compose_settings([f"cams=[seg_{view}]", "num_envs=120", f"task={difficulty}"])
+    settings = compose_settings([f"cams=[seg_{view}]", "num_envs=40", f"task={difficulty}"])
     simulation, imager = build(settings)
     simulation.reset()
     image = imager(simulation.engine.render())[f"seg_{view}"]
@@ -62,7 +62,7 @@ def held_needles(layout):
     for corner, roll in product(corners, np.linspace(-1, 1, 9) * layout.roll_range):
         at = torch.tensor([corner], dtype=torch.float64)
         turn = geo.about_z(torch.tensor([layout.needle_yaw + roll], dtype=torch.float64))
-        points.append(crossing.centre_line(layout, at, turn)[0].numpy())
+        points.append(facts.centre_line(layout, at, turn)[0].numpy())
         points.append(np.array(corner) + 0.005 * np.array(list(product((-1, 1), (-1, 1), (0,)))))
     return np.concatenate(points)
 
@@ -143,7 +143,7 @@ def test_an_unknown_class_of_colours_is_refused():
 def test_the_tracer_sees_what_mujoco_casts_rays_at():
     # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
     cams = "cams=[segdep_default,segdep_front,segdep_side]"
-    settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer"])
+    settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer", "image_size=32"])
     simulation, _ = build(settings)
     simulation.reset()
     engine = simulation.engine

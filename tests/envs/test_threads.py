@@ -43,14 +43,12 @@ def learnt(*overrides: str) -> dict[str, torch.Tensor]:
     ids=["even", "uneven"],
 )
 def test_the_same_seed_learns_the_same_at_any_thread_count(uneven):
-    one, *others = (learnt(f"engine.threads={threads}", *uneven) for threads in (1, 2, 3))
-    for other in others:
-        assert [name for name in one if not torch.equal(one[name], other[name])] == []
+    one, other = (learnt(f"engine.threads={threads}", *uneven) for threads in (1, 3))
+    assert [name for name in one if not torch.equal(one[name], other[name])] == []
 
 
 def test_the_same_seed_imitates_the_same_at_any_thread_count():
     # In words of its own: the algorithm's file brings its own number of steps.
     words = ["algo=dagger", "algo.minibatches=4", "algo.handover=0.5"]
-    one, *others = (learnt(f"engine.threads={threads}", *words) for threads in (1, 2, 3))
-    for other in others:
-        assert [name for name in one if not torch.equal(one[name], other[name])] == []
+    one, other = (learnt(f"engine.threads={threads}", *words) for threads in (1, 3))
+    assert [name for name in one if not torch.equal(one[name], other[name])] == []

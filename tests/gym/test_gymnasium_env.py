@@ -115,13 +115,6 @@ def test_without_a_seed_episodes_differ_and_can_be_had_again():
     assert np.array_equal(seen, again)
 
 
-def test_the_time_limit_truncates():
-    env = gymnasium.make(ID, cams=[], obs="signals", overrides=["episode.max_steps=3"])
-    env.reset(seed=0)
-    ends = [env.step(np.zeros(5, np.float32))[2:4] for _ in range(3)]
-    assert ends == [(False, False), (False, False), (False, True)]
-
-
 def test_the_picture_is_the_scene_of_now():
     env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array", render_size=80)
     env.reset(seed=0)

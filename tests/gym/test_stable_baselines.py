@@ -43,19 +43,6 @@ def test_one_environment_gives_what_their_own_wrapper_gives():
         assert info == other
 
 
-def test_episodes_are_those_of_torchrl():
-    env = needlehoop.make_sb3(["seg_side"], num_envs=3, seed=6, overrides=WORDS)
-    reference = needlehoop.make_env(["seg_side"], num_envs=3, seed=6, overrides=WORDS)
-    seen, now = env.reset(), reference.reset()
-    for action in actions(7, 3):
-        assert np.array_equal(seen["seg_side"], now["pixels", "seg_side"])
-        seen, _, _, infos = env.step(action)
-        now["action"] = torch.from_numpy(action)
-        whole, now = reference.step_and_maybe_reset(now)
-        facts = [info["facts"]["grasped"] for info in infos]
-        assert facts == whole["next", "facts", "grasped"][:, 0].tolist()
-
-
 def test_ppo_learns_on_it_and_its_monitor_counts():
     env = VecMonitor(needlehoop.make_sb3(["seg_side"], num_envs=4, overrides=WORDS))
     model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0)

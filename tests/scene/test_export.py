@@ -63,7 +63,16 @@ def compiled(what: str, variant: str) -> mujoco.MjModel:
     return build_arm(settings.task, variant).compile()
 
 
-@pytest.fixture(scope="module", params=[(w, v) for w in FILES for v in VARIANTS], ids="-".join)
+@pytest.fixture(
+    scope="module",
+    params=[
+        ("arm", "parallelogram"),
+        ("scene", "serial"),
+        pytest.param(("arm", "serial"), marks=pytest.mark.full),
+        pytest.param(("scene", "parallelogram"), marks=pytest.mark.full),
+    ],
+    ids="-".join,
+)
 def exported(request, tmp_path_factory) -> tuple[Path, mujoco.MjModel]:
     """An exported file, and the model that it has to be."""
     what, variant = request.param
@@ -144,9 +153,8 @@ def test_nothing_is_lost_but_the_last_bits(exported):
         np.testing.assert_allclose(again.eq_data[row, used], model.eq_data[row, used], atol=1e-12)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_the_arms_tool_is_where_the_chain_says(arms, variant):
-    model = mujoco.MjModel.from_xml_path(str(arms[variant]))
+def test_the_arms_tool_is_where_the_chain_says(arms):
+    model = mujoco.MjModel.from_xml_path(str(arms["parallelogram"]))
     data, posture = mujoco.MjData(model), Posture(model)
     lower, upper = (limit.numpy() for limit in psm.joint_limits())
     joints = np.random.default_rng(1).uniform(lower, upper, (50, 6))
@@ -161,6 +169,7 @@ def test_the_arms_tool_is_where_the_chain_says(arms, variant):
         np.testing.assert_allclose(site.xmat.reshape(3, 3), pose[:3, :3], rtol=0, atol=1e-9)
 
 
+@pytest.mark.full
 def test_pytorch_kinematics_reads_the_serial_arm_as_the_same_chain(arms, monkeypatch):
     # Its own reader looks joints up by an enum that MuJoCo 3.17 gives as a number.
     kinds = {int(kind): name for kind, name in pk.mjcf.JOINT_TYPE_MAP.items()}

@@ -10,7 +10,7 @@ from needle_task import addresses_of, draws, readings_of
 
 from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
-from needlehoop.tasks.needle_hoop import TASK, crossing
+from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
@@ -114,7 +114,7 @@ def test_the_tip_and_the_tool_are_where_the_layout_puts_them(
     model: mujoco.MjModel, data: mujoco.MjData, layout: NeedleLayout
 ):
     values = read(model, data)
-    curve = crossing.centre_line(
+    curve = facts.centre_line(
         layout,
         torch.from_numpy(values["pickup_point"])[None],
         torch.from_numpy(values["needle_quat"])[None],

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, controllers, run_trials
-from needlehoop.envs.rollout import run_episodes
+from needlehoop.envs.rollout import outcome_of, rollout
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
 
@@ -128,7 +128,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(
         guesses.jaw, guesses.jaw_command = guesses.jaw + turned, guesses.jaw_command + turned
         return script(guesses).view(16, 40, 5).mean(0)
 
-    assert least <= run_episodes(simulation, learner).success.double().mean() <= most
+    assert least <= outcome_of(rollout(simulation, learner)).success.double().mean() <= most
 
 
 @pytest.mark.parametrize("task", ["standard", "peg_transfer", "reach"])

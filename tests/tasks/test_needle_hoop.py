@@ -18,7 +18,7 @@ from needlehoop.robot import psm
 from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.episode import GRASPS
-from needlehoop.tasks.needle_hoop import TASK, crossing
+from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.expert import smooth
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.needle_hoop.start import DRAWS, start
@@ -63,8 +63,8 @@ def bend(layout: NeedleLayout) -> float:
 
 
 def passes(layout: NeedleLayout, episode: NeedleRules, needle: tuple[Tensor, Tensor]) -> bool:
-    curve = crossing.centre_line(layout, *needle)
-    return bool(crossing.passes_through(layout, episode.thread_depth, curve, HOOP, AXIS))
+    curve = facts.centre_line(layout, *needle)
+    return bool(facts.passes_through(layout, episode.thread_depth, curve, HOOP, AXIS))
 
 
 def through(layout: NeedleLayout) -> tuple[Tensor, Tensor]:
@@ -176,7 +176,7 @@ def off_centre(layout: NeedleLayout, direction, aside: float) -> tuple[Tensor, T
 def test_tail_first_is_not_through(layout, episode):
     tail, _ = layout.needle_angles
     needle = needle_at(layout, (0, 0, 0), tail + 0.3, heading=math.pi)
-    curve = crossing.centre_line(layout, *needle)[0] - HOOP
+    curve = facts.centre_line(layout, *needle)[0] - HOOP
     assert curve[0, 1] > episode.thread_depth
     assert curve[-1, 1] < -episode.thread_depth
     assert not passes(layout, episode, needle)
@@ -195,7 +195,7 @@ def test_a_tip_that_came_over_the_rim_only_touches(layout, episode, side):
     # Around the hoop, and back towards the opening from the other side.
     heading = 2.0 * bend(layout) + (0.0 if side > 0 else math.pi)
     needle = needle_at(layout, (0.0, 0.003 * side, 0.0), tip, heading)
-    along = side * (crossing.centre_line(layout, *needle) - HOOP)[0, :, 1]
+    along = side * (facts.centre_line(layout, *needle) - HOOP)[0, :, 1]
     assert along[-1] > episode.thread_depth
     assert along.min() < 0
     assert not passes(layout, episode, needle)
@@ -225,7 +225,7 @@ def polyline(*corners) -> Tensor:
     ],
 )
 def test_the_crossing_next_to_the_tip_decides(layout, episode, corners, expected):
-    passed = crossing.passes_through(layout, episode.thread_depth, polyline(*corners), HOOP, AXIS)
+    passed = facts.passes_through(layout, episode.thread_depth, polyline(*corners), HOOP, AXIS)
     assert bool(passed) == expected
 
 
@@ -252,8 +252,8 @@ def test_the_verdict_depends_only_on_needle_relative_to_hoop(layout, episode, ca
     def move(point: Tensor) -> Tensor:
         return geo.rotate(turned, point) + row(*shift)
 
-    curve = crossing.centre_line(layout, move(position), geo.multiply(turned, quat))
-    passed = crossing.passes_through(
+    curve = facts.centre_line(layout, move(position), geo.multiply(turned, quat))
+    passed = facts.passes_through(
         layout, episode.thread_depth, curve, move(HOOP), geo.rotate(turned, AXIS)
     )
     assert bool(passed) == (case == "through")
@@ -261,7 +261,7 @@ def test_the_verdict_depends_only_on_needle_relative_to_hoop(layout, episode, ca
 
 def test_the_centre_line_runs_from_tail_to_tip_through_the_pickup_point(layout):
     position, quat = row(0.1, -0.2, 0.3), geo.from_rotation_vector(row(0.4, 0.5, -0.6))
-    curve = crossing.centre_line(layout, position, quat)[0]
+    curve = facts.centre_line(layout, position, quat)[0]
     length = (curve[1:] - curve[:-1]).norm(dim=-1).sum()
     assert float(length) == pytest.approx(layout.needle_radius * layout.needle_arc, rel=1e-3)
     # Chords of an arc: from the pickup point to the tip, and to the tail.

@@ -23,8 +23,8 @@ from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import signals as scene_signals
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.needle_hoop.crossing import centre_line
 from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.facts import centre_line
 from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.tasks.needle_hoop.telling import TELLING, sharp_end_is_nearer

@@ -1,8 +1,7 @@
 """Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
 
 ``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
-``facts`` (with ``crossing``) what is true, ``expert`` who can do it, ``reward`` what the paper's
-author pays.
+``facts`` what is true, ``expert`` who can do it, ``reward`` what the paper's author pays.
 """
 
 from needlehoop.tasks.contract import FlatClass, Phase, Task

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
+import numpy as np
+import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.grasping import hold
-from needlehoop.tasks.needle_hoop.crossing import centre_line, passes_through
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+
+_CURVE_POINTS = 33
+"""Of the needle's centre line."""
 
 FACTS = (
     Fact("grasped", remembered=True, once=True, column="has_grasped"),
@@ -49,3 +54,47 @@ def success(rules: NeedleRules, signals: Signals) -> Tensor:
 def cheat(memory: Memory, signals: Signals) -> Tensor:
     """The tip has touched the goal in this episode, and the needle is not through; ``(n,)``."""
     return memory["has_touched"] & ~signals.threaded
+
+
+def centre_line(layout: NeedleLayout, position: Tensor, quat: Tensor) -> Tensor:
+    """Points of the needle's centre line from tail to tip, ``(n, k, 3)`` in the world, m."""
+    local = _local_curve(layout)
+    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), local)
+
+
+def passes_through(
+    layout: NeedleLayout, depth: float, curve: Tensor, goal: Tensor, axis: Tensor
+) -> Tensor:
+    """Whether needles pass through the opening, tip first; ``(n,)`` bool.
+
+    The stretch between tip and pickup point must cross the hoop's plane, the crossing
+    nearest the tip must lie inside the opening, and the tip must be ``depth`` beyond
+    the plane. Either direction counts: the opening has no front.
+
+    Args:
+        layout: radius of the opening.
+        depth: how far the tip must be beyond the plane, m.
+        curve: centre lines ``(n, k, 3)`` from tail to tip, world frame, m.
+        goal: centre of the opening ``(n, 3)``.
+        axis: unit vector through the opening ``(n, 3)``.
+    """
+    tail, tip = layout.needle_angles
+    pickup = round(-tail / (tip - tail) * (curve.shape[1] - 1))
+    leading = curve[:, pickup:].flip(1)
+    offset = leading - goal.unsqueeze(1)
+    height = geo.dot(offset, axis.unsqueeze(1))
+    radial = offset - height.unsqueeze(-1) * axis.unsqueeze(1)
+    here, there = height[:, :-1], height[:, 1:]
+    crosses = (here > 0) != (there > 0)
+    # Where the segment meets the plane; segments that do not cross are masked below.
+    share = (here / torch.where(crosses, here - there, torch.ones_like(here))).unsqueeze(-1)
+    meets = radial[:, :-1] + share * (radial[:, 1:] - radial[:, :-1])
+    inside = geo.dot(meets, meets) < layout.hoop_opening**2
+    first = crosses & (crosses.cumsum(1) == 1)
+    return (first & inside).any(1) & (height[:, 0].abs() >= depth)
+
+
+@cache
+def _local_curve(layout: NeedleLayout) -> Tensor:
+    tail, tip = layout.needle_angles
+    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, _CURVE_POINTS)))

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
-from needlehoop.config.strict import Range, Share
-from needlehoop.tasks.episode import ArmEpisode, check_option
+from needlehoop.config.strict import Range, Share, check_names
+from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import Angle, ArmLayout, Length, Place, Spread, Turn
 
 
@@ -88,4 +88,4 @@ class NeedleRules(ArmEpisode):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_option("success", self.success, SUCCESSES)
+        check_names("episode.success", [self.success], SUCCESSES)

@@ -9,10 +9,12 @@ import numpy as np
 
 from needlehoop.robot.shapes import collision, torus, tube
 from needlehoop.scene.signals import fact, of_body, of_site, verdict
-from needlehoop.scene.spec import Materials, add_mesh
+from needlehoop.scene.spec import Materials, add_mesh, add_upright
 from needlehoop.tasks.grasping import add_weld
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.psm import signals
+
+_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 NEEDLE_SEGMENTS = 7
 HOOP_SEGMENTS = 16
@@ -68,17 +70,7 @@ def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
     mesh = tube(layout.centre_line(np.linspace(tail, tip, 15)), height, taper=0.12)
     add_mesh(spec, body, "needle", mesh, "needle")
     ends = layout.centre_line(np.linspace(tail, tip, NEEDLE_SEGMENTS + 1))
-    for index, (start, end) in enumerate(pairwise(ends)):
-        body.add_geom(
-            name=f"needle_{index}",
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=np.concatenate((start, end)),
-            size=[height, 0, 0],
-            mass=layout.needle_mass / NEEDLE_SEGMENTS,
-            friction=[0.8, 0.002, 0.0001],
-            solref=[0.004, 1.0],
-            **collision(True),
-        )
+    _add_chain(body, ends, height, 0.8, mass=layout.needle_mass / NEEDLE_SEGMENTS)
     body.add_site(name="pickup_point", size=[0.001] * 3)
     body.add_site(name="needle_tip", pos=ends[-1], size=[0.001] * 3)
 
@@ -90,38 +82,35 @@ def _add_hoop(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
     stand = spec.worldbody.add_body(name="stand", pos=[*centre[:2], 0.0], mocap=True)
     sleeve = centre[2] - layout.hoop_position_range[2] - radius - 0.006
     for name, low, high, size in (("base", 0.0, 0.003, 0.009), ("sleeve", 0.0, sleeve, 0.0032)):
-        _add_post(stand, f"stand_{name}", low, high, size, "stand")
+        add_upright(stand, f"stand_{name}", _CYLINDER, (low, high), size, "stand")
     hoop = spec.worldbody.add_body(name="hoop", pos=centre, mocap=True)
     # Long enough to stay inside the sleeve at any height.
-    _add_post(hoop, "hoop_rod", sleeve / 2 - centre[2], -radius, 0.0016, "stand")
+    ends = (sleeve / 2 - centre[2], -radius)
+    add_upright(hoop, "hoop_rod", _CYLINDER, ends, 0.0016, "stand")
     add_mesh(spec, hoop, "hoop", torus(radius, thick), "hoop")
     angles = np.linspace(0.0, 2 * np.pi, HOOP_SEGMENTS + 1)
     # Chords would cut into the opening: their mid-points lie on the ring instead.
     outer = radius / np.cos(np.pi / HOOP_SEGMENTS)
     ring = outer * np.stack((np.cos(angles), np.zeros_like(angles), np.sin(angles)), -1)
-    for index, (start, end) in enumerate(pairwise(ring)):
-        hoop.add_geom(
-            name=f"hoop_{index}",
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=np.concatenate((start, end)),
-            size=[thick, 0, 0],
-            friction=[0.3, 0.002, 0.0001],
-            solref=[0.004, 1.0],
-            **collision(True),
-        )
+    _add_chain(hoop, ring, thick, 0.3)
     quarter = np.sqrt(0.5)
     # The site's z axis is the hoop's axis: the world's y.
     hoop.add_site(name="goal", quat=[quarter, -quarter, 0, 0], size=[0.001] * 3)
     spec.worldbody.add_body(name="lift_position", mocap=True)
 
 
-def _add_post(
-    body: mujoco.MjsBody, name: str, low: float, high: float, radius: float, material: str
+def _add_chain(
+    body: mujoco.MjsBody, points: np.ndarray, radius: float, friction: float, **mass: float
 ) -> None:
-    shape = {
-        "type": mujoco.mjtGeom.mjGEOM_CYLINDER,
-        "fromto": [0, 0, low, 0, 0, high],
-        "size": [radius, 0, 0],
-    }
-    body.add_geom(name=name, material=material, **shape, **collision(False))
-    body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))
+    """Capsules from point to point ``(k, 3)``, m, that are felt."""
+    for index, (start, end) in enumerate(pairwise(points)):
+        body.add_geom(
+            name=f"{body.name}_{index}",
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=np.concatenate((start, end)),
+            size=[radius, 0, 0],
+            friction=[friction, 0.002, 0.0001],
+            solref=[0.004, 1.0],
+            **mass,
+            **collision(True),
+        )

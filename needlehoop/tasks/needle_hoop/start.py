@@ -5,10 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from needlehoop.robot import geometry as geo
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout
 from needlehoop.tasks.psm import begun, tool_start
-from needlehoop.tasks.start import Start, scatter
+from needlehoop.tasks.start import Start, scatter, standing
 
 DRAWS = 9
 """Uniform numbers that one reset consumes."""
@@ -28,8 +27,7 @@ def start(layout: NeedleLayout, uniform: Tensor) -> Start:
     needle_xy = scatter(uniform[:, 0:2], layout.needle_position, layout.needle_position_range)
     yaw = scatter(uniform[:, 2:3], [layout.needle_yaw], [layout.needle_yaw_range])[:, 0]
     hoop = scatter(uniform[:, 3:6], layout.hoop_position, layout.hoop_position_range)
-    height = torch.full_like(needle_xy[:, :1], layout.needle_thickness / 2 - _SUNK)
-    needle = torch.cat((needle_xy, height, geo.about_z(yaw)), -1)
+    needle = standing(needle_xy, layout.needle_thickness / 2 - _SUNK, yaw)
     return place(tool_start(layout, uniform[:, 6:9]), needle, hoop)
 
 

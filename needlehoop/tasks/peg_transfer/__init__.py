@@ -8,7 +8,7 @@
 from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.peg_transfer.expert import cheat as cheat_script
 from needlehoop.tasks.peg_transfer.expert import expert, smooth
-from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe, success
+from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe
 from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
 from needlehoop.tasks.peg_transfer.reward import Human
 from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SIGNALS, build
@@ -35,7 +35,6 @@ TASK = Task(
     facts=FACTS,
     observe=observe,
     goal="placed",
-    success=success,
     phases=(
         Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
         Phase("lift", "lifted", ("block_position", "lift_position")),

@@ -13,7 +13,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.grasping import hold
-from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout, PegRules
+from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout, PegRules, at_wall
 
 FACTS = (
     Fact("grasped", remembered=True, once=True, column="has_grasped"),
@@ -47,11 +47,6 @@ def observe(
         "placed": over & released & _stands(rules, r),
     }
     return facts, welds
-
-
-def success(rules: PegRules, signals: Signals) -> Tensor:
-    """Whether the block stands over the marked peg; ``(n,)`` bool."""
-    return signals.placed
 
 
 def cheat(memory: Memory, signals: Signals) -> Tensor:
@@ -120,11 +115,7 @@ def _inside_walls(layout: PegLayout) -> Tensor:
     out, half = layout.hole_radius + layout.wall / 2, layout.wall_length / 2
     return torch.tensor(
         [
-            (
-                out * math.cos(a) - along * half * math.sin(a),
-                out * math.sin(a) + along * half * math.cos(a),
-                up * layout.block_height / 2,
-            )
+            (*at_wall(a, out, along * half), up * layout.block_height / 2)
             for a in WALLS
             for along in torch.linspace(-0.9, 0.9, 9).tolist()
             for up in torch.linspace(-0.9, 0.9, 7).tolist()

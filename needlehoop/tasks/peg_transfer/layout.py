@@ -17,6 +17,13 @@ WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 
 PEGS = 6
 
+
+def at_wall(angle: float, out: float, along: float) -> tuple[float, float]:
+    """Place x, y ``out`` from the hole's axis along a wall's normal, and ``along`` the wall."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return out * cos - along * sin, out * sin + along * cos
+
+
 Index = Annotated[int, Range(0, PEGS - 1)]
 
 
@@ -86,16 +93,7 @@ class PegLayout(ArmLayout):
     def corners(self) -> np.ndarray:
         """The walls' outer corners seen along the block's z, ``(6, 2)``, block frame."""
         out, half = self.hole_radius + self.wall, self.wall_length / 2
-        return np.array(
-            [
-                (
-                    out * math.cos(a) - s * half * math.sin(a),
-                    out * math.sin(a) + s * half * math.cos(a),
-                )
-                for a in WALLS
-                for s in (-1, 1)
-            ]
-        )
+        return np.array([at_wall(a, out, s * half) for a in WALLS for s in (-1, 1)])
 
     @property
     def pickup(self) -> tuple[float, float, float]:

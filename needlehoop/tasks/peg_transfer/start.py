@@ -5,11 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from needlehoop.robot import geometry as geo
 from needlehoop.tasks.peg_transfer.layout import PegLayout
 from needlehoop.tasks.peg_transfer.scene import OTHER_PEGS
 from needlehoop.tasks.psm import begun, tool_start
-from needlehoop.tasks.start import Start, scatter
+from needlehoop.tasks.start import Start, scatter, standing
 
 DRAWS = 10
 """Uniform numbers that one reset consumes."""
@@ -30,8 +29,7 @@ def start(layout: PegLayout, uniform: Tensor) -> Start:
     yaw = scatter(uniform[:, 4:5], [layout.block_yaw], [layout.block_yaw_range])[:, 0]
     off = scatter(uniform[:, 5:7], (0.0, 0.0), layout.block_position_range)
     places = torch.tensor(layout.pegs, dtype=torch.float64)
-    height = torch.full_like(shift[:, :1], layout.block_height / 2 - _SUNK)
-    block = torch.cat((places[begins] + shift + off, height, geo.about_z(yaw)), -1)
+    block = standing(places[begins] + shift + off, layout.block_height / 2 - _SUNK, yaw)
     return place(layout, tool_start(layout, uniform[:, 7:10]), block, shift, marked)
 
 

@@ -8,7 +8,7 @@ person would pay.
 from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.psm import ROBOT
 from needlehoop.tasks.reach.expert import expert, smooth
-from needlehoop.tasks.reach.facts import FACTS, observe, success
+from needlehoop.tasks.reach.facts import FACTS, observe
 from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
 from needlehoop.tasks.reach.reward import Human
 from needlehoop.tasks.reach.scene import MATERIALS, SIGNALS, build
@@ -34,7 +34,6 @@ TASK = Task(
     facts=FACTS,
     observe=observe,
     goal="stayed",
-    success=success,
     phases=(
         Phase("approach", "near", ("tool_midpoint", "target")),
         Phase("stay", "stayed", ("tool_midpoint", "target")),

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from needlehoop.robot.geometry import distance
-from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
 
@@ -21,8 +20,3 @@ def observe(
     near = distance(readings["tool_midpoint"], readings["target"]) < rules.near_radius
     lasted = memory["steps"] - memory["near_since"]
     return {"near": near, "stayed": near & (lasted >= rules.near_steps)}, {}
-
-
-def success(rules: ReachRules, signals: Signals) -> Tensor:
-    """Whether the task is done; ``(n,)`` bool."""
-    return signals.stayed

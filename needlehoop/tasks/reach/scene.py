@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import mujoco
 
-from needlehoop.robot.shapes import collision
 from needlehoop.scene.signals import of_body, verdict
-from needlehoop.scene.spec import Materials
+from needlehoop.scene.spec import Materials, add_upright
 from needlehoop.tasks.psm import signals
 from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
+
+_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 
 MATERIALS: Materials = {
     "phantom": ((0.80, 0.52, 0.46), 0.2, 0.3),
@@ -45,31 +46,13 @@ def build(spec: mujoco.MjSpec, layout: ReachLayout, rules: ReachRules) -> None:
         # As long as the highest bump is high: the rest is below the table.
         foot = -radius - layout.bump_height - layout.bump_height_range
         capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-        _add(bump, f"bump_{index}", capsule, (foot, -radius), radius, "phantom")
+        add_upright(bump, f"bump_{index}", capsule, (foot, -radius), radius, "phantom")
         mark = spec.worldbody.add_body(name=f"mark_{index}", pos=top, mocap=True)
-        _add(mark, f"mark_{index}", _CYLINDER, _MARK, layout.mark_radius, "mark", solid=False)
+        add_upright(
+            mark, f"mark_{index}", _CYLINDER, _MARK, layout.mark_radius, "mark", solid=False
+        )
     target = spec.worldbody.add_body(name="target", mocap=True)
     face, foot = -layout.clearance, -layout.target_above_bump
     size = layout.target_radius
-    _add(target, "button", _CYLINDER, (face - _BUTTON, face), size, "target")
-    _add(target, "stem", _CYLINDER, (foot - 0.001, face - _BUTTON), _STEM, "target")
-
-
-_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
-
-
-def _add(
-    body: mujoco.MjsBody,
-    name: str,
-    kind: mujoco.mjtGeom,
-    heights: tuple[float, float],
-    radius: float,
-    material: str,
-    solid: bool = True,
-) -> None:
-    """An upright shape that is seen; and one that is felt, if it is solid."""
-    low, high = heights
-    shape = {"type": kind, "fromto": [0, 0, low, 0, 0, high], "size": [radius, 0, 0]}
-    body.add_geom(name=name, material=material, **shape, **collision(False))
-    if solid:
-        body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))
+    add_upright(target, "button", _CYLINDER, (face - _BUTTON, face), size, "target")
+    add_upright(target, "stem", _CYLINDER, (foot - 0.001, face - _BUTTON), _STEM, "target")
