@@ -9,14 +9,14 @@ import numpy as np
 import pandas as pd
 import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau, t
+from scipy.stats import kendalltau
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.records import Study
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import Column, Estimated, Table
 from needlehoop.study.stats.predictions import Prediction
-from needlehoop.study.stats.statistics import Interval, improvement
+from needlehoop.study.stats.statistics import ENOUGH, Interval, improvement, rate
 
 TRAITS = {
     "two_views": "a front and a side view",
@@ -27,6 +27,9 @@ TRAITS = {
 """Terms of the linear model, and what the page calls them."""
 
 PREREGISTERED = ("the paper's VLM", "claude", "probe")
+EPISODES = 100
+"""Of a run's own evaluation."""
+
 RULE, BLIND = "the rule", "drawn blindly"
 
 Scores = Mapping[str, float]
@@ -72,12 +75,12 @@ def sets_table(runs: pd.DataFrame) -> Table:
     rows = []
     for name in order:
         own, successes = groups[name], groups[name]["success"].tolist()
-        beaten = improvement(best, successes)
+        mean, beaten = rate(successes, [EPISODES] * len(successes)), improvement(best, successes)
         rows.append(
             (
                 name,
                 successes,
-                Estimated(float(np.mean(successes)), t_interval(successes)),
+                Estimated(mean.value, mean.interval if mean.seeds >= ENOUGH else None),
                 float(np.mean(own["sampled"])),
                 float(np.mean(own["touched"])),
                 None if name == order[0] else Estimated(beaten.value, beaten.interval),
@@ -89,16 +92,6 @@ def sets_table(runs: pd.DataFrame) -> Table:
         Column("chance that the best set beats it (95 %)", "", ".2f"),
     )  # fmt: skip
     return Table("protocol", "", columns, tuple(rows))
-
-
-def t_interval(values: Sequence[float]) -> Interval | None:
-    """95 % interval of the mean of a few runs, cut to 0 and 1; ``None`` for fewer than three."""
-    n = len(values)
-    if n < 3:
-        return None
-    mean = float(np.mean(values))
-    half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
-    return Interval(max(0.0, mean - half), min(1.0, mean + half))
 
 
 def traits_table(runs: pd.DataFrame) -> Table:

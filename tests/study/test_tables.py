@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import trim_mean
 from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
 from needlehoop.rewards import reference_reward
@@ -73,10 +72,10 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = dicts(agreements(findings))
-    # Of the paper's VLM, claude, claude asked in two other ways and the paper's measured, by final
+    # Of the paper's VLM, claude, claude asked in three other ways and the paper's measured, by final
     # return and over training, and of the models in the paper; the study's own VLM has the paper's
-    # orders, and is the paper's. Told nothing, claude ranked two lists.
-    assert len(rows) == ((4 + 1) * 2 + 4) * (3 + 1) + 3 * (2 + 1)
+    # orders, and is the paper's.
+    assert len(rows) == ((5 + 1) * 2 + 5) * (3 + 1)
     papers = [r for r in agreements(findings).records() if said_of(r) == PAPERS]
     ps = [row["p of tau-b"] for row in papers]
     papers = [r for r in rows if said_of(r) == PAPERS]
@@ -214,7 +213,7 @@ def test_rewards_stand_together_with_the_papers(findings):
         ("success at best, %", [100 * (final.best or 0) for final in images], 0.6),
         ("success over training, %", [100 * (final.success_area or 0) for final in images], 0.6),
     ):
-        assert float(rows[11][column]) == pytest.approx(trim_mean(values, 0.25), abs=error)
+        assert float(rows[11][column]) == pytest.approx(np.mean(values), abs=error)
         assert float(rows[11][column]) > float(rows[10][column])
     assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
