@@ -28,7 +28,7 @@ def add_commands(commands: Any) -> None:
         "Measure how fast the environment is on this machine (speed, the default), or training"
         " (train), or Stable-Baselines3 on it (sb3).",
         "speed|train|sb3 (a bare word, or what=…) rounds=5; with speed: steps=40; with train and"
-        " sb3: all of conf/job.yaml",
+        " sb3: all of conf/job.yaml; with train: against=disturb=none, another training in turns",
     )
     bench.add_argument("--json", action="store_true", help="print one line of JSON")
 
@@ -39,8 +39,12 @@ def _bench(options: argparse.Namespace) -> None:
     what = (chosen or ["speed"])[-1]
     if what not in WHAT:
         raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(WHAT)}")
-    options.overrides = [word for word in given if not word.startswith("what=")]
-    found = _measure(options) if what == "speed" else _measure_learning(what, options.overrides)
+    other = [word.partition("=")[2] for word in given if word.startswith("against=")]
+    if other and what != "train":
+        raise ValueError(f"against: bench {what} compares nothing; bench train does")
+    words = [word for word in given if word.partition("=")[0] not in ("what", "against")]
+    options.overrides = words
+    found = _measure(options) if what == "speed" else _measure_learning(what, words, other)
     if options.json:
         print(json.dumps(found))
     else:
@@ -56,10 +60,11 @@ def _measure(options: argparse.Namespace) -> dict[str, Any]:
     return measure(settings, asked.rounds, asked.steps)
 
 
-def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
+def _measure_learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
     from needlehoop.config import composing
 
     values = composing.compose(overrides, "bench_train")
+    other = composing.compose([*overrides, *against], "bench_train") if against else None
     from needlehoop.learning.job import typed_job
 
     job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
@@ -70,7 +75,7 @@ def _measure_learning(what: str, overrides: list[str]) -> dict[str, Any]:
         return measure_sb3(job, rounds)
     from needlehoop.bench.training import measure_training
 
-    return measure_training(job, rounds)
+    return measure_training(job, rounds, None if other is None else typed_job(other))
 
 
 def _check_cameras(settings: Settings) -> None:

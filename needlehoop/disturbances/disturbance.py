@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -12,18 +12,16 @@ from torch import Tensor
 
 from needlehoop.disturbances import camera, delivery, picture, robot, scene
 from needlehoop.disturbances.axis import EPISODE, THING, VIEW, Drawn, When
-from needlehoop.disturbances.chance import Noise, uniform
+from needlehoop.disturbances.chance import uniform
 from needlehoop.disturbances.config import AXES
-from needlehoop.engines.contract import ZOOM, Frame
+from needlehoop.disturbances.sensors import Sensors, Spoiler
+from needlehoop.engines.contract import ZOOM
 
 _CAMERA = [f"camera.{name}" for name in camera.AXES]
 _PICTURE = [f"picture.{name}" for name in picture.AXES]
 _DELIVERY = [f"picture.{name}" for name in delivery.AXES]
 _LOOKS = [f"scene.{name}" for name in scene.AXES]
 _PHYSICS = ("robot.friction", "robot.mass")
-
-Spoiler = Callable[[str, Frame, slice], None]
-"""Changes a view's frames of some rows of a batch, and takes those rows."""
 
 
 class Disturbance:
@@ -56,7 +54,8 @@ class Disturbance:
         names = (model.geom(i).name for i in range(model.ngeom))
         self._strange = [i for i, name in enumerate(names) if name.startswith(scene.STRANGE)]
         self._max_steps = max_steps
-        self._noise = Noise(3 * size * size)
+        seen = views and any(key in amounts for key in _PICTURE)
+        self._sensors = Sensors(num_envs, views, size) if seen else None
         self.level = 1.0
         """Share of the amounts in episodes that begin from now on."""
         n, parts = num_envs, {EPISODE: (), VIEW: (len(views),), THING: (1 + things.max(),)}
@@ -110,6 +109,12 @@ class Disturbance:
             numbers = uniform(key, int(np.prod(shape[1:])), *keys).reshape(shape)
             drawn = axis.drawn(numbers, self._levels[ids] * self._amounts[key][ids])
             kept.amount[ids], kept.free[ids] = drawn
+        if self._sensors is not None:
+            flaws = picture.flawless(len(ids), len(self._views))
+            for key in _PICTURE:
+                if key in self._drawn:
+                    flaws = AXES[key].apply(flaws, self._drawn[key][ids])
+            self._sensors.set(ids, flaws)
 
     def _when(self) -> When:
         steps = self._numbers["steps"]
@@ -203,39 +208,12 @@ class Disturbance:
 
     def spoiler(self, ids: Tensor | None) -> Spoiler | None:
         """What the cameras of environments ``ids`` (all by default) make of their frames."""
-        own = self._acting(_PICTURE)
-        if not own:
+        if self._sensors is None or not self._acting(_PICTURE):
             return None
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
-
-        def spoil(view: str, frame: Frame, part: slice) -> None:
-            chosen, at = rows[part], self._views.index(view)
-            wrong = {key: self._amounts[key][chosen] > 0 for key in own}
-            which = np.flatnonzero(np.any(list(wrong.values()), 0))
-            seen = _picture(frame, which)
-            for key in own:
-                inside = np.flatnonzero(wrong[key][which])
-                if not len(inside):
-                    continue
-                some = chosen[which[inside]]
-                drawn = self._drawn[key][some][:, at]
-                grains = self._grains(f"{key}.{view}", some)
-                if len(inside) == len(which):
-                    seen = AXES[key].apply(seen, drawn, grains)
-                    continue
-                before = picture.Picture(*(x if x is None else x[inside] for x in seen))
-                seen = _put(seen, inside, AXES[key].apply(before, drawn, grains))
-            _finish(frame, which, seen)
-
-        return spoil
-
-    def _grains(self, name: str, rows: np.ndarray) -> picture.Grains:
-        keys = (self._numbers[key][rows] for key in ("envs", "episodes", "steps"))
-        places = uniform(name, 1, self._seed, *keys)[:, 0]
-        return picture.Grains(
-            lambda shape: self._noise.normal(places, shape),
-            lambda shape: self._noise.uniform(places, shape),
-        )
+        keys = (self._numbers[name][rows] for name in ("envs", "episodes", "steps"))
+        places = uniform("picture", 3 * len(self._views), self._seed, *keys)
+        return self._sensors.spoiler(rows, places)
 
     def deliver(
         self, images: dict[str, Tensor], views: Mapping[str, str], ids: Tensor | None
@@ -298,36 +276,3 @@ class Disturbance:
         self._sent = snapshot["sent"].numpy().copy() if "sent" in snapshot else None
         self._kept = {name: one.numpy().copy() for name, one in snapshot["kept"].items()}
         self._draw(np.arange(len(self._levels)))
-
-
-def _picture(frame: Frame, rows: np.ndarray) -> picture.Picture:
-    """Some rows of a frame as their camera's pictures."""
-    whole = all(len(rows) == len(one) for one in frame if one is not None)
-    bgra, depth, geom = (one if one is None or whole else one[rows] for one in frame)
-    colour = None if bgra is None else bgra[..., :3].float()
-    return picture.Picture(colour, depth, geom)
-
-
-def _put(seen: picture.Picture, rows: np.ndarray, now: picture.Picture) -> picture.Picture:
-    """Pictures with some rows replaced."""
-    found = []
-    for whole, part in zip(picture.developed(seen)[:3], picture.developed(now)[:3], strict=True):
-        copy = whole if whole is None else whole.clone()
-        if copy is not None and part is not None:
-            copy[rows] = part
-        found.append(copy)
-    return picture.Picture(*found)
-
-
-def _finish(frame: Frame, rows: np.ndarray, seen: picture.Picture) -> None:
-    """Write pictures back into rows of a frame."""
-    colour, depth, geom, *_ = picture.developed(seen)
-    if colour is not None:
-        colour = colour.clamp_(0.0, 255.0).round_()
-    bgr = None if frame.bgra is None else frame.bgra[..., :3]
-    for target, value in ((bgr, colour), (frame.depth, depth), (frame.geom, geom)):
-        if target is not None and value is not None:
-            if len(rows) == len(target):
-                target.copy_(value)
-            else:
-                target[rows] = value.to(target.dtype)

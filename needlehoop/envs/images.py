@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.disturbances.disturbance import Spoiler
+from needlehoop.disturbances.sensors import Spoiler
 from needlehoop.engines.contract import Channels, Frame
 from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View

@@ -153,12 +153,14 @@ def test_bench_train_says_where_the_time_goes():
         "import sys; from needlehoop.cli import main as cli; code = cli.main(sys.argv[1:]);"
         "sys.exit(code or 'stable_baselines3' in sys.modules)"
     )
-    words = ["bench", "train", "--json", *LITTLE, "engine.threads=2"]
+    words = ["bench", "train", "--json", *LITTLE, "engine.threads=2", "against=disturb=mild"]
     command = [sys.executable, "-c", script, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     assert found["threads"] == 2
-    assert found["steps_per_second"] > 0
+    rate, other = found["steps_per_second"], found["steps_per_second_against"]
+    assert min(rate, other) > 0
+    assert found["ratio"] == pytest.approx(rate / other, rel=0.1)
     shares = found["share_of_time"]
     assert set(shares) == {"physics", "images", "acting", "learning", "one_thread"}
     assert sum(shares.values()) == pytest.approx(1.0, abs=0.003)
@@ -178,6 +180,8 @@ def test_bench_train_says_where_the_time_goes():
         (["bench", "cams=[]"], "cams"),
         (["bench", "rounds=0"], "rounds: 0"),
         (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
+        (["bench", "train", "against=disturb=mid"], "mild moderate none severe"),
+        (["bench", "against=disturb=mild"], "against: bench speed compares nothing"),
         (["bench", "train", "cams=[]"], "cams"),
     ],
 )

@@ -9,8 +9,10 @@ import torch
 from needlehoop.config import composing
 from needlehoop.disturbances import camera, delivery, picture, scene
 from needlehoop.disturbances.axis import Drawn, When
-from needlehoop.disturbances.chance import Noise, uniform
+from needlehoop.disturbances.chance import uniform
 from needlehoop.disturbances.config import AXES, GROUPS
+from needlehoop.disturbances.sensors import Sensors
+from needlehoop.engines.contract import Frame
 from needlehoop.envs.settings import compose_settings
 
 SIDE = 32
@@ -20,87 +22,134 @@ def drawn(*amount: float, free: tuple[float, ...] = ()) -> Drawn:
     return Drawn(np.array([amount], float), np.array([free], float))
 
 
-@pytest.fixture
-def grains() -> picture.Grains:
-    noise, places = Noise(3 * SIDE * SIDE), np.array([0.3])
-    return picture.Grains(
-        lambda shape: noise.normal(places, shape), lambda shape: noise.uniform(places, shape)
-    )
-
-
-@pytest.fixture
-def seen() -> picture.Picture:
-    colour = torch.full((1, SIDE, SIDE, 3), 100.0)
-    colour[:, :, SIDE // 2 :] = 160.0
+def frame() -> Frame:
+    """A step of colours, depth and labels in the middle; no depth in the first row."""
+    bgra = torch.full((1, SIDE, SIDE, 4), 100, dtype=torch.uint8)
+    bgra[:, :, SIDE // 2 :] = 160
+    bgra[..., 3] = 255
     depth = torch.full((1, SIDE, SIDE), 0.4)
     depth[:, 0] = 0.0
     geom = torch.zeros(1, SIDE, SIDE, dtype=torch.int32)
     geom[..., SIDE // 2 :] = 5
-    return picture.Picture(colour, depth, geom)
+    return Frame(bgra, depth, geom)
 
 
-TOUCHES = {
-    "blur": {"colour"},
-    "brightness": {"colour"},
-    "contrast": {"colour"},
-    "cast": {"colour"},
-    "noise": {"colour"},
-    "depth_noise": {"depth"},
-    "depth_step": {"depth"},
-    "labels": {"geom"},
-    "cover": {"colour", "depth", "geom"},
+def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
+    """What a view makes of a frame under such amounts of its axes."""
+    sensors, flaws = Sensors(1, ("front",), SIDE), picture.flawless(1, 1)
+    for name, amount in amounts.items():
+        axis = picture.AXES[name]
+        own = Drawn(np.full((1, 1, axis.size), amount), np.full((1, 1, axis.free), place))
+        flaws = axis.apply(flaws, own)
+    sensors.set(np.array([0]), flaws)
+    found = Frame(
+        *(
+            one if one is None else torch.empty_strided(one.shape, one.stride(), dtype=one.dtype)
+            for one in seen
+        )
+    )
+    for one, copy in zip(seen, found, strict=True):
+        if copy is not None:
+            copy.copy_(one)
+    sensors.spoiler(np.array([0]), np.full((1, 3), 0.3))("front", found, slice(0, 1))
+    return found
+
+
+AMOUNTS = {
+    "blur": (1.0, {"bgra"}),
+    "brightness": (0.3, {"bgra"}),
+    "contrast": (0.3, {"bgra"}),
+    "cast": (0.3, {"bgra"}),
+    "noise": (10.0, {"bgra"}),
+    "depth_noise": (0.002, {"depth"}),
+    "depth_step": (0.03, {"depth"}),
+    "labels": (0.3, {"geom"}),
+    "cover": (0.3, {"bgra", "depth", "geom"}),
 }
+"""How much of each axis is tried, and which channels it touches."""
 
 
 def test_all_axes_of_pictures_are_tried():
-    assert set(TOUCHES) == set(picture.AXES)
+    assert set(AMOUNTS) == set(picture.AXES)
 
 
-@pytest.mark.parametrize("name", TOUCHES)
-def test_an_axis_of_pictures_touches_what_it_would_in_a_real_camera(name, seen, grains):
-    axis = picture.AXES[name]
-    amount = {"blur": 1.0, "noise": 10.0, "depth_noise": 0.002, "depth_step": 0.03}.get(name, 0.3)
-    some = drawn(*[amount] * axis.size, free=(0.5,) * axis.free)
-    found = picture.developed(axis.apply(seen, some, grains))
-    changed = {
-        field
-        for field in ("colour", "depth", "geom")
-        if not torch.equal(getattr(found, field), getattr(seen, field))
-    }
-    assert changed == TOUCHES[name]
+@pytest.mark.parametrize("name", AMOUNTS)
+def test_an_axis_of_pictures_touches_what_it_would_in_a_real_camera(name):
+    amount, touched = AMOUNTS[name]
+    seen, none = frame(), spoilt(frame(), {name: 0.0})
+    found = spoilt(seen, {name: amount})
+    for field in Frame._fields:
+        assert torch.equal(getattr(none, field), getattr(seen, field))
+        same = torch.equal(getattr(found, field), getattr(seen, field))
+        assert same == (field not in touched), field
+        # A camera without the other channels shows the same.
+        alone = Frame(None, None, None)._replace(**{field: getattr(seen, field)})
+        own = spoilt(alone, {name: amount})
+        assert torch.equal(getattr(own, field), getattr(found, field))
 
 
-@pytest.mark.parametrize("name", TOUCHES)
-def test_an_axis_of_pictures_takes_a_camera_without_its_channel(name, seen, grains):
-    axis = picture.AXES[name]
-    some = drawn(*[0.2] * axis.size, free=(0.5,) * axis.free)
-    for field in ("colour", "depth", "geom"):
-        alone = picture.Picture(None, None, None)._replace(**{field: getattr(seen, field)})
-        found = picture.developed(axis.apply(alone, some, grains))
-        assert [one is None for one in found] == [one is None for one in alone]
+def test_a_frame_whose_rows_do_not_follow_each_other_is_spoilt_alike():
+    amounts = {name: amount for name, (amount, _) in AMOUNTS.items()}
+    seen = frame()
+    strange = Frame(*(torch.stack((one, one), -1)[..., 0] for one in seen))
+    for one, other in zip(spoilt(seen, amounts), spoilt(strange, amounts), strict=True):
+        assert torch.equal(one, other)
 
 
-def test_depth_without_a_reading_stays_without_one(seen, grains):
-    found = picture.depth_noise(seen, drawn(0.01), grains).depth
+def test_exposure_contrast_and_white_balance_act_one_after_the_other():
+    found = spoilt(frame(), {"brightness": 0.1, "contrast": -0.2, "cast": 0.05}).bgra
+    for before in (100.0, 160.0):
+        after = ((before * 1.1 - 128.0) * 0.8 + 128.0) * 1.05
+        place = 0 if before == 100.0 else -1
+        assert found[0, 0, place].tolist() == [*[int(after + 0.5)] * 3, 255]
+
+
+def test_noise_has_its_deviation_and_differs_by_channel():
+    seen = frame()
+    change = (spoilt(seen, {"noise": 10.0}).bgra.float() - seen.bgra.float())[..., :3]
+    assert change.std((0, 1, 2)).tolist() == pytest.approx([10.0] * 3, rel=0.1)
+    assert float(change.mean().abs()) < 0.6
+    assert torch.corrcoef(change.reshape(-1, 3).T).triu(1).abs().max() < 0.15
+
+
+def test_depth_without_a_reading_stays_without_one():
+    found = spoilt(frame(), {"depth_noise": 0.01}).depth
     assert bool((found[:, 0] == 0).all())
     assert float(found[:, 1:].std()) == pytest.approx(0.01, rel=0.15)
+    step = spoilt(frame(), {"depth_step": 0.03}).depth
+    assert step[0, 1].tolist() == pytest.approx([0.39] * SIDE)
 
 
-def test_labels_flip_along_edges_alone(seen, grains):
-    found = picture.labels(seen, drawn(0.5), grains).geom
-    flipped = (found != seen.geom)[0].nonzero()[:, 1].unique().tolist()
-    assert flipped == [SIDE // 2]
+def test_labels_flip_along_edges_alone():
+    seen = frame()
+    flipped = (spoilt(seen, {"labels": 0.5}).geom != seen.geom)[0]
+    assert flipped.nonzero()[:, 1].unique().tolist() == [SIDE // 2]
+    # Half of them look to the left, where the other label is.
+    assert float(flipped[:, SIDE // 2].float().mean()) == pytest.approx(0.25, abs=0.15)
+    level = seen._replace(geom=seen.geom.transpose(1, 2).contiguous())
+    assert (spoilt(level, {"labels": 0.5}).geom != level.geom)[0].nonzero()[
+        :, 0
+    ].unique().tolist() == [SIDE // 2]
 
 
-def test_a_drop_covers_its_share(seen, grains):
-    found = picture.cover(seen, drawn(0.1, free=(0.5, 0.5)), grains)
+def test_a_drop_covers_its_share():
+    found = spoilt(frame(), {"cover": 0.1})
     assert float((found.geom == -1).float().mean()) == pytest.approx(0.1, abs=0.01)
+    at_the_corner = spoilt(frame(), {"cover": 0.1}, place=0.0)
+    assert float((at_the_corner.geom == -1).float().mean()) == pytest.approx(0.025, abs=0.01)
 
 
-def test_blur_keeps_the_mean_and_blends_the_edge(seen, grains):
-    found = picture.blur(seen, drawn(1.0), grains).colour
-    assert float(found.mean()) == pytest.approx(float(seen.colour.mean()), rel=1e-3)
-    assert 100.0 < float(found[0, 5, SIDE // 2, 0]) < 160.0
+def test_blur_keeps_the_mean_and_blends_the_edge():
+    seen = frame()
+    found = spoilt(seen, {"blur": 1.0}).bgra
+    assert float(found.float().mean()) == pytest.approx(float(seen.bgra.float().mean()), rel=2e-3)
+    assert 100 < int(found[0, 5, SIDE // 2, 0]) < 160
+    # Its width: the edge's slope is a Gaussian of 1 px, cut off at three of them.
+    slope = found[0, 5, :, 0].float().diff()
+    at = torch.arange(len(slope)) - (SIDE // 2 - 1)
+    assert float((slope * at**2).sum() / slope.sum()) == pytest.approx(1.0, abs=0.15)
+    level = Frame(seen.bgra.transpose(1, 2).contiguous(), None, None)
+    assert torch.equal(spoilt(level, {"blur": 1.0}).bgra, found.transpose(1, 2))
 
 
 def test_a_camera_is_shifted_turned_zoomed_and_drifts():

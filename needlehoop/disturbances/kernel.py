@@ -1,0 +1,244 @@
+"""The kernel that works ``picture.Flaws`` into pictures.
+
+The compiler makes 16 steps at once of a loop that is a ``while``, over arrays whose strides are
+known here: so rows are gone along in that way, and arrays are made of addresses.
+"""
+
+# Warp compiles this file; its types are not all Python's.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false, reportCallIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+import warp as wp
+
+_FLAGS = "-march=native -ffast-math -Wno-nan-infinity-disabled"  # as the rasteriser's
+wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": _FLAGS})
+
+EDGE = wp.constant(12)
+"""Bytes of the 3 pixels to each side that a blurred pixel takes in."""
+
+SPARE = wp.constant(5)
+"""Rows of the scratch buffer beside the picture's."""
+
+_NEAREST = wp.constant(1e-4)
+"""Of a depth with noise, m."""
+
+_BLOOD = wp.constant(wp.vec4(8.0, 8.0, 90.0, 255.0))
+"""Colour of what covers the lens, BGRA."""
+
+
+@wp.struct
+class Flaw:
+    """Of one picture; see ``picture.Flaws``."""
+
+    blur: float
+    gain: wp.vec3
+    bias: wp.vec3
+    noise: float
+    depth_noise: float
+    depth_step: float
+    flips: float
+    drop: wp.vec3
+
+
+@wp.func
+def _weight(distance: float, blur: float) -> float:
+    """Of a Gaussian. Beyond three deviations there is nothing."""
+    share = distance / wp.max(blur, 1e-3)
+    return wp.where(share < 3.0, wp.exp(-0.5 * share * share), 0.0)
+
+
+@wp.func
+def _blur_along(
+    row: int, image: wp.array2d[wp.uint8], weights: wp.vec4, wide: int, out: wp.array2d[float]
+):
+    """Blur a row into ``out``, whose row ``wide`` is used on the way; edges are repeated."""
+    count = image.shape[1]
+    i = wp.int32(0)
+    while i < count:
+        out[wide, EDGE + i] = float(image[row, i])
+        i += 1
+    for k in range(EDGE):
+        out[wide, k] = out[wide, EDGE + k % 4]
+        out[wide, EDGE + count + k] = out[wide, EDGE + count - 4 + k % 4]
+    i = wp.int32(0)
+    while i < count:
+        out[row, i] = (
+            weights[0] * out[wide, i + 12]
+            + weights[1] * (out[wide, i + 8] + out[wide, i + 16])
+            + weights[2] * (out[wide, i + 4] + out[wide, i + 20])
+            + weights[3] * (out[wide, i] + out[wide, i + 24])
+        )
+        i += 1
+
+
+@wp.func
+def _blur_across(
+    row: int, height: int, count: int, weights: wp.vec4, seen: int, scratch: wp.array2d[float]
+):
+    """Blur a row of ``scratch`` with those above and below into its row ``seen``."""
+    last = height - 1
+    a, b, c = wp.max(row - 1, 0), wp.max(row - 2, 0), wp.max(row - 3, 0)
+    d, e, f = wp.min(row + 1, last), wp.min(row + 2, last), wp.min(row + 3, last)
+    i = wp.int32(0)
+    while i < count:
+        scratch[seen, i] = (
+            weights[0] * scratch[row, i]
+            + weights[1] * (scratch[a, i] + scratch[d, i])
+            + weights[2] * (scratch[b, i] + scratch[e, i])
+            + weights[3] * (scratch[c, i] + scratch[f, i])
+        )
+        i += 1
+
+
+@wp.func
+def _expose(
+    image: wp.array2d[wp.uint8],
+    flaw: Flaw,
+    grain: wp.array2d[float],
+    scratch: wp.array2d[float],
+):
+    """Blur, gain, bias and noise of colours.
+
+    Args:
+        image: BGRA ``(h, 4 w)``.
+        flaw: of it.
+        grain: noise ``(h, 4 w)``.
+        scratch: ``(h + SPARE, 4 w + 2 EDGE)``.
+    """
+    height, count = image.shape[0], image.shape[1]
+    gain, bias, noise = height, height + 1, height + 2
+    wide, seen = height + 3, height + 4
+    for i in range(count):
+        colour = i % 4
+        scratch[gain, i] = wp.where(colour < 3, flaw.gain[wp.min(colour, 2)], 0.0)
+        scratch[bias, i] = wp.where(colour < 3, flaw.bias[wp.min(colour, 2)], 255.0)
+        scratch[noise, i] = wp.where(colour < 3, flaw.noise, 0.0)
+    one, two, three = _weight(1.0, flaw.blur), _weight(2.0, flaw.blur), _weight(3.0, flaw.blur)
+    weights = wp.vec4(1.0, one, two, three) / (1.0 + 2.0 * (one + two + three))
+    for row in range(height):
+        _blur_along(row, image, weights, wide, scratch)
+    for row in range(height):
+        _blur_across(row, height, count, weights, seen, scratch)
+        i = wp.int32(0)
+        while i < count:
+            graded = scratch[gain, i] * scratch[seen, i] + scratch[bias, i]
+            scratch[seen, i] = graded + scratch[noise, i] * grain[row, i]
+            i += 1
+        i = wp.int32(0)
+        while i < count:
+            image[row, i] = wp.uint8(int(wp.clamp(scratch[seen, i], 0.0, 255.0) + 0.5))
+            i += 1
+
+
+@wp.func
+def _measure(image: wp.array2d[float], flaw: Flaw, grain: wp.array2d[float]):
+    """Noise of the depth ``(h, w)``, where there is a reading; then steps."""
+    for row in range(image.shape[0]):
+        i = wp.int32(0)
+        while i < image.shape[1]:
+            noisy = wp.max(image[row, i] + flaw.depth_noise * grain[row, i], _NEAREST)
+            image[row, i] = wp.where(image[row, i] > 0.0, noisy, 0.0)
+            i += 1
+        if flaw.depth_step > 0.0:
+            i = wp.int32(0)
+            while i < image.shape[1]:
+                image[row, i] = wp.rint(image[row, i] / flaw.depth_step) * flaw.depth_step
+                i += 1
+
+
+@wp.func
+def _flip(image: wp.array2d[int], flips: float, grain: wp.array2d[float]):
+    """Labels ``(h, w)`` of neighbours: half from the left, half from above; none at the border."""
+    few, many = 0.5 * flips, 1.0 - 0.5 * flips
+    for up in range(image.shape[0]):
+        # From the lower right corner: the neighbours still have their own labels.
+        row = image.shape[0] - 1 - up
+        above = wp.max(row - 1, 0)
+        i = wp.int32(image.shape[1] - 1)
+        while i > 0:
+            beside = wp.where(grain[row, i] < few, image[row, i - 1], image[row, i])
+            image[row, i] = wp.where(grain[row, i] > many, image[above, i], beside)
+            i -= 1
+        image[row, 0] = wp.where(grain[row, 0] > many, image[above, 0], image[row, 0])
+
+
+@wp.func
+def _cover(
+    drop: wp.vec3, side: int, image: wp.array2d[wp.uint8], depth: wp.array2d[float],
+    geom: wp.array2d[int],
+):  # fmt: skip
+    """Nothing is seen through blood. Channels without rows are not there."""
+    y, x = float(side) * drop[1] - 0.5, float(side) * drop[2] - 0.5
+    radius = float(side) * wp.sqrt(drop[0] / wp.pi)
+    for row in range(wp.max(int(y - radius), 0), wp.min(int(y + radius) + 1, side)):
+        for column in range(wp.max(int(x - radius), 0), wp.min(int(x + radius) + 1, side)):
+            down, right = float(row) - y, float(column) - x
+            if down * down + right * right < radius * radius:
+                if image.shape[0] > 0:
+                    for colour in range(4):
+                        image[row, 4 * column + colour] = wp.uint8(int(_BLOOD[colour]))
+                if depth.shape[0] > 0:
+                    depth[row, column] = 0.0
+                if geom.shape[0] > 0:
+                    geom[row, column] = -1
+
+
+@wp.func
+def _after(table: wp.uint64, start: int) -> wp.uint64:
+    """Address of a number of a table."""
+    return table + wp.uint64(4 * start)
+
+
+@wp.kernel
+def spoil(
+    envs: wp.array[int],
+    first: int,
+    view: int,
+    flaws: wp.array2d[Flaw],
+    starts: wp.array2d[wp.vec3i],
+    normal: wp.uint64,
+    uniform: wp.uint64,
+    scratch: wp.uint64,
+    colours: wp.uint64,
+    depths: wp.uint64,
+    geoms: wp.uint64,
+    side: int,
+):
+    """Spoil pictures of a view, one after the other, in the same scratch buffer.
+
+    Args:
+        envs: whose pictures they are, from the ``first`` on.
+        first: see there.
+        view: index.
+        flaws: ``(n, views)``.
+        starts: where the noise of colours, depth and labels begins in its table, ``(n, views)``.
+        normal: address of a table of normal numbers, float32.
+        uniform: of one of numbers in [0, 1).
+        scratch: of a buffer for ``_expose``.
+        colours: of BGRA pictures ``(k, side, side)``; 0 where there are none.
+        depths: of theirs in m, float32, or 0.
+        geoms: of geom ids, int32, or 0.
+        side: of the pictures, px.
+    """
+    at = wp.tid()
+    flaw, start = flaws[envs[first + at], view], starts[envs[first + at], view]
+    skip, none = wp.uint64(at) * wp.uint64(4 * side * side), wp.uint64(0)
+    image = wp.array(
+        ptr=colours + skip, shape=(wp.where(colours > none, side, 0), 4 * side), dtype=wp.uint8
+    )
+    depth = wp.array(ptr=depths + skip, shape=(wp.where(depths > none, side, 0), side), dtype=float)
+    geom = wp.array(ptr=geoms + skip, shape=(wp.where(geoms > none, side, 0), side), dtype=int)
+    more = flaw.gain - wp.vec3(1.0, 1.0, 1.0)
+    graded = wp.dot(more, more) + wp.dot(flaw.bias, flaw.bias)
+    if image.shape[0] > 0 and flaw.blur + graded + flaw.noise > 0.0:
+        grain = wp.array(ptr=_after(normal, start[0]), shape=(side, 4 * side), dtype=float)
+        room = wp.array(ptr=scratch, shape=(side + SPARE, 4 * side + 2 * EDGE), dtype=float)
+        _expose(image, flaw, grain, room)
+    if depth.shape[0] > 0 and flaw.depth_noise + flaw.depth_step > 0.0:
+        _measure(
+            depth, flaw, wp.array(ptr=_after(normal, start[1]), shape=(side, side), dtype=float)
+        )
+    if geom.shape[0] > 0 and flaw.flips > 0.0:
+        grain = wp.array(ptr=_after(uniform, start[2]), shape=(side, side), dtype=float)
+        _flip(geom, flaw.flips, grain)
+    if flaw.drop[0] > 0.0:
+        _cover(flaw.drop, side, image, depth, geom)

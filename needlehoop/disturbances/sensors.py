@@ -1,0 +1,79 @@
+"""The sensors of the cameras, which spoil what they see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from needlehoop.disturbances.kernel import EDGE, SPARE, Flaw, spoil
+from needlehoop.disturbances.picture import Flaws
+from needlehoop.engines.contract import Frame
+from needlehoop.engines.quiet_start import start_warp
+
+_PERIOD = 2**18
+"""Places in the tables of noise at which an image's may begin."""
+
+Spoiler = Callable[[str, Frame, slice], None]
+"""Changes a view's frames of some rows of a batch, and takes those rows."""
+
+
+class Sensors:
+    """Of ``n`` environments. Noise is cut out of two tables that are always the same.
+
+    Args:
+        num_envs: ``n``.
+        views: names of their cameras.
+        size: side of the images, px.
+    """
+
+    def __init__(self, num_envs: int, views: tuple[str, ...], size: int):
+        start_warp()
+        self._views, self._size = views, size
+        shape, generator = (num_envs, len(views)), np.random.default_rng(0)
+        kind: Any = Flaw
+        self._flaws = wp.zeros(shape, dtype=kind, device="cpu")
+        self._fields: Any = self._flaws.numpy()
+        self._starts = wp.zeros(shape, dtype=wp.vec3i, device="cpu")
+        count = _PERIOD + 4 * size**2
+        self._normal = generator.standard_normal(count, dtype=np.float32)
+        self._uniform = generator.random(count, dtype=np.float32)
+        # The first launch compiles: before any other thread launches.
+        no = np.zeros(0, int)
+        self.spoiler(no, np.zeros((0, 3)))(views[0], Frame(None, None, None), slice(0, 0))
+
+    def set(self, ids: np.ndarray, flaws: Flaws) -> None:
+        """Give the pictures of environments ``(k,)`` flaws ``(k, views, …)``."""
+        for name, values in flaws._asdict().items():
+            self._fields[name][ids] = values
+
+    def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:
+        """What spoils the frames of environments.
+
+        Args:
+            ids: which ``(k,)``.
+            places: where their noise begins ``(k, views * 3)``, in [0, 1).
+        """
+        shape = (len(ids), len(self._views), 3)
+        self._starts.numpy()[ids] = (places * _PERIOD).reshape(shape)
+        envs, side = wp.array(ids, dtype=int, device="cpu"), self._size
+
+        def run(view: str, frame: Frame, part: slice) -> None:
+            channels = [one if one is None else one.contiguous() for one in frame]
+            scratch = torch.empty(side + SPARE, 4 * side + 2 * EDGE)
+            inputs = [
+                *(envs, part.start, self._views.index(view), self._flaws, self._starts),
+                *(self._normal.ctypes.data, self._uniform.ctypes.data, scratch.data_ptr()),
+                *(0 if one is None else one.data_ptr() for one in channels),
+                side,
+            ]
+            wp.launch(spoil, dim=part.stop - part.start, inputs=inputs, device="cpu")
+            # The tracer's are not contiguous.
+            for given, one in zip(frame, channels, strict=True):
+                if given is not None and one is not None and one is not given:
+                    given.copy_(one)
+
+        return run
