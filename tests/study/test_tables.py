@@ -72,9 +72,9 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = dicts(agreements(findings))
-    # Of the paper's VLM, claude, claude asked in three other ways and the paper's measured, by final
-    # return and over training, and of the models in the paper; the study's own VLM has the paper's
-    # orders, and is the paper's.
+    # Of the paper's VLM, claude, claude asked in three other ways and the paper's measured, by
+    # final return and over training, and of the models in the paper; the study's own VLM has the
+    # paper's orders, and is the paper's.
     assert len(rows) == ((5 + 1) * 2 + 5) * (3 + 1)
     papers = [r for r in agreements(findings).records() if said_of(r) == PAPERS]
     ps = [row["p of tau-b"] for row in papers]
