@@ -65,8 +65,6 @@ class Folder:
                 raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
-            # Older probes name no way of halving an image; they pooled.
-            before["encoder"] = {"halving": "pool", **before.get("encoder", {})}
             other = sorted(
                 key for key in {*own, *before} - {*_ANY} if before.get(key) != own.get(key)
             )

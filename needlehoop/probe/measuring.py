@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +30,8 @@ def probe(plan: Plan, folder: Folder) -> None:
     todo = missing(plan, folder.path)
     total = plan.fit.updates * sum(map(len, todo.values()))
     # One torch thread per reader: sums are then rounded alike at any number of threads.
-    with _torch_threads(1), tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
+    torch.set_num_threads(1)
+    with tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
         for seed, lacking in todo.items():
             if lacking or not folder.has(seed, CONSTANT):
                 _probe_seed(plan, folder, seed, lacking, bar)
@@ -111,13 +111,3 @@ def _reader(plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int) -> Re
     torch.manual_seed(seed)
     dtype = convolution_dtype(plan.effort.precision, device)
     return Reader(learnt, cameras, plan.encoder, plan.heads, dtype, device)
-
-
-@contextmanager
-def _torch_threads(number: int) -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(number)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

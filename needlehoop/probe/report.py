@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, cycle
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.config.task_options import STANDARD, task_name
 from needlehoop.probe.folder import ProbeResults
 from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.probe.quantities import Quantities
 from needlehoop.probe.scores import Interval as Scored
-from needlehoop.runs.shipped import CONF
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
-from needlehoop.study.render.table import Cell, Column, Estimated, Table
+from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.statistics import Interval
 
@@ -35,114 +35,98 @@ def all_tables(results: ProbeResults) -> list[Table]:
 
 def _ranking(results: ProbeResults) -> Table:
     """Camera sets by score, then the baselines."""
-    rows, asked = [], results.asked
+    asked = results.asked
+    rows: list[Row] = []
     for name in (*results.ranked, *_BASELINES):
-        score, place = results.scores[name], results.places.get(name)
-        rows.append(
-            (
-                None if place is None else _place(*place),
-                _BASELINES.get(name, name),
-                score.value,
-                _interval(score),
-                *(
-                    Estimated(error.value, _interval(error))
-                    for error in (results.error(name, p, asked.needed[p]) for p in asked.phases)
-                ),
-                *results.by_seed[name],
-            )
-        )
-    columns = (
-        Column("place"),
-        Column("cameras"),
-        Column("score", form=".3f"),
-        Column("95 %", form=".3f"),
-        *(Column(phase, "mm", ".2f") for phase in asked.phases),
-        *(Column(f"seed {seed}", form=".3f") for seed in range(results.seeds)),
-    )
+        row: Row = {
+            Column("place"): _place(*results.places[name]) if name in results.places else None,
+            Column("cameras"): _BASELINES.get(name, name),
+            **_estimated("score", results.scores[name]),
+        }
+        for phase in asked.phases:
+            error = results.error(name, phase, asked.needed[phase])
+            row[Column(phase, "mm", ".2f")] = Estimated(error.value, _interval(error))
+        for seed, score in enumerate(results.by_seed[name]):
+            row[Column(f"seed {seed}", form=".3f")] = score
+        rows.append(row)
     note = (
         "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
         " (over held-out episodes) overlap share a place."
     )
     title = "Cameras by what can be read off their images"
-    return Table("ranking", title, columns, tuple(rows), note)
+    return Table.of("ranking", title, rows, note)
+
+
+def _estimated(name: str, found: Scored) -> Row:
+    column = Column(name, form=".3f")
+    return {column: found.value, replace(column, name="95 %"): _interval(found)}
 
 
 def _phases(results: ProbeResults) -> Table:
     """Every error of every camera set, phase by phase."""
     asked = results.asked
-    rows = [
-        (
-            _BASELINES.get(name, name),
-            phase,
-            quantity,
-            found.value,
-            _interval(found),
-            True if asked.needed[phase] == quantity else None,
-        )
+    rows: list[Row] = [
+        {
+            Column("cameras"): _BASELINES.get(name, name),
+            Column("phase"): phase,
+            Column("quantity"): quantity,
+            **_estimated("error", results.error(name, phase, quantity)),
+            Column("needed"): True if asked.needed[phase] == quantity else None,
+        }
         for name in (*results.ranked, *_BASELINES)
         for phase in asked.phases
         for quantity in asked.names
-        for found in (results.error(name, phase, quantity),)
     ]
-    columns = (
-        Column("cameras"), Column("phase"), Column("quantity"), Column("error", form=".3f"),
-        Column("95 %", form=".3f"), Column("needed"),
-    )  # fmt: skip
     note = f"Errors in mm; of {asked.fact}, the share of frames in which it is wrong."
-    return Table(PHASES_TABLE, "Errors by phase", columns, tuple(rows), note)
+    return Table.of(PHASES_TABLE, "Errors by phase", rows, note)
 
 
 def _agreements(results: ProbeResults) -> Table:
     """The probe against the paper's measurements and its VLM, and against itself."""
-    # The paper's task is the one that is chosen where none is named.
-    rows = _published(results) if results.asked.task == task_name(STANDARD, [CONF]) else []
-    for one, two in combinations(range(results.seeds), 2):
-        sides = [{name: results.by_seed[name][s] for name in results.ranked} for s in (one, two)]
-        if len(results.ranked) > 1:
-            rows.append((f"seed {one}", f"seed {two}", *_said(*sides)))
-    columns = (
-        Column("list"), Column("against"), Column("n"), Column("tau-b", form=".2f"),
-        Column("p", form=".2f"), Column("rho", form=".2f"), Column("best hit"),
-        Column("worst hit"), Column("regret", form=".2f"),
-    )  # fmt: skip
+    scores = {name: results.scores[name].value for name in results.ranked}
+    sides: list[tuple[str, str, Mapping[str, float], Mapping[str, float]]] = [
+        (name, against, {one: scores[one] for one in theirs}, theirs)
+        for name, against, theirs in _published(results.asked)
+        # Nothing where the probe has not seen all of the list.
+        if set(theirs) <= set(scores)
+    ]
+    for one, two in combinations(range(results.seeds) if len(scores) > 1 else (), 2):
+        first, second = ({n: results.by_seed[n][seed] for n in scores} for seed in (one, two))
+        sides.append((f"seed {one}", f"seed {two}", first, second))
+    rows: list[Row] = []
+    for name, against, predicted, theirs in sides:
+        found = agreement(predicted, theirs)
+        rows.append(
+            {
+                Column("list"): name,
+                Column("against"): against,
+                Column("n"): found.n,
+                Column("tau-b", form=".2f"): found.tau,
+                Column("p", form=".2f"): found.tau_p,
+                Column("rho", form=".2f"): found.rho,
+                Column("best hit"): found.top_hit,
+                Column("worst hit"): found.bottom_hit,
+                Column("regret", form=".2f"): found.regret,
+            }
+        )
     note = (
         "The probe's order predicts the other one. p by permutation, two-sided; regret: by how much"
         " the probe's first choice falls short of the best there, in that side's unit."
     )
-    kept = tuple(row for row in rows if row)
-    return Table("agreement", "Agreement of the probe with other rankings", columns, kept, note)
+    return Table.of("agreement", "Agreement of the probe with other rankings", rows, note)
 
 
-def _published(results: ProbeResults) -> list[tuple[Cell, ...]]:
+def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+    """The paper's lists with what it measured, then what its VLM said; of its own task alone."""
+    if asked.task != paper.task():
+        return
     measured, published = paper.measured(), paper.lists()
-    rows = [
-        _row(LISTS[name], "the paper's measured", {one: measured[one] for one in members}, results)
-        for name, members in published.items()
-    ]
-    rows.append(_row("all", "the paper's measured", measured, results))
-    said = zip(paper.answers().rankings, published, strict=True)
-    for ranking, name in said:
-        predicted = {cameras: -place for cameras, place in ranking.places.items()}
-        rows.append(_row(LISTS[name], "the paper's VLM", predicted, results))
-    return rows
-
-
-def _row(
-    name: str, against: str, measured: Mapping[str, float], results: ProbeResults
-) -> tuple[Cell, ...]:
-    """Nothing where the probe has not seen all of the list."""
-    if not set(measured) <= set(results.ranked):
-        return ()
-    scores = {cameras: results.scores[cameras].value for cameras in measured}
-    return (name, against, *_said(scores, measured))
-
-
-def _said(predicted: Mapping[str, float], measured: Mapping[str, float]) -> tuple[Cell, ...]:
-    found = agreement(predicted, measured)
-    return (
-        *(found.n, found.tau, found.tau_p, found.rho),
-        *(found.top_hit, found.bottom_hit, found.regret),
-    )
+    for name, members in published.items():
+        yield LISTS[name], "the paper's measured", {one: measured[one] for one in members}
+    yield "all", "the paper's measured", measured
+    for name, ranking in zip(published, paper.answers().rankings, strict=True):
+        said = {cameras: -place for cameras, place in ranking.places.items()}
+        yield LISTS[name], "the paper's VLM", said
 
 
 def _place(best: int, worst: int) -> Cell:
@@ -208,7 +192,7 @@ def view_map(
     figure, grid = new_figure(62)
     axes = grid[0, 0]
     image = axes.pcolormesh(
-        _edges(azimuths), _edges(elevations), values, cmap="cividis", linewidth=0
+        azimuths, elevations, values, cmap="cividis", linewidth=0, shading="nearest"
     )
     middle = (values.min() + values.max()) / 2
     for e, row in zip(elevations, values, strict=True):
@@ -228,9 +212,3 @@ def view_map(
     bar.set_label(what)
     bar.outline.set_edgecolor(FAINT)
     return figure
-
-
-def _edges(centres: Sequence[float]) -> np.ndarray:
-    """Borders of cells around rising centres."""
-    inner = (np.asarray(centres[:-1], dtype=float) + np.asarray(centres[1:], dtype=float)) / 2
-    return np.array([2 * centres[0] - inner[0], *inner, 2 * centres[-1] - inner[-1]])

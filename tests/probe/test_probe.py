@@ -306,6 +306,19 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     assert found.scores[TRUTH].value > found.scores["seg_default"].value
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """The results of a probe of two camera sets by one seed; tests copy it."""
+    results = tmp_path_factory.mktemp("whole")
+    assert _run(results, "cams=rgb_default,seg_side", "seeds=1", "engine.threads=2") == 0
+    return results
+
+
+@pytest.fixture
+def probed(whole, tmp_path) -> Path:
+    return shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+
+
 def _run(tmp_path: Path, *words: str) -> int:
     return cli.main(["probe", f"results={tmp_path}", "compute=true", *TINY, *words])
 
@@ -355,10 +368,8 @@ def test_the_command_probes_any_task(tmp_path, capsys, task):
     assert _files(tmp_path) == before
 
 
-def test_a_stopped_probe_goes_on_to_the_same_bits(tmp_path, monkeypatch, capsys):
-    whole, halved = tmp_path / "a", tmp_path / "b"
-    cams = "cams=rgb_default,seg_side"
-    assert _run(whole, cams, "seeds=1", "engine.threads=2") == 0
+def test_a_stopped_probe_goes_on_to_the_same_bits(whole, tmp_path, monkeypatch, capsys):
+    words = ("cams=rgb_default,seg_side", "seeds=1", "engine.threads=1")
     saves = []
     save = Folder.save
 
@@ -370,62 +381,55 @@ def test_a_stopped_probe_goes_on_to_the_same_bits(tmp_path, monkeypatch, capsys)
 
     with monkeypatch.context() as patched:
         patched.setattr(Folder, "save", stop)
-        assert _run(halved, cams, "seeds=1", "engine.threads=1") == 130
+        assert _run(tmp_path, *words) == 130
     assert "the same command goes on" in capsys.readouterr().err
-    assert len(list((halved / "probe").rglob("seed*/*.csv"))) == 2
-    assert _run(halved, cams, "seeds=1", "engine.threads=1") == 0
-    ours, theirs = _files(halved / "probe"), _files(whole / "probe")
+    assert len(list((tmp_path / "probe").rglob("seed*/*.csv"))) == 2
+    assert _run(tmp_path, *words) == 0
+    ours, theirs = _files(tmp_path / "probe"), _files(whole / "probe")
     assert ours.keys() == theirs.keys()
     differ = [name for name in ours if ours[name] != theirs[name]]
     assert set(differ) <= {"manifest.json", "config.yaml"}
 
 
-def test_more_combinations_are_added_and_nothing_is_done_twice(tmp_path, monkeypatch):
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
-    before = (tmp_path / "probe" / "seed0" / "rgb_default.csv").stat().st_mtime_ns
-    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
-    folder = tmp_path / "probe"
-    assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
-    assert {"rgb_default", "seg_side"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
-    done = (folder / "manifest.json").read_bytes()
-    monkeypatch.setattr(measuring, "collect", None)
-    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0, "all there: nothing to collect"
-    assert (folder / "manifest.json").read_bytes() == done, "it took nothing"
-
-
-def test_the_manifest_counts_the_time_of_all_calls(tmp_path, capsys):
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
-    path = tmp_path / "probe" / "manifest.json"
+def test_camera_sets_are_added_and_the_time_of_all_calls_is_counted(probed, monkeypatch, capsys):
+    folder = probed / "probe"
+    path = folder / "manifest.json"
     path.write_text(json.dumps({"wall_time": 5000.0, "memory_gb": 900.0}))
-    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 0
-    manifest = json.loads(path.read_text())
+    before = (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns
+    assert _run(probed, "cams=dep_side", "seeds=1") == 0
+    assert (folder / "seed0" / "rgb_default.csv").stat().st_mtime_ns == before
+    assert {"rgb_default", "dep_side"} <= {row["cameras"] for row in _rows(folder / "ranking.csv")}
+    done = path.read_bytes()
+    manifest = json.loads(done)
     assert 5000 < manifest["wall_time"] < 6000
     assert manifest["memory_gb"] == 900
-    assert manifest["command"][-2:] == ["cams=seg_side", "seeds=1"]
-    assert _run(tmp_path, "cams=seg_side", "seeds=1", "overwrite=true") == 0
+    assert manifest["command"][-2:] == ["cams=dep_side", "seeds=1"]
+    with monkeypatch.context() as patched:
+        patched.setattr(measuring, "collect", None)
+        assert _run(probed, "cams=dep_side", "seeds=1") == 0, "all there: nothing to collect"
+    assert path.read_bytes() == done, "it took nothing"
+    assert _run(probed, "cams=dep_side", "seeds=1", "overwrite=true") == 0
     assert json.loads(path.read_text())["wall_time"] < 1000
     path.write_text('{"wall')
-    assert _run(tmp_path, "cams=seg_side", "seeds=1") == 2
+    assert _run(probed, "cams=dep_side", "seeds=1") == 2
     assert f"{path} is no JSON, or cut off; delete it" in capsys.readouterr().err
 
 
-def test_a_folder_of_something_else_or_other_settings_is_left_alone(tmp_path, capsys):
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
-    before = _files(tmp_path)
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1", "task=wide") == 2
+def test_a_folder_of_something_else_or_other_settings_is_left_alone(probed, capsys):
+    before = _files(probed)
+    assert _run(probed, "cams=rgb_default", "seeds=1", "task=wide") == 2
     assert "another task; choose another study=" in capsys.readouterr().err
-    assert _files(tmp_path) == before
-    (tmp_path / "notes").mkdir()
-    (tmp_path / "notes" / "mine.txt").write_text("mine")
-    assert _run(tmp_path, "study=notes") == 2
-    assert "holds files but no probe" in capsys.readouterr().err
-    assert _run(tmp_path, "study=notes", "overwrite=true") == 2
-    assert (tmp_path / "notes" / "mine.txt").read_text() == "mine"
+    assert _files(probed) == before
+    (probed / "notes").mkdir()
+    (probed / "notes" / "mine.txt").write_text("mine")
+    for words in ([], ["overwrite=true"]):
+        assert _run(probed, "study=notes", *words) == 2
+        assert "holds files but no probe" in capsys.readouterr().err
+    assert (probed / "notes" / "mine.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("words", "match"),
-    [
+def test_bad_settings_stop_before_anything_is_written(tmp_path, capsys):
+    for words, said in (
         (["seeds=0"], "seeds: 0 must be at least 1"),
         (["seeds=two"], "seeds"),
         (["fit.updates=0"], "fit.updates"),
@@ -437,19 +441,16 @@ def test_a_folder_of_something_else_or_other_settings_is_left_alone(tmp_path, ca
         (["grid.azimuths=[0]", "--grid", "views"], "grid.azimuths"),
         (["grid.elevations=[95,99]", "--grid", "views"], "elevation: 95"),
         (["episodes.more=1"], "more"),
-    ],
-)
-def test_bad_settings_stop_before_anything_is_written(tmp_path, capsys, words, match):
-    assert cli.main(["probe", f"results={tmp_path}", *words]) == 2
-    assert match in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    ):
+        assert cli.main(["probe", f"results={tmp_path}", *words]) == 2
+        assert said in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
 
 
-def test_a_torn_file_is_named(tmp_path, capsys):
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 0
-    torn = tmp_path / "probe" / "seed0" / "rgb_default.csv"
+def test_a_torn_file_is_named(probed, capsys):
+    torn = probed / "probe" / "seed0" / "rgb_default.csv"
     torn.write_bytes(torn.read_bytes()[:500])
-    assert _run(tmp_path, "cams=rgb_default", "seeds=1") == 2
+    assert _run(probed, "cams=rgb_default", "seeds=1") == 2
     assert str(torn) in capsys.readouterr().err
 
 

@@ -117,6 +117,15 @@ def test_many_curves_are_grouped_as_in_the_paper(tmp_path):
     assert first["rgb_default"] == second["rgb_default"]
 
 
+def test_curves_of_another_task_are_in_no_list_of_the_papers(tmp_path):
+    for cameras, _ in PAIRS[:8]:
+        path = write_run(tmp_path, cameras, updates=20) / "manifest.json"
+        manifest = json.loads(path.read_text())
+        path.write_text(json.dumps(manifest | {"task": {**manifest["task"], "name": "reach"}}))
+    panels = learning_curves(study_findings(tmp_path)).axes
+    assert [(axes.get_title("left"), len(names(axes))) for axes in panels] == [("", 7), ("", 1)]
+
+
 def test_a_curve_ends_at_the_mean_of_its_last_buffers(study):
     findings = study_findings(study)
     (result,) = [r for r in findings.ranked if r.cameras == "rgb_default"]

@@ -44,7 +44,8 @@ class MissingDataError(ValueError):
 def learning_curves(findings: StudyFindings) -> Figure:
     """Return over training for each camera set.
 
-    Few share a panel; many are parted into the paper's three lists, and the rest.
+    Few share a panel; many are parted into the paper's three lists, if it is of its task, and the
+    rest.
 
     Raises:
         MissingDataError: no run has a learning curve.
@@ -52,7 +53,9 @@ def learning_curves(findings: StudyFindings) -> Figure:
     drawn = {result.cameras: result for result in findings.ranked if _curves(result.runs)}
     if not drawn:
         raise MissingDataError("no learning curves")
-    panels = [("", list(drawn.values()))] if len(drawn) <= _PANEL else _in_lists(drawn)
+    panels = [("", list(drawn.values()))]
+    if len(drawn) > _PANEL:
+        panels = _in_lists(drawn, paper.lists() if findings.is_papers else {})
     figure, grid = new_figure(6 + 46 * len(panels), len(panels), sharex=True)
     colours = _colours([[result.cameras for result in own] for _, own in panels])
     shown = [
@@ -65,12 +68,15 @@ def learning_curves(findings: StudyFindings) -> Figure:
     return figure
 
 
-def _in_lists(drawn: Mapping[str, Result]) -> list[tuple[str, list[Result]]]:
+def _in_lists(
+    drawn: Mapping[str, Result], lists: Mapping[str, Sequence[str]]
+) -> list[tuple[str, list[Result]]]:
     """Camera sets by the paper's lists; one that is in two of them is shown in both."""
-    panels = []
-    for name, members in paper.lists().items():
-        panels.append((LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members]))
-    listed = {cameras for members in paper.lists().values() for cameras in members}
+    panels = [
+        (LISTS[name], [drawn[cameras] for cameras in drawn if cameras in members])
+        for name, members in lists.items()
+    ]
+    listed = {cameras for members in lists.values() for cameras in members}
     rest = [drawn[cameras] for cameras in drawn if cameras not in listed]
     others = "Others" if any(own for _, own in panels) else ""
     panels += [(others, rest[i : i + _PANEL]) for i in range(0, len(rest), _PANEL)]

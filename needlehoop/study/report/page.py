@@ -223,7 +223,10 @@ def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dic
                 "happened": happened,
             }
         )
-    return {"name": f"{answers.source}: {list_name(frozenset(ranking.places))}", "places": places}
+    return {
+        "name": f"{answers.source}: {list_name(findings, frozenset(ranking.places))}",
+        "places": places,
+    }
 
 
 def _settings(runs: Sequence[Record], study: Path | None) -> dict[str, Any]:

@@ -426,7 +426,7 @@ def agreements(findings: StudyFindings) -> Table:
             both: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
             who: Row = {Column("prediction"): one.who, Column("against"): truth}
             for members, scores in one.lists.items():
-                row = who | {_LIST: list_name(members)}
+                row = who | {_LIST: list_name(findings, members)}
                 if not (missing := len(members - set(values))):
                     both.append((scores, {cameras: values[cameras] for cameras in members}))
                     brier = one.brier(members, values)
@@ -470,12 +470,10 @@ def _agreed(found: Agreement | None, remark: str = "") -> Row:
     }
 
 
-def list_name(members: frozenset[str]) -> str:
+def list_name(findings: StudyFindings, members: frozenset[str]) -> str:
     """A list's name; a list that is not the paper's is named by what is in it."""
-    for name, own in paper.lists().items():
-        if frozenset(own) == members:
-            return LISTS[name]
-    return ", ".join(sorted(members))
+    names = {frozenset(own): LISTS.get(name) for name, own in findings.lists.items()}
+    return names.get(members) or ", ".join(sorted(members))
 
 
 def improvements(findings: StudyFindings) -> Table:
