@@ -27,8 +27,8 @@ def scores(order) -> dict[str, float]:
 
 
 @st.composite
-def two_sides(draw):
-    size = draw(st.integers(2, 6))
+def two_sides(draw, most=6):
+    size = draw(st.integers(2, most))
     side = st.lists(st.integers(0, 4), min_size=size, max_size=size)
     return draw(side), draw(side)
 
@@ -44,7 +44,7 @@ def test_correlations_are_scipys_ties_included(sides):
     assert found.rho == pytest.approx(spearmanr(a, b).statistic, abs=1e-12)
 
 
-@given(two_sides())
+@given(two_sides(most=4))
 def test_p_is_the_share_of_orders_at_least_as_strong(sides):
     a, b = sides
     if len(set(a)) == 1 or len(set(b)) == 1:
@@ -141,8 +141,8 @@ def test_lists_together_are_the_mean_of_those_that_say_something(sides):
     else:
         assert math.isnan(both.tau)
         assert math.isnan(both.tau_p)
-    if len(sides) == len(told) == 1:
-        assert both.tau_p == pytest.approx(alone[0].tau_p, abs=0.015)
+    if len(told) == 1:
+        assert both.tau_p == told[0].tau_p
     assert both.regret == pytest.approx(np.mean([one.regret for one in alone]))
     assert both.top_hits == sum(one.top_hit for one in alone)
     assert both.bottom_hits == sum(one.bottom_hit for one in alone)

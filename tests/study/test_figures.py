@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from strength import ALL
 from study_files import BUFFER, PAIRS, REWARDED, UPDATES, write_run, write_study
 
 from needlehoop.cli.main import main
@@ -58,9 +59,10 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
             # 85 mm at 300 dpi, and not blank.
             assert image.width == pytest.approx(WIDTH * 300, abs=1)
             assert np.asarray(image.convert("L")).std() > 10
-    before = sums(figures)
-    assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
-    assert sums(figures) == before
+    if ALL:
+        before = sums(figures)
+        assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
+        assert sums(figures) == before
 
 
 def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):

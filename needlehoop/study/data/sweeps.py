@@ -99,7 +99,7 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
     own |= given
     algo = own.pop("algo", PPO)
     taught = algo == DAGGER
-    seeds = [_seed(text) for text in own.pop("seed").split(",")]
+    seeds = _whole("seed", own.pop("seed").split(","), "seed=0,1,2")
     cams, rewards, models = own.pop("cams"), own.pop("reward"), own.pop(_MODEL, None)
     if models is not None and not taught:
         named = [model.strip().rpartition(".") for model in models.split(",")]
@@ -113,8 +113,7 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
         own.pop(key, None)
     choices = {key: [_written(one) for one in _COMMA.split(text)] for key, text in own.items()}
     swept = {key for key, values in choices.items() if len(values) > 1}
-    if odd := [text for text in choices["steps"] if not text.isdecimal()]:
-        raise ValueError(f"steps: {odd[0]!r} is not a whole number; give such as steps=500_000")
+    _whole("steps", choices["steps"], "steps=500_000")
     found = {}
     runs = product(chosen, seeds, product(*choices.values()))
     for (cameras, reward), seed, values in runs:
@@ -194,10 +193,11 @@ def _camera_sets(text: str) -> list[list[str]]:
     return [[name.strip() for name in (listed or single).split(",")] for listed, single in found]
 
 
-def _seed(text: str) -> int:
-    if not text.strip().isdecimal():
-        raise ValueError(f"seed: {text!r} is not a whole number; give such as seed=0,1,2")
-    return int(text)
+def _whole(key: str, texts: Sequence[str], example: str) -> list[int]:
+    for text in texts:
+        if not text.strip().isdecimal():
+            raise ValueError(f"{key}: {text!r} is not a whole number; give such as {example}")
+    return [int(text) for text in texts]
 
 
 def _check(

@@ -19,7 +19,7 @@ from needlehoop.study.data.records import Record
 from needlehoop.study.render.style import (
     COLOURS,
     DASHES,
-    label_ends,
+    apart,
     new_figure,
     short,
 )
@@ -192,7 +192,9 @@ def draw_panel(
 def name_ends(
     figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]], longest: float
 ) -> None:
-    """Write names beside lines that ``draw_panel`` drew; the last thing that is done to a figure.
+    """Write names beside lines that ``draw_panel`` drew, apart from each other, with thin leaders.
+
+    It is the last thing that is done to a figure.
 
     Args:
         figure: with the axes in ``column`` below each other, and their limits set.
@@ -206,8 +208,18 @@ def name_ends(
     longest_name = max(len(name) for own in ends for name, *_ in own)
     layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))
     figure.draw_without_rendering()
+    right = 1.06 * longest / 1e6
     for axes, own in zip(column, ends, strict=True):
-        label_ends(axes, own, 1.06 * longest / 1e6)
+        low, high = axes.get_ylim()
+        # 6.5 pt letters need 8 pt from line to line.
+        gap = 8.0 / 72.0 / (axes.get_position().height * figure.get_figheight()) * (high - low)
+        ordered = sorted(own, key=lambda end: end[2])
+        places = apart([y for _, _, y, _ in ordered], gap, low, high)
+        for (name, x, y, colour), place in zip(ordered, places, strict=True):
+            # Fainter than the line: one that ended early does not go on.
+            leader = {"linewidth": 0.5, "alpha": 0.4, "clip_on": False}
+            axes.plot([x, right], [y, place], color=colour, solid_capstyle="butt", **leader)
+            axes.text(right, place, f" {name}", va="center", fontsize=6.5, clip_on=False)
     # The names are not the layout's business.
     figure.set_layout_engine("none")
 

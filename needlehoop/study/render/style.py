@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import isotonic_regression
 
@@ -77,36 +76,6 @@ def save(figure: Figure, stem: Path) -> list[Path]:
         figure.savefig(png, metadata={"Software": None})
         figure.savefig(svg, metadata={"Date": None, "Creator": None})
     return [png, svg]
-
-
-def label_ends(axes: Axes, ends: Sequence[tuple[str, float, float, str]], right: float) -> None:
-    """Write names beside the ends of lines, apart from each other, each with a thin leader.
-
-    Args:
-        axes: with its limits set.
-        ends: name, x, y and colour of each line's end.
-        right: x where the names begin, in data units.
-    """
-    low, high = axes.get_ylim()
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    height = axes.get_position().height * figure.get_figheight()
-    # 6.5 pt letters need 8 pt from line to line.
-    gap = 8.0 / 72.0 / height * (high - low)
-    ordered = sorted(ends, key=lambda end: end[2])
-    places = apart([end[2] for end in ordered], gap, low, high)
-    for (name, x, y, colour), place in zip(ordered, places, strict=True):
-        axes.plot(
-            [x, right],
-            [y, place],
-            color=colour,
-            linewidth=0.5,
-            # Fainter than the line: one that ended early does not go on.
-            alpha=0.4,
-            clip_on=False,
-            solid_capstyle="butt",
-        )
-        axes.text(right, place, f" {name}", va="center", fontsize=6.5, clip_on=False)
 
 
 def apart(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:

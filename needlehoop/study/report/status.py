@@ -62,7 +62,6 @@ def standings(
     study: Study,
     ends: Mapping[Place, JobEnd],
     expected: Mapping[Place, Mapping[str, str]] | None = None,
-    now: float | None = None,
 ) -> list[Standing]:
     """The state of each run, in the order of places.
 
@@ -75,9 +74,8 @@ def standings(
         ends: of the jobs of sweeps, by run.
         expected: the runs that are asked for, with the settings that they are to have; by default
             ``expected_places``, and those that sweeps have tried, with any.
-        now: Unix time, s; by default, the clock's.
     """
-    moment = time.time() if now is None else now
+    now = time.time()
     runs = {run.place: run for run in study.runs}
     wanted = {*expected_places(study), *ends} if expected is None else set(expected)
     rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
@@ -99,12 +97,12 @@ def standings(
         seen = _last_sign(run)
         if end is None or end.when < seen or run.finished:
             error = None
-        state, rate = FAILED if error else _state(run, moment - seen), _rate(run)
+        state, rate = FAILED if error else _state(run, now - seen), _rate(run)
         used = rate or usual
         rest = 0 if state == DONE else max(run.planned_steps - run.steps, 0)
         left = 0.0 if not rest else rest / used if used else None
         found.append(
-            Standing(place, state, run.steps, run.planned_steps, rate, left, moment - seen, error)
+            Standing(place, state, run.steps, run.planned_steps, rate, left, now - seen, error)
         )
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import permutations
 
 import numpy as np
@@ -55,21 +56,17 @@ class Agreement:
         return self.bottom_hits == self.lists
 
 
-def agreement(
-    predicted: Mapping[str, float], measured: Mapping[str, float], seed: int = 0
-) -> Agreement:
+def agreement(predicted: Mapping[str, float], measured: Mapping[str, float]) -> Agreement:
     """Compare two mappings of scores over the same names; higher is better in both.
 
     Args:
         predicted: by name; equal scores are ties.
         measured: such as final returns.
-        seed: of the permutations, where there are too many to try them all.
 
     Raises:
         ValueError: other names on one side, fewer than two, or a value that is not finite.
     """
-    both = _in_one_order(predicted, measured)
-    return _together([both], *_correlate(_signs(both), seed), *_correlate(_ranks(both), seed))
+    return pooled([(predicted, measured)])
 
 
 def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> Agreement:
@@ -87,17 +84,19 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     if not sides:
         raise ValueError("agreement: no lists")
     arrays = [_in_one_order(*both) for both in sides]
-    taus, rhos = ([of(both) for both in arrays] for of in (_signs, _ranks))
-    return _together(arrays, *_mean_correlation(taus), *_mean_correlation(rhos))
-
-
-def _together(
-    arrays: Sequence[_Sides], tau: float, tau_p: float, rho: float, rho_p: float
-) -> Agreement:
+    # Differences whose correlations are Kendall's tau-b and Spearman's rho (Daniels 1944).
+    signs = [(np.sign(_differences(a)), np.sign(_differences(b))) for a, b in arrays]
+    ranks = [(_differences(rankdata(a)), _differences(rankdata(b))) for a, b in arrays]
     top, bottom, regrets = zip(*(_hits_and_regret(*both) for both in arrays), strict=True)
-    n, lists = sum(len(a) for a, _ in arrays), len(arrays)
-    regret = sum(regrets) / lists
-    return Agreement(n, lists, tau, tau_p, rho, rho_p, sum(top), sum(bottom), regret)
+    return Agreement(
+        sum(len(a) for a, _ in arrays),
+        len(arrays),
+        *_correlate(signs),
+        *_correlate(ranks),
+        sum(top),
+        sum(bottom),
+        sum(regrets) / len(arrays),
+    )
 
 
 def _in_one_order(predicted: Mapping[str, float], measured: Mapping[str, float]) -> _Sides:
@@ -126,44 +125,30 @@ def _hits_and_regret(a: np.ndarray, b: np.ndarray) -> tuple[bool, bool, float]:
     )
 
 
-def _signs(both: _Sides) -> _Sides:
-    """Differences whose correlation is Kendall's tau-b."""
-    a, b = (np.sign(_differences(side)) for side in both)
-    return a, b
-
-
-def _ranks(both: _Sides) -> _Sides:
-    """Differences whose correlation is Spearman's rho (Daniels 1944)."""
-    a, b = (_differences(rankdata(side)) for side in both)
-    return a, b
-
-
 def _differences(values: np.ndarray) -> np.ndarray:
     return values[:, None] - values[None, :]
 
 
-def _correlate(both: _Sides, seed: int) -> tuple[float, float]:
-    """Correlation of two matrices of differences and its permutation p-value.
+def _correlate(sides: Sequence[_Sides]) -> tuple[float, float]:
+    """Mean correlation of matrices of differences, and its permutation p-value.
 
-    NaN where one side is constant.
+    Lists without a correlation are left out; NaN where none has one.
     """
-    value = _correlation(*both)
-    if math.isnan(value):
-        return math.nan, math.nan
-    n = len(both[0])
-    every = math.factorial(n) <= _RESAMPLES
-    orders = np.array([*permutations(range(n))]) if every else _some_orders(n, seed)
-    return value, _share(_drawn(*both, orders), value, every)
-
-
-def _mean_correlation(sides: Sequence[_Sides]) -> tuple[float, float]:
-    """The mean over lists, and its p-value by orders drawn for each."""
     kept = [both for both in sides if not math.isnan(_correlation(*both))]
     if not kept:
         return math.nan, math.nan
     value = sum(_correlation(*both) for both in kept) / len(kept)
-    drawn = [_drawn(a, b, _some_orders(len(a), seed)) for seed, (a, b) in enumerate(kept)]
-    return value, _share(np.mean(drawn, axis=0), value, False)
+    sizes = [len(a) for a, _ in kept]
+    every = len(kept) == 1 and math.factorial(sizes[0]) <= _RESAMPLES
+    orders = [_some_orders(n, seed) for seed, n in enumerate(sizes) if not every]
+    if every:
+        orders = [np.array([*permutations(range(sizes[0]))])]
+    drawn = np.mean([_drawn(*both, own) for both, own in zip(kept, orders, strict=True)], axis=0)
+    # A hair's slack: equal correlations may differ in the last bit.
+    extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
+    # The order found counts as one of a sample, so its p is never zero.
+    own = 0 if every else 1
+    return value, (extreme + own) / (len(drawn) + own)
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
@@ -171,6 +156,7 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float((a * b).sum() / size) if size else math.nan
 
 
+@cache
 def _some_orders(n: int, seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
     return generator.permuted(np.tile(np.arange(n), (_RESAMPLES, 1)), axis=1)
@@ -182,12 +168,3 @@ def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
     parts = np.array_split(orders, max(1, orders.size * len(a) // 1_000_000))
     moved = (a[part[:, :, None], part[:, None, :]] for part in parts)
     return np.concatenate([np.einsum("kij,ij->k", one, b) / size for one in moved])
-
-
-def _share(drawn: np.ndarray, value: float, every: bool) -> float:
-    """Share of the drawn that are as far from 0 as ``value``; ``every``: no order is missing."""
-    # A hair's slack: equal correlations may differ in the last bit.
-    extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
-    # The order found counts as one of a sample, so its p is never zero.
-    own = 0 if every else 1
-    return (extreme + own) / (len(drawn) + own)

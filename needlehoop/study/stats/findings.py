@@ -140,10 +140,9 @@ class StudyFindings:
         """Predictions, then measurements."""
         lists = self.lists.values()
         found = [*self.predictions]
-        if self.study is not None:
-            found.append(scored(MEASURED, self.measured, lists, whole=False))
-            soon = scored(TRAINING.name, self.middles(TRAINING), lists, whole=False)
-            found += [soon] if soon.lists else []
+        for who, values in self._measured_here.items():
+            ours = scored(who, values, lists, whole=False)
+            found += [ours] if who == MEASURED or ours.lists else []
         if self.is_papers:
             found.append(scored(PAPERS_MEASURED, paper.measured(), lists))
         return tuple(found)
@@ -154,17 +153,20 @@ class StudyFindings:
 
         Imitation predicts, and is predicted: what flies ranks cameras as well.
         """
-        found: dict[str, Mapping[str, float]] = {}
-        if self.study is not None:
-            found |= {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
+        found = dict(self._measured_here)
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
         for one in self.predictions:
             if one.who == IMITATION:
-                found[IMITATION] = {
-                    name: score for own in one.lists.values() for name, score in own.items()
-                }
+                found[IMITATION] = {k: v for own in one.lists.values() for k, v in own.items()}
         return found
+
+    @property
+    def _measured_here(self) -> dict[str, Mapping[str, float]]:
+        """By final return, and over training; nothing of the paper's."""
+        if self.study is None:
+            return {}
+        return {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
 
     def predictions_of(self, truth: str) -> list[Prediction]:
         """Those that are held against one of ``truths``; the paper's returns against ours."""

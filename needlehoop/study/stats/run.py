@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -29,23 +28,23 @@ class Final:
     """The return: the mean final potential."""
     human: float | None
     """What the human reward says of the same episodes; ``None`` where it was not written down."""
-    human_unit: float | None
-    """Its scene unit, m; ``None`` where it was not written down."""
     shares: Mapping[str, float]
     """Shares of episodes, by the task's columns: success, cheat, and each fact."""
-    area: float | None
-    """Mean return over all of training: the area under its curve, by steps. ``None`` where
-    training is not over, or has left no curve."""
-    success_area: float | None
-    """The same of success, which compares across rewards, unlike their points."""
-    best: float | None
-    """The highest success of all evaluations; more than ``success`` is what training took away
-    again. ``None`` where training is not over, or was not evaluated on the way."""
     episodes: int
     steps: int
     """Steps of training when it was measured."""
     finished: bool
     """Whether the run's training was over."""
+    human_unit: float | None = None
+    """The human reward's scene unit, m; ``None`` where it was not written down."""
+    area: float | None = None
+    """Mean return over all of training: the area under its curve, by steps. ``None`` where
+    training is not over, or has left no curve."""
+    success_area: float | None = None
+    """The same of success, which compares across rewards, unlike their points."""
+    best: float | None = None
+    """The highest success of all evaluations; more than ``success`` is what training took away
+    again. ``None`` where training is not over, or was not evaluated on the way."""
 
     @property
     def success(self) -> float:
@@ -107,8 +106,8 @@ def final(run: Record) -> Final | None:
     if last is not None and (run.finished or _trained(run) >= newest):
         return Final(
             value=float(last["return"]),
-            human=_number(last, HUMAN_RETURN),
-            human_unit=_number(last, HUMAN_UNIT),
+            human=last.get(HUMAN_RETURN),
+            human_unit=last.get(HUMAN_UNIT),
             shares={name: float(last[name]) for name in run.task.columns},
             area=_over_training(run, "return"),
             success_area=_over_training(run, "success"),
@@ -128,11 +127,7 @@ def final(run: Record) -> Final | None:
     return Final(
         value=mean("return"),
         human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
-        human_unit=None,
         shares={name: mean(name) for name in run.task.columns},
-        area=None,
-        success_area=None,
-        best=None,
         episodes=int(episodes.sum()),
         steps=newest,
         finished=False,
@@ -218,10 +213,6 @@ def _best(run: Record) -> float | None:
     if not run.finished or run.evaluations is None or run.evaluation is None:
         return None
     return max(success for _, success in evaluations(run))
-
-
-def _number(evaluation: Mapping[str, Any], key: str) -> float | None:
-    return None if evaluation.get(key) is None else float(evaluation[key])
 
 
 def _trained(run: Record) -> int:

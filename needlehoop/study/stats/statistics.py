@@ -70,13 +70,12 @@ def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     return trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
 
 
-def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> SeedEstimate:
+def estimate(strata: Sequence[Sequence[float]]) -> SeedEstimate:
     """The IQM over all runs.
 
     Args:
         strata: the runs' values, by stratum: one for a camera set's seeds; several, such as
             one for each camera set, to sum up over them.
-        seed: of the resampling.
 
     Raises:
         ValueError: no stratum, an empty one, or a value that is not finite.
@@ -89,12 +88,12 @@ def estimate(strata: Sequence[Sequence[float]], seed: int = 0) -> SeedEstimate:
     if len(groups) == 1 and fewest < FEW:
         half = float(_half(groups[0]))
         return SeedEstimate(value, Interval(value - half, value + half), fewest)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     drawn = np.concatenate([resample(group, generator) for group in groups], axis=1)
     return SeedEstimate(value, percentiles(iqm(drawn, axis=1)), fewest)
 
 
-def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> SeedEstimate:
+def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
     """A share of episodes, such as success, over the runs of one camera set.
 
     With too few seeds, the interval is Wilson's over all their episodes, which says nothing of
@@ -103,12 +102,11 @@ def rate(shares: Sequence[float], episodes: Sequence[int], seed: int = 0) -> See
     Args:
         shares: of each run's episodes.
         episodes: of each run.
-        seed: of the resampling.
 
     Raises:
         ValueError: as in ``estimate``.
     """
-    found = estimate([shares], seed)
+    found = estimate([shares])
     if (ends := found.interval) is not None:
         return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
@@ -133,7 +131,7 @@ def difference(first: SeedEstimate, second: SeedEstimate) -> Interval | None:
     return Interval(float(value - low), float(value + high), over)
 
 
-def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) -> SeedEstimate:
+def improvement(better: Sequence[float], worse: Sequence[float]) -> SeedEstimate:
     """The chance that a run of one camera set ends above a run of another; a tie is half.
 
     Raises:
@@ -144,17 +142,16 @@ def improvement(better: Sequence[float], worse: Sequence[float], seed: int = 0) 
     fewest = min(len(a), len(b))
     if fewest < ENOUGH:
         return SeedEstimate(value, None, fewest)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     drawn = _above(resample(a, generator), resample(b, generator))
     return SeedEstimate(value, percentiles(drawn), fewest)
 
 
-def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """IQM and interval at every point of curves.
+def band(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """IQM and interval at every point of curves; whole runs are drawn, so points hang together.
 
     Args:
         curves: ``(seeds, points)``; NaN where a run has not come so far.
-        seed: of the resampling; whole runs are drawn, so the points hang together.
 
     Returns:
         Middle, low and high, ``(points,)`` each; low and high are NaN where there are fewer
@@ -172,7 +169,7 @@ def band(curves: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
             half = _half(stretch)
             low[here], high[here] = middle[here] - half, middle[here] + half
         elif len(stretch) >= FEW:
-            generator = np.random.default_rng(seed)
+            generator = np.random.default_rng(0)
             picks = generator.integers(len(stretch), size=(_RESAMPLES // 4, len(stretch)))
             drawn = iqm(stretch[picks], axis=1)
             low[here], high[here] = np.percentile(drawn, _LIMITS, axis=0)
