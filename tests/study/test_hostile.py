@@ -152,7 +152,7 @@ def test_a_table_that_two_processes_wrote_is_not_counted(study, run, capsys):
     path = run / "metrics.csv"
     whole = path.read_text().splitlines()
     for spoil, said in (
-        (lambda rows: rows[:5] + rows[3:], "do not rise, 1 times, first from 4 to 3"),
+        (lambda rows: rows[:5] + rows[3:], "do not rise, 1 times, first at 3"),
         (lambda rows: [rows[0], *sorted(rows[1:] * 2)], "updates that do not rise"),
         (lambda rows: [rows[0], *rows[:0:-1]], "updates that do not rise"),
     ):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,12 @@ from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes, read_tex
 
 _LARGEST = float(2**53)
 """No number of a run is larger: sums and axes would overflow."""
+
+_RISING = ("update", "step")
+
+RETURN_RANGE = (-1e9, 1e9)
+_KNOWN = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
+"""Columns of each table of a run; empty in a row in which no episode ended."""
 
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _PICTURE = 64_000_000
@@ -49,24 +55,17 @@ class Rows:
         return len(next(iter(self.columns.values()), ()))
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A column.
-
-        Raises:
-            ValueError: an unknown name; the message lists the valid ones.
-        """
-        if name not in self.columns:
-            raise ValueError(f"column {name!r} is unknown; choose from {', '.join(self.columns)}")
         return self.columns[name]
 
 
 def read_rows(
-    path: Path, needed: Sequence[str], within: Path | None = None
+    path: Path, ranges: Mapping[str, tuple[float, float]], within: Path
 ) -> tuple[Rows, list[str]]:
-    """The whole rows of a CSV file of numbers, and what was wrong with the others.
+    """The whole rows of a run's table, in which updates and steps rise; what is wrong with others.
 
     Args:
-        path: of the file.
-        needed: columns that it must have, with a number in every row.
+        path: of a CSV file of numbers.
+        ranges: columns that it must have, with a number between these ends in every row.
         within: a folder that it must lie in, also where it is a link.
 
     Raises:
@@ -78,7 +77,8 @@ def read_rows(
         header, *body = [*csv.reader(io.StringIO(whole))] or [[]]
     except csv.Error as error:
         raise UnreadableError(f"is no CSV file: {error}") from error
-    missing = [name for name in needed if name not in header]
+    needed = (*_RISING, "wall_time", *ranges)
+    missing = [n for n in dict.fromkeys((*needed, *_KNOWN)) if n not in header]
     if missing:
         raise UnreadableError(f"is no table of a run: it has no column {', '.join(missing)}")
     if len(set(header)) < len(header):
@@ -96,10 +96,22 @@ def read_rows(
     table = np.array(good, dtype=float)
     if (large := np.nanmax(np.abs(table), axis=0, initial=0.0) > _LARGEST).any():
         raise UnreadableError(f"has {header[int(large.argmax())]} that is too large for a run's")
+    rows = Rows({name: table[:, i] for i, name in enumerate(header)})
+    for name in _RISING:
+        # Two processes that write one table leave rows twice, or out of order.
+        falls = np.flatnonzero(np.diff(rows[name], prepend=-1.0) <= 0)
+        if len(falls):
+            raise UnreadableError(
+                f"has {name}s that do not rise, {len(falls)} times, first at"
+                f" {rows[name][falls[0]]:g}: more than one process wrote it"
+            )
+    for name, (low, high) in {**_KNOWN, **ranges}.items():
+        if ((rows[name] < low) | (rows[name] > high)).any():
+            raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
     problems = [f"row {', '.join(bad)} left out: not whole"] if bad else []
     if torn:
         problems.append("last row left out: torn off")
-    return Rows({name: table[:, i] for i, name in enumerate(header)}), problems
+    return rows, problems
 
 
 def _numbers(cells: list[str], width: int) -> list[float] | None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, Field, StringConstraints
 
 from needlehoop.runs import files
@@ -22,6 +21,7 @@ from needlehoop.runs.reading import (
     read_yaml,
 )
 from needlehoop.study.data.contents import (
+    RETURN_RANGE,
     UNKNOWN,
     Rows,
     Stressed,
@@ -33,16 +33,13 @@ from needlehoop.study.data.contents import (
     task_of,
 )
 
-_KEYED = ("update", "step", "wall_time")
 _LARGEST = float(2**53)
 """Whole numbers beyond it are none any more, as numbers of a table."""
-
-_RETURN = (-1e9, 1e9)
 
 HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
 """What an evaluation says of the human reward: its points, and its scene unit in m."""
 
-_MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: _RETURN, HUMAN_UNIT: (0.0, 1e9)}
+_MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: RETURN_RANGE, HUMAN_UNIT: (0.0, 1e9)}
 """What ``evaluation.json`` may say besides, and the range of each number."""
 
 _RUN_FOLDER = re.compile(r"seed\d+")
@@ -194,6 +191,12 @@ class _Reading:
             self.leave(path, str(error))
             return None
 
+    def rows(self, path: Path, ranges: Mapping[str, tuple[float, float]]) -> Rows:
+        rows, problems = read_rows(path, ranges, self.root)
+        for problem in problems:
+            self.leave(path, problem)
+        return rows
+
 
 def read_study(folder: Path) -> Study:
     """Every ``seed<k>`` folder under a study's folder.
@@ -275,8 +278,8 @@ def _record(folder: Path, config: Mapping[str, Any], reading: _Reading) -> Recor
         config,
         manifest or {},
         task,
-        reading.read(folder / files.METRICS, lambda path: _rows(path, {}, reading)),
-        reading.read(folder / files.EVALUATIONS, lambda path: _rows(path, outcome, reading)),
+        reading.read(folder / files.METRICS, lambda path: reading.rows(path, {})),
+        reading.read(folder / files.EVALUATIONS, lambda path: reading.rows(path, outcome)),
         reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
         reading.read(folder / files.VIDEO, lambda path: check_film(path, root)),
         reading.read(folder / files.STRESS, lambda path: read_stress(path, root)) or (),
@@ -295,7 +298,7 @@ def _config(path: Path, root: Path) -> dict[str, Any]:
 def _outcome(task: TaskNote) -> dict[str, tuple[float, float]]:
     """What an evaluation says, and the range of each number."""
     shares = dict.fromkeys(task.columns, (0.0, 1.0))
-    return {"episodes": (1.0, _LARGEST), **shares, "return": _RETURN}
+    return {"episodes": (1.0, _LARGEST), **shares, "return": RETURN_RANGE}
 
 
 def _evaluation(
@@ -309,35 +312,6 @@ def _evaluation(
     if odd:
         raise UnreadableError(f"has no usable {', '.join(odd)}")
     return found
-
-
-def _rows(path: Path, numbers: Mapping[str, tuple[float, float]], reading: _Reading) -> Rows:
-    """A table of a run, in which updates and steps rise and ``numbers`` are in range."""
-    rows, problems = read_rows(path, (*_KEYED, *numbers), reading.root)
-    for name in ("return", "success"):
-        if name not in rows.columns:
-            raise UnreadableError(f"is no table of a run: it has no column {name}")
-    _check_rising(rows)
-    for name, (low, high) in {"return": _RETURN, **numbers}.items():
-        if ((rows[name] < low) | (rows[name] > high)).any():
-            raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
-    for problem in problems:
-        reading.leave(path, problem)
-    return rows
-
-
-def _check_rising(rows: Rows) -> None:
-    """Two processes that write one table leave rows twice, or out of order."""
-    for name in ("update", "step"):
-        values = rows[name]
-        if values[0] < 0:
-            raise UnreadableError(f"has {name}s that are none")
-        falls = np.flatnonzero(np.diff(values) <= 0)
-        if len(falls):
-            raise UnreadableError(
-                f"has {name}s that do not rise, {len(falls)} times, first from {values[falls[0]]:g}"
-                f" to {values[falls[0] + 1]:g}: more than one process wrote it"
-            )
 
 
 def _between(value: Any, low: float, high: float) -> bool:
