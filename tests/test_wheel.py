@@ -49,6 +49,10 @@ print(json.dumps({
 """
 
 
+# Building it takes half a minute.
+pytestmark = pytest.mark.full
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     """The wheel of this source, built in a copy, without a network."""

@@ -11,7 +11,7 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed, shown
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.learning.flight import flown_job
+from needlehoop.learning.subject import flown_job
 from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
 

@@ -112,8 +112,8 @@ def _asked(run: Run, words: list[str], command: str, **kinds: Any) -> _Asked:
     check(conditions, run.config(), command)
     # What the lines before refuse does not wait for this.
     from needlehoop.learning.evaluate import which_policy
-    from needlehoop.learning.flight import flown_job
     from needlehoop.learning.job import pick_device
+    from needlehoop.learning.subject import flown_job
 
     pick_device(own.device)
     job, changed = flown_job(run.config(), conditions, own.trust, command)

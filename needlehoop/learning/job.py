@@ -12,7 +12,7 @@ import torch
 from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Number, OneOf, Range, Seed, check_names
-from needlehoop.envs.settings import Settings, import_task, recall_task, with_task
+from needlehoop.envs.settings import Settings, import_task, with_task
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
 from needlehoop.learning.networks import HeadConfig
@@ -201,17 +201,6 @@ def typed_job(values: Mapping[str, Any]) -> Job:
     import_task(values)
     found = checked_job(values)
     return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
-
-
-def recorded_job(values: Mapping[str, Any], trust: bool) -> Job:
-    """The job of a run's own config. A task or a reward that is code runs only with ``trust``.
-
-    Raises:
-        ValueError: there is such code and no trust, or as in ``typed_job``.
-    """
-    recall_task(values, trust)
-    found = checked_job(values)
-    return replace(found, env=replace(found.env, reward=rewards.recall(found.env.reward, trust)))
 
 
 def checked_job(values: Mapping[str, Any]) -> Job:

@@ -1,20 +1,23 @@
-"""Who is tested: a run's agent, a policy from a file, or a scripted controller."""
+"""Who flies, and where: a run's agent, a policy from a file, or a scripted controller."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 
+from needlehoop import rewards
+from needlehoop.config.changing import changed
 from needlehoop.disturbances.config import Disturb
 from needlehoop.envs.controllers import controller, controllers
 from needlehoop.envs.rollout import MakeController
-from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.settings import Settings, compose_settings, recall_task
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
-from needlehoop.learning.flight import flown_job
-from needlehoop.learning.weights import read_actor, read_senses
+from needlehoop.learning.job import Job, checked_job
+from needlehoop.learning.weights import Senses, check_same, read_actor, read_senses
 from needlehoop.runs.run import Run
 
 _SEED = 1_000_001
@@ -97,3 +100,30 @@ def of_run(
         raise ValueError(f"seed: the run was trained on {own}; choose another")
     agent = load_agent(run, job, device, which_policy(run, None)[0])
     return replace(job.env, seed=own), acting(agent.actor)
+
+
+def flown_job(
+    recorded: Mapping[str, Any], words: Iterable[str], trust: bool, command: str | None = None
+) -> tuple[Job, dict[str, Any]]:
+    """The job of a run's config, its environment changed by words, and what was changed.
+
+    Args:
+        words: as on the command line; none change nothing.
+        trust: whether Python code that the run's files name may run. A reward that is typed may.
+
+    Returns:
+        The job; and new values by their key, such as ``episode.grasp``.
+
+    Raises:
+        ValueError: code without ``trust``, a word that is wrong, or one that changes what the
+            agent's networks were made for.
+    """
+    given = list(words)
+    recall_task(recorded, trust)
+    own = checked_job(recorded)
+    values, found = changed(recorded, given, command)
+    job = checked_job(values)
+    check_same(Senses.of(own), Senses.of(job), ", ".join(found))
+    is_typed = any(word.lstrip("+").startswith("reward=") for word in given)
+    paid = rewards.allow(job.env.reward) if is_typed else rewards.recall(job.env.reward, trust)
+    return replace(job, env=replace(job.env, reward=paid)), found

@@ -13,7 +13,8 @@ from typing import Any
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
 from needlehoop.learning.checkpoint import check_state
-from needlehoop.learning.job import Job, checked_job, recorded_job, typed_job
+from needlehoop.learning.job import Job, checked_job, typed_job
+from needlehoop.learning.subject import flown_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import Lock
@@ -148,7 +149,7 @@ def _continue(run: Run, trust: bool, again: bool = False) -> Session:
         ValueError: something in its folder is damaged, or another process is at work there.
     """
     values = run.config()
-    job = recorded_job(values, trust)
+    job, _ = flown_job(values, (), trust)
     if run.manifest().get("finished"):
         return Session(job, run, values, None, None)
     lock = Lock(run.folder)

@@ -221,15 +221,6 @@ def test_tasks_differ_only_in_their_ranges(option):
     assert all(key.endswith("_range") for key in differing)
 
 
-def test_near_scatters_less_than_standard_and_wide_more():
-    names = ("near", "standard", "wide")
-    near, standard, wide = (compose_settings([f"task={name}"]).task for name in names)
-    for key in ("needle_position_range", "hoop_position_range", "tool_position_range"):
-        ranges = zip(getattr(near, key), getattr(standard, key), getattr(wide, key), strict=True)
-        assert all(small < middle <= large for small, middle, large in ranges), key
-    assert near.needle_yaw_range < standard.needle_yaw_range < wide.needle_yaw_range
-
-
 def copy_of_conf(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
     copied = folder / "conf"
     shutil.copytree(composing.CONF, copied)
@@ -246,13 +237,6 @@ def test_a_new_view_is_one_new_file(monkeypatch, tmp_path):
     assert chosen.views["top"].elevation == 80.0
     assert chosen.views["front"].elevation == 26.0
     assert compose_settings(["views.top.fovy=33"]).views["top"].fovy == 33.0
-
-
-def test_a_new_rendering_is_one_new_file(monkeypatch, tmp_path):
-    conf = copy_of_conf(monkeypatch, tmp_path)
-    (conf / "rendering" / "depth.yaml").write_text("colour: none\ndepth: channel\ncolours: {}\n")
-    chosen = compose_settings(["cams=[depth_side]"])
-    assert chosen.renderings["depth"].channels == 1
 
 
 def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tiny_runs import TINY, composed, refusal, run_composed
+from tiny_runs import TINY, refusal
 
 from needlehoop.training import sweep_checks
 
@@ -60,11 +60,3 @@ def test_an_objective_is_a_number_of_evaluations(tmp_path, monkeypatch):
         *TINY, "objective=sucess"
     )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_run_goes_on_with_another_objective(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    run_composed(composed(*TINY, "until=8"))
-    run_composed(composed(*TINY, "objective=return", "existing=resume"))
-    (manifest,) = tmp_path.rglob("manifest.json")
-    assert json.loads(manifest.read_text())["finished"] is True

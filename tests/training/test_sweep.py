@@ -15,7 +15,7 @@ import yaml
 from hydra.core.utils import setup_globals
 from omegaconf import OmegaConf
 from tiny_runs import TINY as SMALL
-from tiny_runs import run_train
+from tiny_runs import composed, run_composed, run_train
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
@@ -66,31 +66,31 @@ def test_a_failed_run_stops_no_other_and_the_same_command_does_the_rest(
 
 def test_a_run_with_other_settings_is_not_taken_for_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    run_train(*TINY)
-    run_train(*TINY, "existing=resume", "engine.threads=2")
-    with pytest.raises(
-        SystemExit, match="exists with another algo, steps; choose another label= or"
+    run_composed(composed(*TINY))
+    run_composed(composed(*TINY, "existing=resume", "engine.threads=2"))
+    for words, said in (
+        (
+            ["existing=resume", "steps=128", "algo.gamma=0.5"],
+            "exists with another algo, steps; choose another label= or",
+        ),
+        ([], "exists; go on with"),
+        (["existing=skip"], "existing: 'skip' is unknown; choose from auto, stop, resume"),
     ):
-        run_train(*TINY, "existing=resume", "steps=128", "algo.gamma=0.5")
-    with pytest.raises(SystemExit, match="exists; go on with"):
-        run_train(*TINY)
-    with pytest.raises(
-        SystemExit, match="existing: 'skip' is unknown; choose from auto, stop, resume"
-    ):
-        run_train(*TINY, "existing=skip")
+        with pytest.raises(ValueError, match=said):
+            run_composed(composed(*TINY, *words))
 
 
 def test_a_run_that_stopped_before_its_first_checkpoint_begins_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["existing=resume", *TINY]
-    run_train(*words)
+    values = composed(*TINY, "existing=resume")
+    run_composed(values)
     folder = Path("results/main/signals/sparse/seed0")
     (folder / "checkpoint.pt").unlink()
     manifest = {**finished(0), "finished": False, "started": "long ago"}
     # Noted with the first checkpoint.
     del manifest["steps"]
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    run_train(*words)
+    run_composed(values)
     again = finished(0)
     assert again["finished"]
     assert again["started"] != "long ago"

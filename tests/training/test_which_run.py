@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 import torch
 import yaml
-from tiny_runs import PLACE, TINY, composed, outcome, refusal, run_composed, run_train
+from tiny_runs import PLACE, TINY, composed, outcome, run_composed, run_train
 
 from needlehoop.runs import run as run_files
-from needlehoop.runs.lock import Lock
+from needlehoop.runs.lock import HeldError, Lock
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def killed(tmp_path_factory) -> Path:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_files, "write_checkpoint", save)
-        with pytest.raises(SystemExit, match="stopped"):
-            run_train(*TINY, f"results={results}")
+        with pytest.raises(KeyboardInterrupt):
+            run_composed(composed(*TINY, f"results={results}"))
     return results
 
 
@@ -94,7 +94,8 @@ def test_a_run_under_way_is_left_alone(folder):
             [*TINY, "overwrite=true"],
             [*TINY, "existing=resume"],
         ):
-            assert "is in the hands of process" in refusal(*words)
+            with pytest.raises(HeldError, match="is in the hands of process"):
+                run_composed(composed(*words))
     assert kept(folder) == before
     assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
@@ -115,7 +116,7 @@ def test_two_sweeps_share_a_study(folder, capfd):
 def test_overwrite_keeps_the_run_that_was_there(folder, whole):
     (folder / "thesis.tex").write_text("years of work")
     before = kept(folder)
-    run_train(*TINY, "overwrite=true")
+    run_composed(composed(*TINY, "overwrite=true"))
     assert outcome(folder) == whole
     assert kept(folder.parent / "seed0.1") == before
 
@@ -124,7 +125,8 @@ def test_settings_that_were_edited_are_refused(folder):
     for changes, said in (({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps")):
         change(folder, **changes)
         before = kept(folder)
-        assert f"was trained with another {said}" in refusal(f"resume={folder}")
+        with pytest.raises(ValueError, match=f"was trained with another {said}"):
+            run_composed(composed(f"resume={folder}"))
         assert kept(folder) == before
 
 
@@ -138,9 +140,10 @@ def test_a_run_of_before_a_setting_existed_is_the_same_run(folder, whole):
     path = folder / "config.yaml"
     path.write_text(yaml.safe_dump(forget(yaml.safe_load(path.read_text()))))
     edit(folder, lambda state: state.update(config=forget(state["config"])))
-    said = refusal(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
-    assert "exists with another disturb, episode;" in said
-    run_train(*TINY, "existing=resume")
+    others = composed(*TINY, "existing=resume", "disturb=mild", "episode.grasp=friction")
+    with pytest.raises(ValueError, match="exists with another disturb, episode;"):
+        run_composed(others)
+    run_composed(composed(*TINY, "existing=resume"))
     assert outcome(folder) == whole
 
 
