@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from dm_env import StepType, specs
 from torchrl.envs.libs.dm_control import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
@@ -30,23 +29,6 @@ from needlehoop.tasks.needle_hoop import TASK
 def test_specs_hold(cams, overrides):
     env = needlehoop.make_env(cams=cams, num_envs=3, overrides=overrides)
     check_env_specs(env)
-
-
-def test_images_are_uint8_channels_first_of_the_chosen_size():
-    env = needlehoop.make_env(
-        cams=["rgb_default", "dep_front", "seg_side", "segdep_front"],
-        num_envs=2,
-        overrides=["image_size=48"],
-    )
-    pixels = env.reset()["pixels"]
-    shapes = {name: tuple(image.shape) for name, image in pixels.items()}
-    assert shapes == {
-        "rgb_default": (2, 3, 48, 48),
-        "dep_front": (2, 4, 48, 48),
-        "seg_side": (2, 3, 48, 48),
-        "segdep_front": (2, 3, 48, 48),
-    }
-    assert all(image.dtype == torch.uint8 for image in pixels.values())
 
 
 def test_a_masked_reset_renews_only_what_it_names():
@@ -138,21 +120,6 @@ def test_signals_are_the_whole_state_by_name():
     signals = env.simulation._moment(pays=False).signals
     columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
     assert torch.equal(vector, torch.cat(columns, -1))
-
-
-def test_dm_control_has_an_observation_per_camera():
-    env = needlehoop.load(cams=["dep_front", "seg_side"], overrides=["image_size=32"])
-    seen = env.observation_spec()
-    assert {name: spec.shape for name, spec in seen.items()} == {
-        "dep_front": (32, 32, 4),
-        "seg_side": (32, 32, 3),
-    }
-    assert isinstance(env.action_spec(), specs.BoundedArray)
-    first = env.reset()
-    assert first.step_type == StepType.FIRST
-    assert first.observation["seg_side"].dtype == np.uint8
-    second = env.step(np.zeros(5))
-    assert second.reward is not None
 
 
 def test_dm_control_ends_with_discount_one_at_a_time_out():

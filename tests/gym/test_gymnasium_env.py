@@ -126,13 +126,6 @@ def test_the_picture_is_the_scene_of_now():
     assert (env.render() != before).any(-1).mean() > 0.01
 
 
-def test_lists_of_pictures_are_gymnasium_s_own():
-    env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array_list", render_size=32)
-    env.reset(seed=0)
-    env.step(np.zeros(5, np.float32))
-    assert [frame.shape for frame in env.render()] == [(32, 32, 3)] * 2
-
-
 class Viewer:
     """Stands in for MuJoCo's window."""
 

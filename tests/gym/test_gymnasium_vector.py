@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import needlehoop
-from needlehoop.gym.vector import GymnasiumVectorEnv
 
 ID = "needlehoop:needlehoop/NeedleHoop-v0"
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -25,17 +24,6 @@ def make(n=3, mode=NEXT, cams=("seg_side",), words=("obs.signals=true",), max_st
 
 def actions(steps, n, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (steps, n, 5)).astype(np.float32)
-
-
-def test_make_vec_gives_one_engine():
-    env = make(5)
-    assert isinstance(env, GymnasiumVectorEnv)
-    assert env.simulation.num_envs == 5
-    assert env.metadata["autoreset_mode"] == NEXT
-    seen, infos = env.reset(seed=0)
-    assert seen in env.observation_space
-    assert env.single_action_space.shape == (5,)
-    assert infos["success"].shape == (5,)
 
 
 @pytest.mark.parametrize(("mode", "stack"), [(NEXT, 1), (SAME, 3)])

@@ -236,7 +236,9 @@ def test_the_tip_follows_a_full_speed_ramp_and_stops(
     assert np.linalg.norm(path[-1] - target) < 1e-4
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(
+    "axis", [0, *(pytest.param(axis, marks=pytest.mark.full) for axis in (1, 2))]
+)
 def test_both_arms_move_the_tip_alike(variants, layout: NeedleLayout, episode: NeedleRules, axis):
     """0.08 mm apart as built; the bound is a twentieth of the largest action."""
     place = np.array(CENTRE)
