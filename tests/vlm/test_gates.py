@@ -39,7 +39,7 @@ def made(overrides: list[str]) -> Gates:
 
 @pytest.fixture(scope="module")
 def gates() -> Gates:
-    return replace(made([]), episodes=2, random_signals=2000, random_episodes=4, stop_episodes=2)
+    return replace(made([]), episodes=2, random_signals=2000, random_episodes=4, stop_episodes=4)
 
 
 @pytest.fixture(scope="module")
