@@ -1,8 +1,8 @@
 """Puts what the runs in results/ say into the documentation: ``python -m analysis.findings``.
 
-It refills the tables of docs/findings.md and docs/evidence.md, and writes the tables of
-``analysis.seeds`` into results/. A table of a page stands below a comment that names it; everything
-else on the pages is written by hand, and read again after each refill.
+It refills the tables of docs/evidence.md, writes those of ``analysis.seeds`` into results/, and
+draws docs/which_cameras.png. A table of the page stands below a comment that names it; everything
+else is written by hand, and read again after each refill.
 """
 
 from __future__ import annotations
@@ -12,10 +12,26 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from analysis.comparisons import TRAITS, claims, difference, effects, writers
-from analysis.protocol import BLIND, RULE, beyond_the_rule, mean_tau, predicted, regret
+from analysis.protocol import (
+    BLIND,
+    RULE,
+    beyond_the_rule,
+    foretold_table,
+    mean_tau,
+    means,
+    predicted,
+    regret,
+    runs_of,
+    sets_figure,
+    sets_table,
+    traits_table,
+)
 from analysis.seeds import apart, luck
 from needlehoop.study.data import paper
+from needlehoop.study.render.style import save, styled
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.findings import Result, StudyFindings, study_findings
@@ -82,6 +98,14 @@ def _lines(table: Table) -> list[str]:
 def study(name: str) -> StudyFindings:
     """What the runs of a study of results/ say."""
     return study_findings(ROOT / "results" / name)
+
+
+@cache
+def protocol() -> pd.DataFrame:
+    """The runs of docs/protocol.md's first question."""
+    found = study("protocol").study
+    assert found is not None
+    return runs_of(found)
 
 
 def _by_cameras(name: str) -> dict[str, Result]:
@@ -215,6 +239,11 @@ TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
         "foretold": _foretold,
         "rewards": _rewards,
         "writers": _writers,
+        "protocol": lambda: sets_table(protocol()),
+        "protocol_traits": lambda: traits_table(protocol()),
+        "protocol_foretold": lambda: foretold_table(
+            study("protocol").predictions, means(protocol())
+        ),
     },
 }
 """The documentation's pages, by the names of their files, and the tables of each."""
@@ -228,6 +257,9 @@ def main() -> None:
     for name in TABLES:
         path = ROOT / "docs" / name
         path.write_text(refilled(name, path.read_text()))
+    with styled():
+        _, vector = save(sets_figure(protocol()), ROOT / "docs" / "which_cameras")
+    vector.unlink()
     print(f"refilled {', '.join(TABLES)}")
 
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import rankdata
 
-from analysis.protocol import means
+from analysis.protocol import means, spearman
 from needlehoop.engines.contract import FIELDS
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
@@ -98,8 +97,8 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     for who in scores:
         own = scores.loc[names, who].to_numpy(float)
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
-        (rho,) = _rho(own[None], truth[None])
-        chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
+        (rho,) = spearman(own[None], truth[None])
+        chance = (1 + np.sum(spearman(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
         lost = float(truth.max() - truth[own == own.max()].mean())
         ends = _bootstrap(own, runs, names)
         rows.append((str(who), Estimated(float(rho), ends), float(chance), lost))
@@ -111,20 +110,13 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     return Table("placements", "", columns, tuple(rows))
 
 
-def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
-    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
-    with np.errstate(invalid="ignore"):
-        return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
-
-
 def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interval:
     """Cameras drawn anew, and the runs of each."""
     draw = np.random.default_rng(1)
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
     drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
     picked = draw.integers(len(names), size=drawn.shape)
-    found = _rho(own[picked], np.take_along_axis(drawn, picked, 1))
+    found = spearman(own[picked], np.take_along_axis(drawn, picked, 1))
     low, high = np.nanpercentile(found, (2.5, 97.5))
     return Interval(float(low), float(high))
 

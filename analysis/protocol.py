@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau
+from scipy.stats import kendalltau, rankdata
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.records import Study
@@ -36,7 +36,10 @@ Scores = Mapping[str, float]
 
 
 def runs_of(study: Study) -> pd.DataFrame:
-    """A row for each finished run: its camera set, seed, and shares of its 100 episodes."""
+    """A row for each finished run: its camera set, seed, and shares of its 100 episodes.
+
+    A seed counts once all camera sets have it, so that all sets are measured on the same seeds.
+    """
     rows = [
         {
             "cameras": run.place.cameras,
@@ -49,6 +52,8 @@ def runs_of(study: Study) -> pd.DataFrame:
         if run.finished and run.evaluation is not None
     ]
     runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
+    sets_by_seed = runs.groupby("seed")["cameras"].transform("nunique")
+    runs = runs[sets_by_seed == runs["cameras"].nunique()].reset_index(drop=True)
     cameras = runs["cameras"].str.split("+")
     runs["two_views"] = [is_two_sided(one) for one in runs["cameras"]]
     runs["depth"] = [any(c.startswith(("dep_", "segdep_")) for c in one) for one in cameras]
@@ -83,13 +88,13 @@ def sets_table(runs: pd.DataFrame) -> Table:
                 Estimated(mean.value, mean.interval if mean.seeds >= ENOUGH else None),
                 float(np.mean(own["sampled"])),
                 float(np.mean(own["touched"])),
-                None if name == order[0] else Estimated(beaten.value, beaten.interval),
+                beaten.interval and Estimated(beaten.value, beaten.interval),
             )
         )
     columns = (
         Column("cameras"), Column("threaded by seed", "%", ".0f", 100.0),
         Column.share("mean (95 %)"), Column.share("sampled"), Column.share("touched"),
-        Column("chance that the best set beats it (95 %)", "", ".2f"),
+        Column("chance of a run of the best set to beat it (95 %)", "", ".2f"),
     )  # fmt: skip
     return Table("protocol", "", columns, tuple(rows))
 
@@ -188,6 +193,13 @@ def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table
     return Table("protocol_foretold", "", columns, tuple(rows))
 
 
+def spearman(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
+    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
+    with np.errstate(invalid="ignore"):
+        return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
+
+
 def sets_figure(runs: pd.DataFrame) -> Figure:
     """A row of dots for each camera set, one a run, the best set on top."""
     order = [*means(runs)]
@@ -199,7 +211,7 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
         axes.plot([own.mean()], [row], "|", markersize=9, color=colour, markeredgewidth=1.6)
     axes.set_yticks(range(len(order)), [*reversed(order)])
     axes.set_xlim(-2, 102)
-    axes.set_xlabel("episodes threaded, of 100 (a dot is one training, the bar their mean)")
+    axes.set_xlabel("threaded, of 100 (dot: a training, bar: the mean)")
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     for number, said in enumerate(("front and side view", "one view")):
         axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)

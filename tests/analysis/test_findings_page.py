@@ -90,39 +90,44 @@ def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
 
 
 def test_sentences_on_cameras_have_the_tables_numbers():
-    effects = {row["trait"]: row["1.5 M: over training (95 %)"] for row in rows_of("effects")}
-    depth, segmentation = (
-        effects[f"{trait} in a camera"].replace(" to +", " to ")
-        for trait in ("depth", "segmentation")
-    )
+    added = [row["success, points (95 %)"] for row in rows_of("protocol_traits")]
+    view, depth, labels = (cell.replace("+", "") for cell in added[:3])
     words = " ".join(PAGE.split())
-    assert f"depth is worth {depth.replace(' (', ' points of return over training (')}" in words
-    assert f"segmentation {segmentation}" in words
+    assert f"a front and a side view add {view.replace(' (', ' points of success (')}" in words
+    assert f"Depth adds {depth} and segmentation {labels}" in words
+    success = {row["cameras"]: row["threaded by seed, %"] for row in rows_of("protocol")}
+    sampled = {row["cameras"]: row["sampled, %"] for row in rows_of("protocol")}
+    best = next(iter(success))
+    assert f"`{best}`, threads in {success[best]} of 100" in words
+    assert f"`rgb_default` in {success['rgb_default']}." in words
+    said = "`segdep_side` threads in {} of 100 with the one, in {} with the other"
+    assert said.format(success["segdep_side"], sampled["segdep_side"]) in words
     ends = {row["cameras"]: row["1.5 M: threaded, %"] for row in rows_of("results")}
     two, one = (
         sorted(int(end) for name, end in ends.items() if end and is_two_sided(name) is sides)
         for sides in (True, False)
     )
     assert (two, len(one)) == ([100] * 9, 5)
-    assert f"with one view thread in {one[0]} to {one[-1]}" in words
+    assert f"with one view in {one[0]} to {one[-1]}" in words
 
 
 def test_sentences_on_predictions_have_the_tables_numbers():
-    taus, ps = {}, {}
-    for row in rows_of("foretold"):
-        who = row["prediction"]
-        cells = [row[f"{steps} M, over training"].split(", ") for steps in ("0.5", "1.5")]
-        if who in (*PREREGISTERED, RULE):
-            taus[who] = [cell[0] for cell in cells]
-            ps[who] = [cell[1].removeprefix("p ") for cell in cells]
+    found = {row["prediction"]: row for row in rows_of("protocol_foretold")}
     words = " ".join(PAGE.split())
-    assert len(set(taus[RULE])) == 1
-    assert f"by τ-b {taus[RULE][0]} after 0.5 M and after 1.5 M steps" in words
-    for who in PREREGISTERED:
-        assert "by {} and {}".format(*taus[who]) in words
-    low, *_, high = sorted(p for who in PREREGISTERED for p in ps[who])
-    assert float(low) > 0.05
-    assert f"(p {low} to {high})" in words
+    taus = {who: found[who]["τ-b"] for who in (*PREREGISTERED, RULE)}
+    ps = {who: found[who]["p beyond the rule"] for who in PREREGISTERED}
+    papers, claude, probe = PREREGISTERED
+    assert f"on the wide task by τ-b {taus[RULE]}." in words
+    assert f"The paper's model agrees by {taus[papers]}" in words
+    assert f"shown pictures) by {taus[claude]}; neither" in words
+    assert f"(p {ps[papers]} and {ps[claude]})" in words
+    assert min(float(ps[papers]), float(ps[claude])) > 0.05 > float(ps[probe])
+    assert f"agrees by {taus[probe]} and was (p {ps[probe]})" in words
+    assert float(found[probe]["regret, points"]) == 0.0
+    assert f"by the rule loses {found[RULE]['regret, points']} points" in words
+    earlier = {row["prediction"]: row for row in rows_of("foretold")}[probe]
+    before = [earlier[f"{n} M, over training"].split(", ")[1][2:] for n in ("0.5", "1.5")]
+    assert "it was not (p {} and {})".format(*before) in words
 
 
 def listed(cells: list[str]) -> str:

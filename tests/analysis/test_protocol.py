@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
+from study_files import write_run
 
 from analysis.protocol import (
     TRAITS,
@@ -12,10 +15,12 @@ from analysis.protocol import (
     is_two_sided,
     mean_tau,
     regret,
+    runs_of,
     sets_table,
     traits_table,
 )
 from needlehoop.study.data import paper
+from needlehoop.study.data.records import read_study
 
 LISTS = list(paper.lists().values())
 MEASURED = {
@@ -94,8 +99,20 @@ def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
     table = sets_table(runs).records()
     assert len(table) == 14
     assert table[0]["threaded by seed, %"] == pytest.approx([0.88, 0.9, 0.92])
-    last = table[-1]["chance that the best set beats it (95 %)"]
+    last = table[-1]["chance of a run of the best set to beat it (95 %)"]
     assert (last.value, last.interval.low) == (1.0, 1.0)
     ends = table[0]["mean (95 %), %"].interval
     assert ends.low == pytest.approx(0.85, abs=0.001)
     assert ends.high == pytest.approx(0.95, abs=0.001)
+
+
+def test_a_seed_counts_once_all_camera_sets_have_it(tmp_path):
+    for cameras, seeds in (("dep_front+seg_side", (0, 1)), ("rgb_front+rgb_side", (1, 2))):
+        for seed in seeds:
+            path = write_run(tmp_path / "main", cameras, seed=seed) / "evaluation.json"
+            more = {"success_sampled": 0.5, "touched": 0.5}
+            path.write_text(json.dumps(json.loads(path.read_text()) | more))
+    runs = runs_of(read_study(tmp_path / "main"))
+    assert runs["seed"].tolist() == [1, 1]
+    assert runs["two_views"].all()
+    assert runs["depth"].tolist() == runs["labels"].tolist() == [True, False]
