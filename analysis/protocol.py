@@ -53,7 +53,7 @@ def runs_of(study: Study) -> pd.DataFrame:
     ]
     runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
     sets_by_seed = runs.groupby("seed")["cameras"].transform("nunique")
-    runs = runs[sets_by_seed == runs["cameras"].nunique()].reset_index(drop=True)
+    runs = runs.loc[sets_by_seed == runs["cameras"].nunique()].reset_index(drop=True)
     cameras = runs["cameras"].str.split("+")
     runs["two_views"] = [is_two_sided(one) for one in runs["cameras"]]
     runs["depth"] = [any(c.startswith(("dep_", "segdep_")) for c in one) for one in cameras]
@@ -211,7 +211,7 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
         axes.plot([own.mean()], [row], "|", markersize=9, color=colour, markeredgewidth=1.6)
     axes.set_yticks(range(len(order)), [*reversed(order)])
     axes.set_xlim(-2, 102)
-    axes.set_xlabel("threaded, of 100 (dot: a training, bar: the mean)")
+    axes.set_xlabel("threaded, of 100\n(dot: a training, bar: the mean)")
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     for number, said in enumerate(("front and side view", "one view")):
         axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)

@@ -16,11 +16,14 @@ from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.run import Run
-from needlehoop.study.data.contents import Rows, read_rows
+from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.prompts import fill
 
 _ROWS, _STILLS = 10, 6
+
+_RANGES = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
+"""Columns that rows of the metrics must have; they are empty before any episode has ended."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def read_run(folder: Path, size: int) -> Trained:
     if not isinstance(program, Mapping) or kind not in KINDS:
         raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
     try:
-        rows, _ = read_rows(folder / METRICS, ("step", "return", "success"))
+        rows, _ = read_rows(folder / METRICS, _RANGES, folder)
     except UnreadableError as error:
         raise ValueError(f"revise: {folder / METRICS} {error}") from error
     film = folder / VIDEO

@@ -421,8 +421,8 @@ def trained_run(folder: Path, tmp: Path) -> Path:
     origin = str(tmp / "results/main/vlm/rewards/dep_front+seg_side/text.txt")
     reward = {"kind": "vlm_text", "program": {"text": GOOD, "origin": origin}}
     (folder / "config.yaml").write_text(yaml.safe_dump({"reward": reward}))
-    rows = [f"{n},{1000 * n},{n / 7},{n / 5},0.25,0.5" for n in range(1, 31)]
-    head = "update,step,return,term_near,success,threaded"
+    rows = [f"{n},{1000 * n},{n},{n / 7},{n / 5},0.25,0.5" for n in range(1, 31)]
+    head = "update,step,wall_time,return,term_near,success,threaded"
     (folder / "metrics.csv").write_text("\n".join([head, *rows]) + "\n")
     with imageio.get_writer(folder / "video.mp4", fps=10) as film:  # pyright: ignore
         for number in range(30):
