@@ -8,6 +8,7 @@ Others may have written the YAML. Hydra reads a file when it is chosen, and only
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
@@ -133,7 +134,8 @@ def _installed(option: str, folders: Sequence[Path]) -> list[Path]:
 
 def _check(folder: Path, key: str) -> None:
     """Raises ``ValueError`` for a folder or file that Hydra would silently ignore."""
-    if not folder.is_dir():
+    # Not Path.is_dir, which raises where a name is too long for the disk.
+    if not os.path.isdir(folder):
         raise ValueError(f"{key}: {str(folder)!r} is no folder")
     valid = sorted(one.name for one in CONF.iterdir() if one.is_dir())
     for group in sorted(one.name for one in folder.iterdir() if one.is_dir()):

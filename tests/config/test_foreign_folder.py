@@ -86,3 +86,9 @@ def test_no_other_resolver_of_omegaconf_reads_the_machine():
     theirs = {name for name in BaseContainer._resolvers if name.startswith("oc.") or name == "env"}
     harmless = {"oc.create", "oc.decode", "oc.deprecated", "oc.dict.keys", "oc.dict.values"}
     assert theirs == {*harmless, "oc.select", "oc.env"}
+
+
+@pytest.mark.parametrize("key", ["conf_dir", "task_dir"])
+def test_a_folder_s_name_that_is_too_long_for_a_disk_is_no_folder(key):
+    with pytest.raises(ValueError, match=rf"^{key}: '.*9' is no folder$"):
+        composing.compose([f"{key}={'9' * 300}"])
