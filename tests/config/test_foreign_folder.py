@@ -90,5 +90,5 @@ def test_no_other_resolver_of_omegaconf_reads_the_machine():
 
 @pytest.mark.parametrize("key", ["conf_dir", "task_dir"])
 def test_a_folder_s_name_that_is_too_long_for_a_disk_is_no_folder(key):
-    with pytest.raises(ValueError, match=rf"^{key}: '.*9' is no folder$"):
+    with pytest.raises(ValueError, match=rf"^{key}: '.*9(/conf)?' is no folder$"):
         composing.compose([f"{key}={'9' * 300}"])
