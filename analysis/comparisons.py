@@ -20,13 +20,27 @@ from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.run import Measure
 from needlehoop.study.stats.statistics import Interval
 
-TRAITS: dict[str, Callable[[list[str]], bool]] = {
-    "two cameras, not one": lambda cams: len(cams) == 2,
-    "front and side views, not the default": lambda cams: (
-        {"front", "side"} <= {cam.partition("_")[2] for cam in cams}
-    ),
-    "depth in a camera": lambda cams: any(cam.startswith(("dep_", "segdep_")) for cam in cams),
-    "segmentation in a camera": lambda cams: any(cam.startswith("seg") for cam in cams),
+
+def is_two_sided(cameras: str) -> bool:
+    """Whether a camera set has a front and a side view."""
+    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
+
+
+def has_depth(cameras: str) -> bool:
+    """Whether a camera of the set shows depth."""
+    return any(one.startswith(("dep_", "segdep_")) for one in cameras.split("+"))
+
+
+def has_labels(cameras: str) -> bool:
+    """Whether a camera of the set shows segmentation."""
+    return any(one.startswith("seg") for one in cameras.split("+"))
+
+
+TRAITS: dict[str, Callable[[str], bool]] = {
+    "two cameras, not one": lambda cameras: cameras.count("+") == 1,
+    "front and side views, not the default": is_two_sided,
+    "depth in a camera": has_depth,
+    "segmentation in a camera": has_labels,
 }
 """Colour alone, from one default view, has none of them."""
 
@@ -40,9 +54,7 @@ def effects(findings: StudyFindings, measure: Measure) -> dict[str, Estimated]:
     values = findings.middles(measure)
     if len(values) < len(findings.ranked):
         return {}
-    has = {
-        name: np.array([of(one.split("+")) for one in values], float) for name, of in TRAITS.items()
-    }
+    has = {name: np.array([of(one) for one in values], float) for name, of in TRAITS.items()}
     kept: list[str] = []
     for trait in TRAITS:
         design = sm.add_constant(

@@ -18,12 +18,10 @@ from analysis.comparisons import TRAITS, claims, difference, effects, writers
 from analysis.protocol import (
     BLIND,
     RULE,
-    beyond_the_rule,
     foretold_table,
-    mean_tau,
+    held,
     means,
     predicted,
-    regret,
     runs_of,
     sets_figure,
     sets_table,
@@ -193,12 +191,10 @@ def _foretold() -> Table:
     for column, (name, truth) in _MEASURED.items():
         measured = study(name).truths[truth]
         for who, lists in predicted(study(name).predictions_of(truth)).items():
-            cell: list[Cell] = [f"loses {regret(lists, measured):.2f}"]
-            if who != BLIND:
-                cell.insert(0, mean_tau(lists, measured))
-            if who not in (RULE, BLIND):
-                p = Column("p", form="p").text(beyond_the_rule(lists, measured))
-                cell.insert(1, f"p {p}")
+            tau, p, lost = held(who, lists, measured)
+            cell: list[Cell] = [] if tau is None else [tau]
+            cell += [] if p is None else [f"p {Column('p', form='p').text(p)}"]
+            cell += [f"loses {lost:.2f}"]
             found.setdefault(who, {})[column] = cell
     ordered = [who for who in found if who not in (RULE, BLIND)] + [RULE, BLIND]
     rows = tuple((who, *(found[who].get(column) for column in _MEASURED)) for who in ordered)

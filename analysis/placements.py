@@ -1,24 +1,19 @@
-"""Q3 of docs/protocol.md: where to put a camera. Rules and a model's ranking against training."""
+"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from scipy.stats import rankdata
 
-from analysis.protocol import means, spearman
-from needlehoop.engines.contract import FIELDS
+from analysis.protocol import means
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import rollout
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.runs.reading import read_json
-from needlehoop.study.render.style import FAINT, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.statistics import Interval
 
@@ -67,7 +62,7 @@ def _pixels(settings: Settings) -> tuple[int, int]:
     def alone(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         places = fields["geom_xpos"].copy()
         places[:, ~wanted] += _FAR
-        return {**{name: fields[name] for name in FIELDS}, "geom_xpos": places}
+        return {**fields, "geom_xpos": places}
 
     totals = np.zeros(2, dtype=int)
     for number, step in enumerate(rollout(simulation, controller("expert", settings))):
@@ -81,12 +76,6 @@ def _pixels(settings: Settings) -> tuple[int, int]:
     return int(totals[0]), int(totals[1])
 
 
-def asked(path: Path) -> dict[str, float]:
-    """A model's strengths by camera set, from ``rankings_sets.json``; of both lists."""
-    lists = read_json(path)["lists"]
-    return {name: float(value) for own in lists for name, value in own["strengths"].items()}
-
-
 def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     """Spearman's ρ of each prediction (a column of ``scores``) with mean success by camera set."""
     measured = means(runs)
@@ -97,8 +86,8 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     for who in scores:
         own = scores.loc[names, who].to_numpy(float)
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
-        (rho,) = spearman(own[None], truth[None])
-        chance = (1 + np.sum(spearman(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
+        (rho,) = _rho(own[None], truth[None])
+        chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
         lost = float(truth.max() - truth[own == own.max()].mean())
         ends = _bootstrap(own, runs, names)
         rows.append((str(who), Estimated(float(rho), ends), float(chance), lost))
@@ -110,41 +99,19 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     return Table("placements", "", columns, tuple(rows))
 
 
+def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
+    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
+    with np.errstate(invalid="ignore"):
+        return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
+
+
 def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interval:
     """Cameras drawn anew, and the runs of each."""
     draw = np.random.default_rng(1)
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
     drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
     picked = draw.integers(len(names), size=drawn.shape)
-    found = spearman(own[picked], np.take_along_axis(drawn, picked, 1))
+    found = _rho(own[picked], np.take_along_axis(drawn, picked, 1))
     low, high = np.nanpercentile(found, (2.5, 97.5))
     return Interval(float(low), float(high))
-
-
-def map_figure(runs: pd.DataFrame, scores: Mapping[str, float] | None = None) -> Figure:
-    """Where single cameras stood, seen from above, and how many episodes their agents threaded."""
-    measured = means(runs)
-    panels = [("measured: episodes threaded, of 100", {k: 100 * v for k, v in measured.items()})]
-    if scores is not None:
-        order = sorted(measured, key=lambda name: scores[name])
-        panels.append(("foretold: place, 20 is best", {n: i + 1.0 for i, n in enumerate(order)}))
-    figure, grid = new_figure(52, 1, len(panels), subplot_kw={"projection": "polar"})
-    for axes, (title, values) in zip(grid[0], panels, strict=True):
-        views = {name: settings_of(name).views[name.partition("_")[2]] for name in values}
-        angles = [math.radians(view.azimuth) for view in views.values()]
-        heights = [90.0 - view.elevation for view in views.values()]
-        dots = axes.scatter(
-            angles, heights, c=[*values.values()], s=70, cmap="viridis",
-            edgecolors=FAINT, linewidths=0.4,
-        )  # fmt: skip
-        for angle, height, value in zip(angles, heights, values.values(), strict=True):
-            axes.annotate(f"{value:.0f}", (angle, height), fontsize=4.5, ha="center", va="center",
-                          color="white" if value < dots.norm.vmax / 2 else "black")  # fmt: skip
-        axes.set_theta_zero_location("S")
-        axes.set_rlim(0, 90)
-        axes.set_rticks([30, 60], ["60°", "30°"], fontsize=5, color=FAINT)
-        axes.set_thetagrids([0, 90, 180, 270], ["hoop's front", "90°", "arm's side", "-90°"])
-        axes.tick_params(labelsize=5)
-        axes.grid(color=FAINT, alpha=0.3, linewidth=0.4)
-        axes.set_title(title, fontsize=6.5)
-    return figure

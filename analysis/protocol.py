@@ -9,12 +9,14 @@ import numpy as np
 import pandas as pd
 import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau, rankdata
+from scipy.stats import kendalltau
 
+from analysis.comparisons import has_depth, has_labels, is_two_sided
 from needlehoop.study.data import paper
 from needlehoop.study.data.records import Study
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import Column, Estimated, Table
+from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import Prediction
 from needlehoop.study.stats.statistics import ENOUGH, Interval, improvement, rate
 
@@ -54,16 +56,9 @@ def runs_of(study: Study) -> pd.DataFrame:
     runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
     sets_by_seed = runs.groupby("seed")["cameras"].transform("nunique")
     runs = runs.loc[sets_by_seed == runs["cameras"].nunique()].reset_index(drop=True)
-    cameras = runs["cameras"].str.split("+")
-    runs["two_views"] = [is_two_sided(one) for one in runs["cameras"]]
-    runs["depth"] = [any(c.startswith(("dep_", "segdep_")) for c in one) for one in cameras]
-    runs["labels"] = [any(c.startswith("seg") for c in one) for one in cameras]
+    for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
+        runs[name] = [of(cameras) for cameras in runs["cameras"]]
     return runs
-
-
-def is_two_sided(cameras: str) -> bool:
-    """Whether a camera set has a front and a side view."""
-    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
 
 
 def means(runs: pd.DataFrame) -> dict[str, float]:
@@ -73,7 +68,7 @@ def means(runs: pd.DataFrame) -> dict[str, float]:
 
 
 def sets_table(runs: pd.DataFrame) -> Table:
-    """Each camera set's runs, with a t-interval of their mean, and the chance to beat the next."""
+    """Each camera set's runs, their mean, and the chance that one of the best set beats one."""
     groups = {str(name): own for name, own in runs.groupby("cameras")}
     order = [*means(runs)]
     best = groups[order[0]]["success"].tolist()
@@ -157,11 +152,8 @@ def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
 
 def regret(lists: Sequence[Scores], measured: Scores) -> float:
     """Success that choosing a list's first loses, mean over lists and over ties for first."""
-    lost = []
-    for own in lists:
-        first = [measured[name] for name in own if own[name] == max(own.values())]
-        lost.append(max(measured[name] for name in own) - float(np.mean(first)))
-    return float(np.mean(lost))
+    lost = [agreement(own, {name: measured[name] for name in own}).regret for own in lists]
+    return sum(lost) / len(lost)
 
 
 def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
@@ -177,27 +169,27 @@ def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
     return found
 
 
+def held(
+    who: str, lists: Sequence[Scores], measured: Scores
+) -> tuple[float | None, float | None, float]:
+    """Mean tau-b, p beyond the rule and regret; ``None`` where there is nothing to test."""
+    tau = None if who == BLIND else mean_tau(lists, measured)
+    p = None if who in (RULE, BLIND) else beyond_the_rule(lists, measured)
+    return tau, p, regret(lists, measured)
+
+
 def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table:
     """Each prediction of the paper's three lists beside the rule and a blind choice."""
     rows = []
     for who, lists in predicted(predictions).items():
-        knows = who not in (RULE, BLIND)
-        tau = None if who == BLIND else mean_tau(lists, measured)
-        p = beyond_the_rule(lists, measured) if knows else None
-        kind = ("preregistered" if who in PREREGISTERED else "exploratory") if knows else ""
-        rows.append((who, tau, p, regret(lists, measured), kind))
+        kind = "preregistered" if who in PREREGISTERED else "exploratory"
+        kind = "" if who in (RULE, BLIND) else kind
+        rows.append((who, *held(who, lists, measured), kind))
     columns = (
         Column("prediction"), Column("τ-b", form=".2f"), Column("p beyond the rule", form="p"),
         Column("regret", "points", ".1f", 100.0), Column("test"),
     )  # fmt: skip
     return Table("protocol_foretold", "", columns, tuple(rows))
-
-
-def spearman(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
-    a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))
-    with np.errstate(invalid="ignore"):
-        return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
 
 
 def sets_figure(runs: pd.DataFrame) -> Figure:

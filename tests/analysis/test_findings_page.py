@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import kendalltau
 
 from analysis import findings as analysis
-from analysis.protocol import PREREGISTERED, RULE, is_two_sided
+from analysis.comparisons import is_two_sided
+from analysis.protocol import PREREGISTERED, RULE
 from analysis.seeds import apart, luck
 from needlehoop.study.render.table import Table
 from needlehoop.study.report.tables import phases, results, rewards

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from study_files import write_run
 
+from analysis.comparisons import is_two_sided
 from analysis.protocol import (
     TRAITS,
     beyond_the_rule,
-    is_two_sided,
     mean_tau,
     regret,
     runs_of,
