@@ -1,8 +1,8 @@
 """Puts what the runs in results/ say into the documentation: ``python -m analysis.findings``.
 
 It refills the tables of docs/evidence.md, writes those of ``analysis.seeds`` into results/, and
-draws docs/which_cameras.png. A table of the page stands below a comment that names it; everything
-else is written by hand, and read again after each refill.
+draws the figures of docs/findings.md. A table of the page stands below a comment that names it;
+everything else is written by hand, and read again after each refill.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from analysis.comparisons import TRAITS, claims, difference, effects, writers
 from analysis.protocol import (
     BLIND,
     RULE,
+    foretold_figure,
     foretold_table,
     held,
     means,
@@ -245,17 +247,25 @@ TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
 """The documentation's pages, by the names of their files, and the tables of each."""
 
 
+FIGURES: Mapping[str, Callable[[], Figure]] = {
+    "which_cameras": lambda: sets_figure(protocol()),
+    "foretold": lambda: foretold_figure(study("protocol").predictions, means(protocol())),
+}
+"""PNG files of docs/."""
+
+
 def main() -> None:
-    """Refill pages, write tables, draw the figure."""
+    """Refill pages, write tables, draw figures."""
     for name in STUDIES:
         for table in (luck(study(name)), apart(study(name))):
             table.write(ROOT / "results" / name / "tables")
     for name in TABLES:
         path = ROOT / "docs" / name
         path.write_text(refilled(name, path.read_text()))
-    with styled():
-        _, vector = save(sets_figure(protocol()), ROOT / "docs" / "which_cameras")
-    vector.unlink()
+    for name, figure in FIGURES.items():
+        with styled():
+            _, vector = save(figure(), ROOT / "docs" / name)
+        vector.unlink()
     print(f"refilled {', '.join(TABLES)}")
 
 

@@ -1,12 +1,18 @@
-"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training."""
+"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training.
+
+``python -m analysis.placements`` writes what the rules say of the 20 drawn cameras into
+results/placements/rules.csv, in half a minute; ``analysis.findings`` reads it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from analysis.protocol import means
@@ -14,8 +20,14 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import rollout
 from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.study.data.answers import read_answers
+from needlehoop.study.render.style import INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.statistics import Interval
+
+RULES = Path(__file__).parents[1] / "results" / "placements" / "rules.csv"
+CAMERAS = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
 _EPISODES, _EVERY = 10, 5
 """Episodes of the expert in which pixels are counted, and steps from one picture to the next."""
@@ -25,6 +37,7 @@ _FAR = 10.0
 """Where things are put that are not to be seen, m."""
 
 ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
+MODEL = "claude"
 
 
 def settings_of(cameras: str) -> Settings:
@@ -47,6 +60,15 @@ def rules(cameras: list[str]) -> pd.DataFrame:
             HIDDEN: seen / alone,
         }
     return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def scores() -> pd.DataFrame:
+    """Of the single cameras: by the rules, and by the model that ranked them; higher is better."""
+    found = pd.read_csv(RULES, index_col="camera")
+    answers, _ = read_answers(RECORDINGS / "claude_placements", ".", "rankings_sets.json")
+    assert answers is not None
+    (places,) = (one.places for one in answers.rankings if {*one.places} == {*found.index})
+    return found.assign(**{MODEL: -pd.Series(places)})
 
 
 def _pixels(settings: Settings) -> tuple[int, int]:
@@ -115,3 +137,46 @@ def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interva
     found = _rho(own[picked], np.take_along_axis(drawn, picked, 1))
     low, high = np.nanpercentile(found, (2.5, 97.5))
     return Interval(float(low), float(high))
+
+
+def map_figure(runs: pd.DataFrame) -> Figure:
+    """Two maps of the hemisphere seen from above: what each place gave, and what was foretold."""
+    measured, foretold = pd.Series(means(runs)), scores()[MODEL]
+    maps = {
+        "threaded, of 100": (100 * measured, "{:.0f}"),
+        f"place foretold by {MODEL}": (-foretold, "{:.0f}"),
+    }
+    figure, grid = new_figure(56, 1, 2, subplot_kw={"projection": "polar"})
+    for axes, (title, (values, form)) in zip(grid[0], maps.items(), strict=True):
+        views = [settings_of(name).views[name.partition("_")[2]] for name in values.index]
+        angles = np.radians([view.azimuth for view in views])
+        down = [90.0 - view.elevation for view in views]
+        # Best is dark on both maps.
+        shade = rankdata(values if title.startswith("threaded") else -values)
+        axes.scatter(angles, down, s=75, c=shade, cmap="Blues", vmin=-6, linewidths=0)
+        for angle, far, value, dark in zip(angles, down, values, shade, strict=True):
+            ink = "white" if dark > 0.6 * len(values) else INK
+            axes.text(
+                angle, far, form.format(value), ha="center", va="center", fontsize=5, color=ink
+            )
+        axes.set_title(title, loc="center", pad=10)
+        # As in the scene: azimuth grows to the left of a viewer in front.
+        axes.set_theta_zero_location("S")
+        axes.set_theta_direction(-1)
+        axes.set_rlim(0, 90)
+        axes.set_rgrids([30, 60], [])
+        axes.set_thetagrids([0, 45, 90, 180, 270], ["front", "side", "", "behind the arm", ""])
+        axes.tick_params(labelsize=5.5, pad=-3)
+        axes.grid(linewidth=0.4, alpha=0.5)
+    return figure
+
+
+def main() -> None:
+    """Write what the rules say."""
+    RULES.parent.mkdir(exist_ok=True)
+    rules(CAMERAS).to_csv(RULES, index_label="camera", float_format="%.4f")
+    print(RULES)
+
+
+if __name__ == "__main__":
+    main()

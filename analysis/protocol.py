@@ -209,3 +209,34 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
         axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, fontsize=6.5)
     return figure
+
+
+def foretold_figure(predictions: Sequence[Prediction], measured: Scores) -> Figure:
+    """How well each prediction agrees with success, beside the line of the rule."""
+    rows = {
+        who: held(who, lists, measured)
+        for who, lists in predicted(predictions).items()
+        if who != BLIND
+    }
+    rule, _, lost = rows.pop(RULE)
+    assert rule is not None
+    order = sorted(rows, key=lambda who: rows[who][0] or 0.0)
+    figure, ((left, right),) = new_figure(4.6 * len(order) + 20, 1, 2, sharey=True)
+    for row, who in enumerate(order):
+        tau, p, regret = rows[who]
+        beyond = p is not None and p < 0.05
+        for axes, value in ((left, tau), (right, 100 * regret)):
+            axes.plot([value], [row], "o", markersize=4, color=COLOURS[0 if beyond else 1])
+    for axes, value in ((left, rule), (right, 100 * lost)):
+        axes.axvline(value, color=FAINT, linestyle="--", linewidth=1)
+        axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    left.set_yticks(range(len(order)), order)
+    left.set_xlim(0, 1)
+    left.set_xlabel("agreement with\ntraining, τ-b")
+    right.set_xlim(left=-1)
+    right.set_xlabel("success that its\nchoice loses, points")
+    for colour, said in ((0, "knows more than the rule"), (1, "not shown to")):
+        right.plot([], [], "o", markersize=4, color=COLOURS[colour], label=said)
+    right.plot([], [], "--", color=FAINT, linewidth=1, label="the rule")
+    figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6.5)
+    return figure

@@ -5,7 +5,17 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from analysis.placements import ELEVATION, HIDDEN, PIXELS, foretold_table, rules
+from analysis.placements import (
+    CAMERAS,
+    ELEVATION,
+    HIDDEN,
+    MODEL,
+    PIXELS,
+    foretold_table,
+    map_figure,
+    rules,
+    scores,
+)
 
 
 def test_a_camera_behind_the_arm_sees_less_of_needle_and_hoop():
@@ -14,6 +24,23 @@ def test_a_camera_behind_the_arm_sees_less_of_needle_and_hoop():
     assert beside[ELEVATION] == -6.0
     assert behind[PIXELS] < beside[PIXELS]
     assert 0.0 < behind[HIDDEN] < beside[HIDDEN] <= 1.0
+    kept = scores()
+    assert [*kept.index] == CAMERAS
+    assert kept.loc["rgb_p13", [PIXELS, HIDDEN]].tolist() == pytest.approx(
+        [beside[PIXELS], beside[HIDDEN]], abs=1e-4
+    )
+    assert kept[MODEL].idxmax() == "rgb_p10"
+
+
+def test_a_map_has_every_camera_on_both_sides():
+    runs = pd.DataFrame([{"cameras": name, "success": i / 20} for i, name in enumerate(CAMERAS)])
+    measured, foretold = map_figure(runs).axes
+    assert sorted(text.get_text() for text in foretold.texts) == sorted(
+        str(place) for place in range(1, 21)
+    )
+    assert sorted(text.get_text() for text in measured.texts) == sorted(
+        str(5 * i) for i in range(20)
+    )
 
 
 def test_a_ranking_is_held_against_mean_success():
