@@ -68,7 +68,7 @@ findings: $(TESTED)
 	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
 	cp results/rewards/figures/rewards.png docs/
 	$(BIN)/python -m analysis.findings
-	$(BIN)/needlehoop report results/fast results/table2 results/rewards results/imitation --out results
+	$(BIN)/python -m analysis.report
 
 format: $(TESTED)
 	$(BIN)/ruff format .

@@ -52,7 +52,7 @@ class Part:
     """As drawn; the page holds copies."""
 
 
-def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
+def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = "") -> None:
     """Write the page.
 
     Args:
@@ -60,11 +60,13 @@ def write_report(parts: Sequence[Part], out: Path, command: str) -> None:
         out: an HTML file. Films for which it has no room are linked to from its folder; the best
             and the worst of each ranking come first.
         command: that makes this page, for the record.
+        opening: HTML that stands before the first study.
     """
     told = [_part(part, alone=len(parts) == 1) for part in parts]
 
     def page(films: Films) -> str:
-        return render("report.html", title=_title(parts), parts=told, films=films, made=command)
+        values = {"title": _title(parts), "parts": told, "films": films, "opening": opening}
+        return render("report.html", **values, made=command)
 
     write_with_films(page, [films for part in parts for films in films_of(part.findings)], out)
 
