@@ -10,7 +10,7 @@ from scipy.stats import kendalltau
 
 from analysis import findings as analysis
 from analysis.comparisons import is_two_sided
-from analysis.protocol import PREREGISTERED, RULE
+from analysis.protocol import PREREGISTERED, RULE, held, means, predicted
 from analysis.seeds import apart, luck
 from needlehoop.study.render.table import Table
 from needlehoop.study.report.tables import phases, results, rewards
@@ -96,13 +96,22 @@ def test_sentences_on_cameras_have_the_tables_numbers():
     words = " ".join(PAGE.split())
     assert f"a front and a side view add {view.replace(' (', ' points of success (')}" in words
     assert f"Depth adds {depth} and segmentation {labels}" in words
-    success = {row["cameras"]: row["threaded by seed, %"] for row in rows_of("protocol")}
-    sampled = {row["cameras"]: row["sampled, %"] for row in rows_of("protocol")}
-    best = next(iter(success))
-    assert f"`{best}`, threads in {success[best]} of 100" in words
-    assert f"`rgb_default` in {success['rgb_default']}." in words
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    assert f"A front and a side camera add {view.split()[0]} points of success" in readme
+    found = rows_of("protocol")
+    mean, sampled = (
+        {row["cameras"]: row[of].split()[0] for row in found}
+        for of in ("mean (95 %), %", "sampled, %")
+    )
+    seeds = {len(row["threaded by seed, %"].split(", ")) for row in found}
+    assert seeds == {2}
+    assert "all sets have two of their five seeds" in words
+    assert "runs have two seeds of five so far" in words
+    best = next(iter(mean))
+    assert f"`{best}`, threads in {mean[best]} of 100" in words
+    assert f"`rgb_default` in {mean['rgb_default']}." in words
     said = "`segdep_side` threads in {} of 100 with the one, in {} with the other"
-    assert said.format(success["segdep_side"], sampled["segdep_side"]) in words
+    assert said.format(mean["segdep_side"], sampled["segdep_side"]) in words
     ends = {row["cameras"]: row["1.5 M: threaded, %"] for row in rows_of("results")}
     two, one = (
         sorted(int(end) for name, end in ends.items() if end and is_two_sided(name) is sides)
@@ -115,20 +124,25 @@ def test_sentences_on_cameras_have_the_tables_numbers():
 def test_sentences_on_predictions_have_the_tables_numbers():
     found = {row["prediction"]: row for row in rows_of("protocol_foretold")}
     words = " ".join(PAGE.split())
-    taus = {who: found[who]["τ-b"] for who in (*PREREGISTERED, RULE)}
-    ps = {who: found[who]["p beyond the rule"] for who in PREREGISTERED}
-    papers, claude, probe = PREREGISTERED
-    assert f"on the wide task by τ-b {taus[RULE]}." in words
-    assert f"The paper's model agrees by {taus[papers]}" in words
-    assert f"shown pictures) by {taus[claude]}; neither" in words
-    assert f"(p {ps[papers]} and {ps[claude]})" in words
-    assert min(float(ps[papers]), float(ps[claude])) > 0.05 > float(ps[probe])
-    assert f"agrees by {taus[probe]} and was (p {ps[probe]})" in words
-    assert float(found[probe]["regret, points"]) == 0.0
-    assert f"by the rule loses {found[RULE]['regret, points']} points" in words
-    earlier = {row["prediction"]: row for row in rows_of("foretold")}[probe]
-    before = [earlier[f"{n} M, over training"].split(", ")[1][2:] for n in ("0.5", "1.5")]
-    assert "it was not (p {} and {})".format(*before) in words
+    papers, claude, probe, rule = (found[who] for who in (*PREREGISTERED, RULE))
+    assert f"on the wide task by τ-b {rule['τ-b']}." in words
+    assert f"The paper's model agrees by {papers['τ-b']}" in words
+    assert f"shown pictures) by {claude['τ-b']}, the" in words
+    assert f"read off images, by {probe['τ-b']}." in words
+    ps = [one["p beyond the rule"] for one in (papers, claude, probe)]
+    assert "None was shown to know more than the rule (p {}, {} and {})".format(*ps) in words
+    assert min(map(float, ps)) > 0.05
+    lost = [one["regret, points"] for one in (probe, claude, rule)]
+    said = (
+        "probe puts first loses {} points of success, `claude`'s {}, and one that the rule allows"
+    )
+    assert f"{said} {{}}".format(*lost) in words
+    first = analysis.protocol()
+    first = first[first["seed"] == first["seed"].min()]
+    _, p, _ = held(
+        "probe", predicted(analysis.study("protocol").predictions)["probe"], means(first)
+    )
+    assert f"first seed alone, the probe did know more than the rule (p {p:.2f})" in words
 
 
 def listed(cells: list[str]) -> str:
