@@ -16,9 +16,9 @@ from needlehoop.config import composing
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.needle_hoop import TASK
+from needlehoop.tasks.needle_hoop.layout import start
 from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
-from needlehoop.tasks.needle_hoop.start import start
 
 BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
 

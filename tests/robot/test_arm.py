@@ -9,8 +9,7 @@ from needle_task import act, addresses_of, begin, spec_of
 from needlehoop.envs.settings import Settings
 from needlehoop.robot import joints, psm
 from needlehoop.robot import parallelogram as linkage
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
-from needlehoop.tasks.needle_hoop.start import DRAWS, place, start
+from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, place, start
 from needlehoop.tasks.psm import start_of
 from needlehoop.tasks.start import Start
 

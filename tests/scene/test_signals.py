@@ -11,9 +11,8 @@ from needle_task import addresses_of, draws, readings_of
 from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, start
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
-from needlehoop.tasks.needle_hoop.start import DRAWS, start
 
 VERDICTS = ("touched", "threaded")
 

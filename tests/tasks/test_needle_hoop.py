@@ -20,8 +20,7 @@ from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.expert import smooth
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
-from needlehoop.tasks.needle_hoop.start import DRAWS, start
+from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, start
 from needlehoop.tasks.start import Start
 from needlehoop.tasks.stepping import is_terminated, is_truncated
 

@@ -17,7 +17,7 @@ from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.peg_transfer import TASK
 from needlehoop.tasks.peg_transfer.expert import expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
-from needlehoop.tasks.peg_transfer.start import place, start
+from needlehoop.tasks.peg_transfer.layout import place, start
 from needlehoop.tasks.psm import start_of
 
 LAYOUTS = ("near", "standard", "wide")

@@ -16,8 +16,7 @@ from needlehoop.rewards import potential
 from needlehoop.tasks import stepping
 from needlehoop.tasks.reach import TASK
 from needlehoop.tasks.reach.expert import expert, smooth
-from needlehoop.tasks.reach.layout import BUMPS
-from needlehoop.tasks.reach.start import DRAWS, start
+from needlehoop.tasks.reach.layout import BUMPS, DRAWS, start
 from needlehoop.tasks.start import draws
 
 VARIANTS = ("near", "standard", "wide")

@@ -1,6 +1,6 @@
 """Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
 
-``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
+``scene`` says what there is, ``layout`` how large it is and where an episode begins,
 ``facts`` what is true, ``expert`` who can do it, ``reward`` what the paper's author pays.
 """
 
@@ -8,10 +8,9 @@ from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.needle_hoop.expert import cheat as cheat_script
 from needlehoop.tasks.needle_hoop.expert import expert, smooth
 from needlehoop.tasks.needle_hoop.facts import FACTS, cheat, observe, success
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, start
 from needlehoop.tasks.needle_hoop.reward import Human
 from needlehoop.tasks.needle_hoop.scene import MATERIALS, SIGNALS, build
-from needlehoop.tasks.needle_hoop.start import DRAWS, start
 from needlehoop.tasks.needle_hoop.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
 

@@ -10,7 +10,7 @@ import numpy as np
 from needlehoop.tasks.contract import Telling
 from needlehoop.tasks.layout import millimetres
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
-from needlehoop.tasks.psm_telling import arm_values, grasped
+from needlehoop.tasks.psm import arm_values, grasped
 
 
 def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:

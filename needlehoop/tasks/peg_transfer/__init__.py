@@ -1,6 +1,6 @@
 """Peg transfer, the first exercise of the FLS curriculum: a hollow block goes from peg to peg.
 
-``scene`` says what there is, ``layout`` where and how large, ``start`` how it is scattered,
+``scene`` says what there is, ``layout`` how large it is and where an episode begins,
 ``facts`` what is true, ``expert`` who can do it, ``reward`` what a person would pay.
 ``docs/peg_transfer.md`` says where the sizes are from.
 """
@@ -9,10 +9,9 @@ from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.peg_transfer.expert import cheat as cheat_script
 from needlehoop.tasks.peg_transfer.expert import expert, smooth
 from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe
-from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
+from needlehoop.tasks.peg_transfer.layout import DRAWS, OTHER_PEGS, PegLayout, PegRules, start
 from needlehoop.tasks.peg_transfer.reward import Human
-from needlehoop.tasks.peg_transfer.scene import MATERIALS, OTHER_PEGS, SIGNALS, build
-from needlehoop.tasks.peg_transfer.start import DRAWS, start
+from needlehoop.tasks.peg_transfer.scene import MATERIALS, SIGNALS, build
 from needlehoop.tasks.peg_transfer.telling import TELLING
 from needlehoop.tasks.psm import ROBOT
 

@@ -1,4 +1,4 @@
-"""Sizes and placement of block and pegs, and when a fact holds."""
+"""Block and pegs: sizes, where an episode begins, and when a fact holds."""
 
 from __future__ import annotations
 
@@ -7,15 +7,22 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from needlehoop.config.strict import Range
 from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.psm import begun, tool_start
+from needlehoop.tasks.start import Start, scatter, standing
 
 WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 """Directions of the walls' outward normals about the block's z, rad; the first is grasped."""
 
 PEGS = 6
+
+OTHER_PEGS = tuple(f"peg_{index}" for index in range(PEGS - 1))
+"""Bodies of the pegs that are not marked."""
 
 
 def at_wall(angle: float, out: float, along: float) -> tuple[float, float]:
@@ -122,3 +129,66 @@ class PegRules(ArmEpisode):
     rest_speed: _Above
     rest_spin: _Above
     """``placed``: the block moves and turns slower than this."""
+
+
+DRAWS = 10
+"""Uniform numbers that one reset consumes."""
+
+_SUNK = 2.82e-7
+"""How deep a block at rest sinks into the table, m (measured)."""
+
+
+def start(layout: PegLayout, uniform: Tensor) -> Start:
+    """Draw the block's peg and the marked one; scatter board, block and tool.
+
+    Args:
+        layout: nominal placement and ranges.
+        uniform: numbers in [0, 1) ``(n, DRAWS)``, float64.
+    """
+    begins, marked = _choose(layout, uniform[:, 0], uniform[:, 1])
+    shift = scatter(uniform[:, 2:4], (0.0, 0.0), layout.board_range)
+    yaw = scatter(uniform[:, 4:5], [layout.block_yaw], [layout.block_yaw_range])[:, 0]
+    off = scatter(uniform[:, 5:7], (0.0, 0.0), layout.block_position_range)
+    places = torch.tensor(layout.pegs, dtype=torch.float64)
+    block = standing(places[begins] + shift + off, layout.block_height / 2 - _SUNK, yaw)
+    return place(layout, tool_start(layout, uniform[:, 7:10]), block, shift, marked)
+
+
+def place(
+    layout: PegLayout, robot: dict[str, Tensor], block: Tensor, shift: Tensor, marked: Tensor
+) -> Start:
+    """A start from the robot's own, the block's pose, the board's shift and the marked peg.
+
+    Args:
+        layout: where pegs stand on the board.
+        robot: of a ``Start``.
+        block: pose ``(n, 7)``.
+        shift: of the board ``(n, 2)``, m.
+        marked: index of the marked peg ``(n,)``.
+    """
+    names = OTHER_PEGS
+    flat = torch.zeros_like(shift[:, :1])
+    places = torch.tensor(layout.pegs, dtype=torch.float64)
+    # The other pegs take the places that are left, in their order.
+    others = torch.arange(len(names)) + (torch.arange(len(names)) >= marked.unsqueeze(-1))
+
+    def standing(index: Tensor) -> Tensor:
+        return torch.cat((places[index] + shift, flat), -1)
+
+    mocap = {name: standing(others[:, i]) for i, name in enumerate(names)}
+    lift = torch.cat((block[:, :2], torch.full_like(flat, layout.carried)), -1)
+    board = torch.cat((shift, flat), -1)
+    mocap |= {"board": board, "marked": standing(marked), "lift_position": lift}
+    return begun(robot, mocap, {"block": block})
+
+
+def _choose(layout: PegLayout, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """Indices ``(n,)`` of the block's peg and of the marked one, which are never the same."""
+    starts, goals = torch.tensor(layout.starts), torch.tensor(layout.goals)
+    begins = starts[(first * len(starts)).long()]
+    taken = (goals == begins.unsqueeze(-1)).long()
+    free = len(goals) - taken.sum(-1)
+    pick = (second * free).long()
+    # Those at and behind the taken one are counted one further.
+    at = torch.where(taken.any(-1), taken.argmax(-1), torch.full_like(pick, len(goals)))
+    return begins, goals[pick + (pick >= at)]

@@ -10,7 +10,7 @@ from needlehoop.robot.shapes import collision
 from needlehoop.scene.signals import fact, of_body, of_site, verdict
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.grasping import add_weld
-from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout, PegRules
+from needlehoop.tasks.peg_transfer.layout import OTHER_PEGS, WALLS, PegLayout, PegRules
 from needlehoop.tasks.psm import signals
 
 MATERIALS: Materials = {
@@ -50,9 +50,6 @@ _FACTS = {
 }
 
 SIGNALS = signals(_THINGS, _FACTS, touched="block")
-
-OTHER_PEGS = tuple(f"peg_{index}" for index in range(PEGS - 1))
-"""Bodies of the pegs that are not marked."""
 
 _PAINT = 5e-5
 """Thickness of paint, m: enough to be drawn before what is below."""

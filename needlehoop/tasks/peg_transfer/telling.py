@@ -8,7 +8,7 @@ from pathlib import Path
 from needlehoop.tasks.contract import Telling
 from needlehoop.tasks.layout import millimetres
 from needlehoop.tasks.peg_transfer.layout import PEGS, WALLS, PegLayout, PegRules
-from needlehoop.tasks.psm_telling import arm_values, grasped
+from needlehoop.tasks.psm import arm_values, grasped
 
 
 def values(layout: PegLayout, rules: PegRules) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """Reach: bring the instrument's tip to a raised button on an uneven phantom, and stay there.
 
-``scene`` says what there is, ``layout`` where and how large, and from when on a fact holds;
-``start`` how it is scattered, ``facts`` what is true, ``expert`` who can do it, ``reward`` what a
+``scene`` says what there is, ``layout`` how large it is, where an episode begins
+and when a fact holds; ``facts`` what is true, ``expert`` who can do it, ``reward`` what a
 person would pay.
 """
 
@@ -9,10 +9,9 @@ from needlehoop.tasks.contract import FlatClass, Phase, Task
 from needlehoop.tasks.psm import ROBOT
 from needlehoop.tasks.reach.expert import expert, smooth
 from needlehoop.tasks.reach.facts import FACTS, observe
-from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
+from needlehoop.tasks.reach.layout import BUMPS, DRAWS, ReachLayout, ReachRules, start
 from needlehoop.tasks.reach.reward import Human
 from needlehoop.tasks.reach.scene import MATERIALS, SIGNALS, build
-from needlehoop.tasks.reach.start import DRAWS, start
 from needlehoop.tasks.reach.telling import TELLING
 
 TASK = Task(

@@ -1,13 +1,18 @@
-"""Sizes and placement of the phantom and its marks, and when a fact holds."""
+"""The phantom and its marks: sizes, where an episode begins, and when a fact holds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated
 
+import torch
+from torch import Tensor
+
 from needlehoop.config.strict import Count, Range
 from needlehoop.tasks.episode import ToolEpisode
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread
+from needlehoop.tasks.psm import begun, tool_start
+from needlehoop.tasks.start import Start, scatter
 
 BUMPS = 5
 """Bumps of the phantom; each has a mark on top, and one of them the target."""
@@ -65,3 +70,40 @@ class ReachRules(ToolEpisode):
     """``near``: ``tool_midpoint`` is this near the target, m."""
     near_steps: Count
     """``stayed``: it has been near after so many steps, one after the other."""
+
+
+DRAWS = 3 * BUMPS + 1 + 3
+"""Uniform numbers that one reset consumes: for the bumps, the choice of one, the tool."""
+
+
+def start(layout: ReachLayout, uniform: Tensor) -> Start:
+    """Scatter bumps and tool over the layout's ranges, and choose the target's bump.
+
+    Args:
+        layout: nominal placement and ranges.
+        uniform: numbers in [0, 1) ``(n, DRAWS)``, float64.
+    """
+    half = (*layout.bump_position_range, layout.bump_height_range)
+    tops = [
+        scatter(uniform[:, 3 * i : 3 * i + 3], (x, y, layout.bump_height), half)
+        for i, (x, y) in enumerate(layout.bump_positions)
+    ]
+    chosen = (BUMPS * uniform[:, 3 * BUMPS]).long()
+    robot = tool_start(layout, uniform[:, -3:])
+    return place(layout, robot, torch.stack(tops, 1), chosen)
+
+
+def place(layout: ReachLayout, robot: dict[str, Tensor], tops: Tensor, chosen: Tensor) -> Start:
+    """A start from places.
+
+    Args:
+        layout: sizes.
+        robot: of a ``Start``.
+        tops: of the bumps ``(n, BUMPS, 3)``, m.
+        chosen: index of the target's bump ``(n,)``.
+    """
+    up = torch.tensor((0.0, 0.0, layout.target_above_bump), dtype=tops.dtype)
+    places = {"target": tops[torch.arange(len(tops)), chosen] + up}
+    for index in range(BUMPS):
+        places[f"bump_{index}"] = places[f"mark_{index}"] = tops[:, index]
+    return begun(robot, places)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from needlehoop.tasks.contract import Telling
 from needlehoop.tasks.layout import millimetres
-from needlehoop.tasks.psm_telling import arm_values
+from needlehoop.tasks.psm import arm_values
 from needlehoop.tasks.reach.layout import BUMPS, ReachLayout, ReachRules
 
 
