@@ -7,7 +7,7 @@ import numpy as np
 
 from needlehoop import rewards
 from needlehoop.disturbances.disturbance import Disturbance
-from needlehoop.disturbances.scene import add_objects
+from needlehoop.disturbances.optics import add_objects
 from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation

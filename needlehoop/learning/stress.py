@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from needlehoop.disturbances.config import AXES, GROUPS, amount_at, disturb_of
+from needlehoop.disturbances.axes import AXES, GROUPS, amount_at, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings

@@ -11,7 +11,7 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
-from needlehoop.disturbances.config import Disturb
+from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import controller, controllers
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings, compose_settings, recall_task

@@ -9,7 +9,7 @@ from itertools import islice
 import torch
 from PIL import Image
 
-from needlehoop.disturbances.config import AXES, amount_at, disturb_of
+from needlehoop.disturbances.axes import AXES, amount_at, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import rollout

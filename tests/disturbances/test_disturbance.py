@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop.disturbances.config import AXES
+from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
@@ -147,6 +147,20 @@ def test_a_shifted_camera_shows_what_a_moved_view_would():
     plain, imager = build(other)
     plain.reset()
     assert float((plain.images(imager)["seg_front"] == seen).float().mean()) > 0.999
+
+
+def test_each_view_is_as_many_steps_late_as_it_drew():
+    words = (CAMS, "num_envs=2", "seed=4", "image_size=32")
+    plain, wrong = flown(*words, steps=8)[1], flown(*words, "disturb.picture.late=3", steps=8)[1]
+    simulation, _ = build(compose_settings([*words, "disturb.picture.late=3"]))
+    simulation.reset()
+    late = simulation.disturbance._drawn["picture.late"].amount[..., 0].astype(int)
+    assert len(np.unique(late)) > 1
+    for step, images in enumerate(wrong):
+        for env in range(2):
+            for name, view in (("dep_front", 0), ("seg_side", 1)):
+                then = plain[max(0, step - late[env, view])]
+                assert torch.equal(images[name][env], then[name][env]), (step, env, name)
 
 
 def test_the_tip_stands_beside_where_it_was_told_to():

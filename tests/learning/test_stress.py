@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from needlehoop.cli.main import main
-from needlehoop.disturbances.config import AXES
+from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.stress import Condition, chosen_axes, conditions, stress
