@@ -43,7 +43,7 @@ class Stopwatch:
         self.watch_env(learner.env)
         # Networks, folding and the optimiser share their work in one place.
         learner.workers.map = self._timed(learner.workers.map)
-        trainer: Any = learner.method.trainer
+        trainer: Any = learner.trainer
         trainer.update = self._during(trainer.update, "learning")
 
     def shares(self, total: float, *parts: str, rest: str) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -97,6 +98,14 @@ class Collector(_Collector):
         seen: Any = torch.stack([cuts[row] for row in sorted(cuts)])
         return self._buffer, seen.to(self._device)
 
+    def state_dict(self) -> dict[str, Any]:
+        """What decides the next buffer, beside the agent."""
+        return {"env": self._env.snapshot()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a ``state_dict``."""
+        self._env.restore(state["env"])
+
 
 class LabellingCollector(_Collector):
     """The expert or the learner acts, and the expert labels every frame; see ``_Collector``.
@@ -172,20 +181,17 @@ class LabellingCollector(_Collector):
 
     def state_dict(self) -> dict[str, Any]:
         """The actions of all buffers so far, and what decides the next."""
-        return {
-            "flown": torch.stack(self._actions) if self._actions else self.blank(0),
+        lessons = {
+            "flown": torch.stack(self._actions),
             "learner": self._learner,
             "noise": self._noise.snapshot(),
             "generator": self._generator.get_state(),
         }
+        return {"lessons": lessons}
 
-    def blank(self, count: int) -> Tensor:
-        """Actions of ``count`` buffers, all zero: a shape to compare a checkpoint with."""
-        settings = self._env.settings
-        return torch.zeros(count, settings.num_envs, self._horizon, settings.episode.action_size)
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a ``state_dict``, whose buffers have been reviewed."""
-        self._learner = state["learner"]
-        self._noise.restore(state["noise"])
-        self._generator.set_state(state["generator"])
+        lessons = state["lessons"]
+        self._learner = lessons["learner"]
+        self._noise.restore(lessons["noise"])
+        self._generator.set_state(lessons["generator"])

@@ -20,9 +20,8 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Actor, Agent
-from needlehoop.learning.checkpoint import load_weights
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import build_agent
+from needlehoop.learning.learner import build_agent, load_weights
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
