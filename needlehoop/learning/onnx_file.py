@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 
 import torch
@@ -57,7 +55,10 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
     }
     example = {**images, **{name: torch.zeros(2, n) for name, n in senses.vectors.items()}}
     batch = torch.export.Dim("n")
-    with _quiet():
+    # It would speak of torchvision and of its own parts.
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         program = torch.onnx.export(
             _Clamped(actor).eval(),
             tuple(example.values()),
@@ -71,17 +72,3 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
     facts = {"cams": [*senses.channels], "image_size": size, "episode": senses.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without what the exporter says of torchvision and of its own parts."""
-    log = logging.getLogger("torch.onnx")
-    before = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        log.setLevel(before)
