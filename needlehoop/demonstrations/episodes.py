@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.envs.controllers import Perturbation, controller
+from needlehoop.envs.controllers import Perturbation, by_name, controller
 from needlehoop.envs.observer import read
-from needlehoop.envs.rollout import Controller, MakeController, Step, batches
+from needlehoop.envs.rollout import Controller, MakeController, Step, batches, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
@@ -82,13 +83,14 @@ def scripted(name: str, task: Task) -> MakeController:
         )
     if name == PERTURBED:
         return _perturbed()
-    return lambda settings, *_: controller(name, settings)
+    return by_name(name)
 
 
 def _perturbed() -> MakeController:
     batches = count()
 
-    def pilot(settings: Settings, *_: object) -> Controller:
+    def pilot(simulation: Simulation) -> Controller:
+        settings = simulation.settings
         # A batch's noise is drawn for a full one: an episode is the same in a smaller.
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
@@ -120,13 +122,13 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
             f"obs.frame_stack: {settings.obs.frame_stack}; demonstrations keep each frame once"
         )
 
-    def carried_out(*given: Any) -> Controller:
-        act = make(*given)
+    def carried_out(act: Controller) -> Controller:
         return lambda signals: act(signals).clamp(-1.0, 1.0)
 
-    for batch in batches(settings, episodes, _BATCH):
-        rows = [_row(settings, step) for step in batch.rollout(carried_out)]
-        for env in range(batch.settings.num_envs):
+    for simulation in batches(settings, episodes, _BATCH):
+        steps = rollout(simulation, carried_out(make(simulation)))
+        rows = [_row(settings, step) for step in steps]
+        for env in range(simulation.num_envs):
             yield _episode(settings.cams, rows, env)
 
 

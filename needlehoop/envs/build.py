@@ -43,7 +43,7 @@ def compile_scene(settings: Settings) -> mujoco.MjModel:
 
 
 def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
-    """A simulation on the engine of the settings, and the imager of its cameras.
+    """A simulation on the engine of the settings, and the imager that it has of its cameras.
 
     Args:
         settings: what to build.
@@ -64,7 +64,8 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     robot, substeps = s.definition.robot, s.episode.substeps
     engine = Kind(model, robot, s.num_envs, substeps, *images, s.engine)
     wrong = _disturbance(s, model) if s.disturb.amounts else None
-    return Simulation(s, engine, rewards.load(s.reward, s.definition), first_env, wrong), imager
+    reward = rewards.load(s.reward, s.definition)
+    return Simulation(s, engine, imager, reward, first_env, wrong), imager
 
 
 def _disturbance(settings: Settings, model: mujoco.MjModel) -> Disturbance:

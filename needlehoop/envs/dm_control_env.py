@@ -18,7 +18,6 @@ from dm_env import specs
 
 from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
@@ -30,17 +29,15 @@ class DmControlTask(control.Task):
     Args:
         simulation: of the one environment of a ``DmControlEngine``.
         servos: that environment's task, which this one stands before.
-        imager: of its cameras.
-        settings: what it was built from.
     """
 
     moment: Moment
     """What is known now; there from the first reset on."""
 
-    def __init__(self, simulation: Simulation, servos: Servos, imager: Imager, settings: Settings):
-        self.simulation, self._servos, self._settings = simulation, servos, settings
-        self._observer = Observer(settings, simulation, imager)
-        seeds = np.random.SeedSequence(settings.seed)
+    def __init__(self, simulation: Simulation, servos: Servos):
+        self.simulation, self._servos, self._settings = simulation, servos, simulation.settings
+        self._observer = Observer(simulation)
+        seeds = np.random.SeedSequence(self._settings.seed)
         self._generator = np.random.RandomState(np.random.MT19937(seeds))
 
     @property
@@ -128,8 +125,8 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     if not (s.cams or vectors(s.definition, s.obs)):
         # Something has to be observed.
         s = replace(s, obs=replace(s.obs, proprio=True))
-    simulation, imager = build(s, first_env=env)
+    simulation, _ = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)
     inner = simulation.engine.environments[0]
-    task: Any = DmControlTask(simulation, inner.task, imager, s)
+    task: Any = DmControlTask(simulation, inner.task)
     return build_environment(inner.physics, task, s.episode.substeps)

@@ -54,6 +54,7 @@ class Simulation:
     Args:
         settings: the task, its sizes and rules, and the seed that decides every episode.
         engine: physics of ``n`` scenes.
+        imager: composes the images of the settings' cameras.
         reward: terms of the potential.
         first_env: index of the engine's first environment among all that share the seed.
         disturbance: what goes wrong; ``None``: nothing.
@@ -63,11 +64,13 @@ class Simulation:
         self,
         settings: Settings,
         engine: Engine,
+        imager: Imager,
         reward: Reward,
         first_env: int = 0,
         disturbance: Disturbance | None = None,
     ):
-        self.engine, self.task, self.reward = engine, settings.definition, reward
+        self.settings, self.engine, self.imager, self.reward = settings, engine, imager, reward
+        self.task = settings.definition
         self.layout, self.episode = settings.task, settings.episode
         self._readings = Readings(engine.model, self.task.signals)
         self._before = engine.sensordata()
@@ -152,12 +155,12 @@ class Simulation:
         """The present moment once more: nothing moves, nothing is paid."""
         return self._moment(pays=False)
 
-    def images(self, imager: Imager, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """What an imager's cameras show of environments ``ids`` ``(k,)`` (all by default).
+    def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """What the cameras show of environments ``ids`` ``(k,)`` (all by default).
 
         Images ``(k, c, h, w)`` uint8 by camera. They are rendered now: ask before the next step.
         """
-        wrong = self.disturbance
+        wrong, imager = self.disturbance, self.imager
         if wrong is None:
             return imager(self.engine.render(ids))
         images = imager(self.engine.render(ids, wrong.optics), wrong.spoiler(ids))

@@ -92,9 +92,9 @@ class GymnasiumVectorEnv(VectorEnv):
             "render_fps": 1.0 / settings.period,
             "autoreset_mode": self.autoreset_mode,
         }
-        self.simulation, imager = build(settings)
+        self.simulation, _ = build(settings)
         """The simulation inside: signals, state, engine."""
-        self._observer = Observer(settings, self.simulation, imager)
+        self._observer = Observer(self.simulation)
         model = self.simulation.engine.model
         self._photographer = Photographer(model, render_size) if render_mode else None
         self._is_last = channels == "last"

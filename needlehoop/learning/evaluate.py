@@ -13,7 +13,6 @@ from scipy.stats import binomtest
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
@@ -47,11 +46,11 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
     """
     device = next(actor.parameters()).device
 
-    def make(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
-        observer = Observer(settings, simulation, imager)
+    def make(simulation: Simulation) -> Controller:
+        observer, seed = Observer(simulation), simulation.settings.seed
         # Of each environment's own, so an episode does not depend on how many there are.
         keys = [(env,) for env in (simulation.envs.tolist() if sampled else [])]
-        sequences = [np.random.SeedSequence(settings.seed, spawn_key=key) for key in keys]
+        sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
         noise = [*map(np.random.default_rng, sequences)]
 
         def act(signals: Signals) -> Tensor:
@@ -98,8 +97,7 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
         job_env: the environment that the agent was made for.
         out: an ``.mp4`` file; written whole or not at all.
     """
-    alone, simulation, imager, act = _alone(job_env, agent, seed)
-    record(alone, simulation, imager, act, episodes, out)
+    record(*_alone(job_env, agent, seed), episodes, out)
 
 
 def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
@@ -108,9 +106,9 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
     Raises:
         RuntimeError: this machine has no display.
     """
-    alone, simulation, _, act = _alone(job_env, agent, seed)
-    window = Window(simulation, alone, "a film shows the same")
-    play(window, alone, simulation, act, range(episodes))
+    simulation, act = _alone(job_env, agent, seed)
+    window = Window(simulation, simulation.settings, "a film shows the same")
+    play(window, simulation.settings, simulation, act, range(episodes))
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
@@ -224,10 +222,7 @@ def _share(found: Mapping[str, Any], name: str) -> str:
     return f"{found[name]:.1%} (95 %: {low:.1%} to {high:.1%})"
 
 
-def _alone(
-    job_env: Settings, agent: Agent, seed: int
-) -> tuple[Settings, Simulation, Imager, Controller]:
+def _alone(job_env: Settings, agent: Agent, seed: int) -> tuple[Simulation, Controller]:
     """One environment, and the agent as its controller."""
-    alone = replace(job_env, num_envs=1, seed=seed)
-    simulation, imager = build(alone)
-    return alone, simulation, imager, acting(agent.actor)(alone, simulation, imager)
+    simulation, _ = build(replace(job_env, num_envs=1, seed=seed))
+    return simulation, acting(agent.actor)(simulation)

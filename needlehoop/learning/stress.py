@@ -121,8 +121,8 @@ def stress(
         num_envs=n,
         disturb=disturb_of({key: amount for key, amount in most.items() if amount}),
     )
-    simulation, imager = build(own)
-    controller = make(own, simulation, imager)
+    simulation, _ = build(own)
+    controller = make(simulation)
     task = settings.definition
     ended = np.zeros((len(tried), episodes, len(task.columns) + 2))
     jobs = np.ndindex(len(tried), episodes)

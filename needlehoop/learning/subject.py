@@ -12,7 +12,7 @@ import torch
 from needlehoop import rewards
 from needlehoop.config.changing import changed
 from needlehoop.disturbances.axes import Disturb
-from needlehoop.envs.controllers import controller, controllers
+from needlehoop.envs.controllers import by_name, controllers
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
@@ -73,7 +73,7 @@ def subject(
             f"{who!r} is no run's folder, no policy.safetensors and no controller; controllers"
             f" of {settings.task.name}: {', '.join(valid)}"
         )
-    return Subject(replace(settings, cams=()), lambda own, *_: controller(who, own), blind=True)
+    return Subject(replace(settings, cams=()), by_name(who), blind=True)
 
 
 def of_run(

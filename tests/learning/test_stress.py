@@ -6,7 +6,7 @@ import pytest
 
 from needlehoop.cli.main import main
 from needlehoop.disturbances.axes import AXES
-from needlehoop.envs.controllers import controller
+from needlehoop.envs.controllers import by_name
 from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.stress import Condition, chosen_axes, conditions, stress
 
@@ -49,7 +49,7 @@ def test_the_result_does_not_depend_on_the_batch():
         Condition("robot.offset", 3, {"robot.offset": 0.02}),
     ]
     rows = [
-        stress(settings, lambda own, *_: controller("smooth", own), tried, 6, size)
+        stress(settings, by_name("smooth"), tried, 6, size)
         for size in (4, 18)
     ]
     assert rows[0] == rows[1]
