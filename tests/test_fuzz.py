@@ -27,8 +27,7 @@ from tiny_runs import TINY, refusal, run_train
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
 from needlehoop.config import camera_groups, composing
-from needlehoop.learning.hyperparameters import PpoConfig
-from needlehoop.learning.job import Job
+from needlehoop.learning.job import Job, PpoConfig
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as train
 

@@ -16,8 +16,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
-from needlehoop.bench.speed import NO_OPENGL, about
-from needlehoop.bench.timing import rounds_of
+from needlehoop.bench.speed import NO_OPENGL, about, rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype

@@ -13,7 +13,7 @@ from torchrl.modules import IndependentNormal
 from needlehoop.envs.controllers import Perturbation, controller
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
-from needlehoop.learning.hyperparameters import DaggerConfig
+from needlehoop.learning.job import DaggerConfig
 from needlehoop.learning.parallel import ParallelAgent
 
 LABEL = "label"

@@ -17,8 +17,7 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.collectors import Collector, LabellingCollector
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.encoder import convolution_dtype
-from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
-from needlehoop.learning.job import Job
+from needlehoop.learning.job import DaggerConfig, Job, PpoConfig
 from needlehoop.learning.ppo import Ppo
 from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus

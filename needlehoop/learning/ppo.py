@@ -16,7 +16,7 @@ from torchrl.objectives.value import GAE
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.hyperparameters import PpoConfig
+from needlehoop.learning.job import PpoConfig
 from needlehoop.learning.trainer import Trainer
 
 _LEARNING_RATE_END = 1e-10
