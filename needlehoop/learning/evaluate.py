@@ -81,13 +81,19 @@ def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = Fa
     return run_batches(settings, episodes, _BATCH, acting(agent.actor, sampled))
 
 
+def _flown(
+    job: Job, agent: Agent, episodes: int, seed: int
+) -> tuple[Outcome, dict[str, float | int]]:
+    """What came of the mean action, and how often drawn actions succeed on the same episodes."""
+    own = replace(job.env, seed=seed)
+    mean, drawn = (evaluate(own, agent, episodes, sampled) for sampled in (False, True))
+    return mean, {SAMPLED: float(drawn.success.double().mean())}
+
+
 def on_the_way(job: Job, agent: Agent) -> dict[str, float | int]:
     """What a row of ``evaluations.csv`` says of an agent in training."""
-    own = replace(job.env, seed=job.evaluation.seed)
-    mean, drawn = (
-        evaluate(own, agent, job.evaluation.episodes, sampled) for sampled in (False, True)
-    )
-    return {**mean.summary(), SAMPLED: float(drawn.success.double().mean())}
+    mean, drawn = _flown(job, agent, job.evaluation.episodes, job.evaluation.seed)
+    return {**mean.summary(), **drawn}
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -119,10 +125,8 @@ def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
     """
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    own = replace(job.env, seed=seed)
-    found = with_intervals(job.env.definition, evaluate(own, agent, episodes))
-    drawn = evaluate(own, agent, episodes, sampled=True)
-    return {"seed": seed, **found, SAMPLED: float(drawn.success.double().mean())}
+    mean, drawn = _flown(job, agent, episodes, seed)
+    return {"seed": seed, **with_intervals(job.env.definition, mean), **drawn}
 
 
 def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
