@@ -94,15 +94,12 @@ class ParallelAgent:
 
     def outputs(self, seen: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """``Agent.outputs`` of rows, not to be gone back from."""
-        _, concluded = self._run(seen, slice(None), False)
-        loc, scale, value = _joined(concluded)
-        return loc, scale, value
+        return _joined(self._run(seen, slice(None), False)[1])
 
     def forward(self, seen: Sequence[Tensor], rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """``Agent.outputs`` of chosen rows, for ``backward``."""
         self._forth = self._run(seen, rows, True)
-        loc, scale, value = _joined(self._forth[1])
-        return loc, scale, value
+        return _joined(self._forth[1])
 
     def backward(self, slopes: Sequence[Tensor]) -> None:
         """Go back from the loss's gradients by the last forward's outputs."""
@@ -179,9 +176,10 @@ def _join(pairs: list[Pair]) -> Pair:
     return torch.cat(given), torch.cat(slopes)
 
 
-def _joined(passes: Sequence[_Part]) -> list[Tensor]:
+def _joined(passes: Sequence[_Part]) -> Any:
     """Outputs of consecutive parts as one, without the way back."""
-    return [torch.cat(parts).detach() for parts in zip(*(p.outputs for p in passes), strict=True)]
+    pairs = zip(*(part.outputs for part in passes), strict=True)
+    return tuple(torch.cat(parts).detach() for parts in pairs)
 
 
 def _split(slopes: Sequence[Tensor], passes: Sequence[_Part]) -> list[tuple[Tensor, ...]]:
