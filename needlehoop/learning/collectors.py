@@ -148,8 +148,11 @@ class LabellingCollector(_Collector):
         """
         for step in range(self._horizon):
             seen, label = self._see(step), self._label()
-            action = self._choose(seen, label).clamp(-1.0, 1.0)
-            done = self._step(step, self._told(label, action))["done"].squeeze(-1)
+            action = label + self._noise().float()
+            if bool(self._learner.any()):
+                loc, *_ = self._running.outputs(seen)
+                action = torch.where(self._learner.unsqueeze(-1), loc.cpu(), action)
+            done = self._try(step, label, action.clamp(-1.0, 1.0))
             drawn = torch.rand(done.shape, generator=self._generator) < share
             self._learner = torch.where(done, drawn, self._learner)
             self._noise.begin(done)
@@ -162,22 +165,17 @@ class LabellingCollector(_Collector):
         self._actions.append(actions)
         for step, action in enumerate(actions.unbind(1)):
             self._see(step)
-            self._step(step, self._told(self._label(), action))
+            self._try(step, self._label(), action)
         return self._buffer
 
     def _label(self) -> Tensor:
         """What the expert would do now; it reads the signals."""
         return self._expert(self._env.simulation.look().signals).float()
 
-    def _choose(self, seen: list[Tensor], label: Tensor) -> Tensor:
-        noisy = label + self._noise().float()
-        if not bool(self._learner.any()):
-            return noisy
-        loc, *_ = self._running.outputs(seen)
-        return torch.where(self._learner.unsqueeze(-1), loc.cpu(), noisy)
-
-    def _told(self, label: Tensor, action: Tensor) -> dict[str, Tensor]:
-        return {LABEL: label, "action": action, LEARNER: self._learner.unsqueeze(-1)}
+    def _try(self, step: int, label: Tensor, action: Tensor) -> Tensor:
+        """Carry out an action; returns which episodes are over ``(num_envs,)``."""
+        acted = {LABEL: label, "action": action, LEARNER: self._learner.unsqueeze(-1)}
+        return self._step(step, acted)["done"].squeeze(-1)
 
     def state_dict(self) -> dict[str, Any]:
         """The actions of all buffers so far, and what decides the next."""
