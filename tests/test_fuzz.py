@@ -27,8 +27,7 @@ from tiny_runs import TINY, refusal, run_train
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
 from needlehoop.config import camera_groups, composing
-from needlehoop.learning.hyperparameters import PpoConfig
-from needlehoop.learning.job import Job
+from needlehoop.learning.job import Job, PpoConfig
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as train
 
@@ -73,7 +72,7 @@ HEAVY = (
     "needlehoop.probe.measuring.probe",
     "needlehoop.learning.stress.stress",
     "needlehoop.bench.speed.measure",
-    "needlehoop.bench.training.measure_training",
+    "needlehoop.bench.speed.measure_training",
     "needlehoop.demonstrations.export.new_folder",
     "needlehoop.vlm.inquiry.Inquiry",
     "needlehoop.vlm.card.card",

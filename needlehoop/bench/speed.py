@@ -1,20 +1,25 @@
-"""Speed of the environment, where the time goes, and the same scene in plain dm_control."""
+"""Speed of the environment and of training, where the time goes, and plain dm_control beside it."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from statistics import harmonic_mean
+from typing import Any
 
 import mujoco
 import numpy as np
 import torch
+from tqdm import tqdm
 
-from needlehoop.bench.timing import Stopwatch, rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.runs.machine import machine
+from needlehoop.learning.job import Job
+from needlehoop.learning.learner import Learner
+from needlehoop.runs.machine import available_cpus, machine, peak_memory
 
 DM_CONTROL_STEPS = 40
 """Steps of the single dm_control environment per round."""
@@ -22,7 +27,7 @@ DM_CONTROL_STEPS = 40
 NO_OPENGL = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)
 """What a machine without OpenGL raises, depending on MuJoCo's backend."""
 
-Job = tuple[int, Callable[[], None]]
+Work = tuple[int, Callable[[], None]]
 """A number of environment steps, and a call that takes them."""
 
 
@@ -47,34 +52,89 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
         missing = None
     except NO_OPENGL as error:
         missing = f"{type(error).__name__}: {error}"
-    rates, seconds = dict.fromkeys(jobs, 0.0), dict.fromkeys(jobs, 0.0)
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in rounds_of(rounds, "round"):
-        for name, (count, job) in jobs.items():
+        for name, (_, run) in jobs.items():
             began = time.perf_counter()
-            job()
-            taken = time.perf_counter() - began
-            rates[name], seconds[name] = max(rates[name], count / taken), seconds[name] + taken
+            run()
+            seconds[name].append(time.perf_counter() - began)
+    rates = {name: count / min(seconds[name]) for name, (count, _) in jobs.items()}
     default = rates.get("dm_control_default_renderer")
     return {
-        "machine": machine(),
+        **about(settings),
         "gl": os.environ.get("MUJOCO_GL", "default"),
-        "num_envs": settings.num_envs,
-        "image_size": settings.image_size,
-        "cams": list(settings.cams),
         "psm": settings.psm,
         "renderer": settings.engine.renderer,
         "steps_per_second": {name: round(rate) for name, rate in rates.items()},
         "share_of_a_step": watch.shares(
-            seconds["torchrl_with_images"], "physics", "images", rest="task_and_interface"
+            sum(seconds["torchrl_with_images"]), "physics", "images", rest="task_and_interface"
         ),
-        "ratio_to_default_renderer": None
-        if default is None
-        else round(rates["torchrl_with_images"] / default, 1),
+        "ratio_to_default_renderer": default and round(rates["torchrl_with_images"] / default, 1),
         "default_renderer_missing": missing,
     }
 
 
-def _random_steps(env: TorchRLEnv, steps: int) -> Job:
+def measure_training(job: Job, rounds: int, other: Job | None = None) -> dict[str, object]:
+    """Environment steps per second of whole training, learning included.
+
+    Stable-Baselines3 is measured elsewhere: its mere presence in the process slows this down.
+
+    Args:
+        job: what to train; its run is not written anywhere.
+        rounds: buffers that are counted; one before them warms up.
+        other: trained in turns with it, buffer by buffer, to be compared.
+    """
+    jobs = [job] if other is None else [job, other]
+    learners = [Learner(replace(one, steps=one.buffer * (rounds + 1))) for one in jobs]
+    watches = [Stopwatch() for _ in jobs]
+    for watch, learner in zip(watches, learners, strict=True):
+        watch.watch_learner(learner)
+    turns = [iter(learner) for learner in learners]
+    seconds: list[list[float]] = [[] for _ in jobs]
+    for turn in rounds_of(rounds + 1, "buffer"):
+        for own, watch, spent in zip(turns, watches, seconds, strict=True):
+            if turn == 1:
+                spent.clear()
+                watch.seconds.clear()
+            _, told = next(own)
+            spent.append(told["seconds_collect"] + told["seconds_update"])
+    rates = [[one.buffer / s for s in spent] for one, spent in zip(jobs, seconds, strict=True)]
+    rate, *against = [harmonic_mean(one) for one in rates]
+    compared = {}
+    if against:
+        ratios = [round(a / b, 3) for a, b in zip(*rates, strict=True)]
+        compared = {
+            "steps_per_second_against": round(against[0]),
+            "ratio": round(rate / against[0], 3),
+            "ratio_of_each_buffer": ratios,
+        }
+    return {
+        **about(job.env),
+        "device": str(learners[0].device),
+        "encoder": job.encoder.name,
+        "threads": job.env.engine.threads or available_cpus(),
+        "steps_per_second": round(rate),
+        "steps_per_second_best_buffer": round(max(rates[0])),
+        **compared,
+        "hours_for_1.5_M_steps": round(1.5e6 / rate / 3600, 2),
+        "peak_memory_gb": round(peak_memory(), 2),
+        "share_of_time": watches[0].shares(
+            sum(seconds[0]), "physics", "images", "acting", "learning", rest="one_thread"
+        ),
+    }
+
+
+def about(settings: Settings) -> dict[str, object]:
+    """What every measurement says of itself."""
+    return {
+        "machine": machine(),
+        "cams": list(settings.cams),
+        "image_size": settings.image_size,
+        "num_envs": settings.num_envs,
+    }
+
+
+def _random_steps(env: TorchRLEnv, steps: int) -> Work:
     """Steps with random actions; an episode that ends is followed by the next one."""
     settings = env.settings
     generator = torch.Generator().manual_seed(settings.seed)
@@ -91,7 +151,7 @@ def _random_steps(env: TorchRLEnv, steps: int) -> Job:
     return settings.num_envs * steps, run
 
 
-def _opengl_steps(settings: Settings) -> Job:
+def _opengl_steps(settings: Settings) -> Work:
     """Steps of one dm_control environment that MuJoCo's default OpenGL renderer draws.
 
     Raises:
@@ -111,3 +171,66 @@ def _opengl_steps(settings: Settings) -> Job:
                 environment.reset()
 
     return DM_CONTROL_STEPS, run
+
+
+def rounds_of(count: int, what: str) -> Iterator[int]:
+    """``range(count)`` with a bar that counts ``what``; it draws between rounds, never in one."""
+    # Its monitor thread would wake up in the middle of what is timed.
+    tqdm.monitor_interval = 0
+    yield from tqdm(range(count), desc="measuring", unit=what, leave=False, disable=None)
+
+
+class Stopwatch:
+    """Adds up the seconds that one thread spends in the parts of its work.
+
+    Images are made by other threads while this one works out facts and rewards. They count for
+    as long as this thread waits for them.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self._part = "acting"
+
+    def watch_env(self, env: TorchRLEnv) -> None:
+        """Time the physics and the images of an environment from now on."""
+        engine: Any = env.simulation.engine
+        engine.step = self._timed(engine.step, "physics")
+        begin = env.workers.begin
+        env.workers.begin = self._timed(lambda work: self._timed(begin(work), "images"), "images")
+
+    def watch_learner(self, learner: Learner) -> None:
+        """Time a learner's environment, its acting and its learning from now on."""
+        self.watch_env(learner.env)
+        # Networks, folding and the optimiser share their work in one place.
+        learner.workers.map = self._timed(learner.workers.map)
+        trainer: Any = learner.trainer
+        trainer.update = self._during(trainer.update, "learning")
+
+    def shares(self, total: float, *parts: str, rest: str) -> dict[str, float]:
+        """Shares of ``total`` seconds by part; ``rest`` is what no part accounts for.
+
+        They sum to 1, but for rounding to three digits.
+        """
+        shares = {name: self.seconds[name] / total for name in parts}
+        shares[rest] = 1.0 - sum(shares.values())
+        return {name: round(share, 3) for name, share in shares.items()}
+
+    def _timed(self, call: Callable[..., Any], part: str | None = None) -> Callable[..., Any]:
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return call(*args, **kwargs)
+            finally:
+                self.seconds[part or self._part] += time.perf_counter() - began
+
+        return timed
+
+    def _during(self, call: Callable[..., Any], part: str) -> Callable[..., Any]:
+        def run(*args: Any, **kwargs: Any) -> Any:
+            before, self._part = self._part, part
+            try:
+                return call(*args, **kwargs)
+            finally:
+                self._part = before
+
+        return run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from statistics import harmonic_mean
 from typing import Any
 
 import gymnasium
@@ -15,13 +16,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
-from needlehoop.bench.speed import NO_OPENGL
-from needlehoop.bench.timing import rounds_of
+from needlehoop.bench.speed import NO_OPENGL, about, rounds_of
 from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype
 from needlehoop.learning.job import Job
-from needlehoop.runs.machine import available_cpus, machine
+from needlehoop.runs.machine import available_cpus
 
 DM_CONTROL_ENVS = 8
 """The paper's number of environments."""
@@ -86,15 +86,12 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
     Both learn with the job's hyperparameters and encoders, in turns in one process; the first
     round of each warms up and is not counted.
     """
-    ours = runner(job, StableBaselinesVecEnv(job.env))
-    theirs = runner(job, opengl_envs(job.env))
-    rates = [(ours(), theirs()) for _ in rounds_of(rounds + 1, "round")][1:]
-    mean, other = (len(rates) / sum(1 / one[who] for one in rates) for who in (0, 1))
+    runs = runner(job, StableBaselinesVecEnv(job.env)), runner(job, opengl_envs(job.env))
+    rates = [[run() for run in runs] for _ in rounds_of(rounds + 1, "round")][1:]
+    mean, other = (harmonic_mean(one) for one in zip(*rates, strict=True))
     return {
-        "machine": machine(),
+        **about(job.env),
         "encoder": job.encoder.name,
-        "cams": list(job.env.cams),
-        "image_size": job.env.image_size,
         "num_envs": {"needlehoop": job.env.num_envs, "dm_control": DM_CONTROL_ENVS},
         "steps_per_second": {"needlehoop": round(mean, 3), "dm_control": round(other, 3)},
         "ratio": round(mean / other, 1),
@@ -120,28 +117,13 @@ def opengl_envs(settings: Settings) -> VecEnv:
 
 
 def runner(job: Job, env: VecEnv) -> Callable[[], float]:
-    """One round of SB3's PPO, learning included; calling it returns steps per second."""
-    model, steps = _build(job, env), env.num_envs * STEPS
+    """A round of SB3's PPO with a job's hyperparameters and network sizes, learning included.
 
-    def run() -> float:
-        # Its users have torch on all cores. Where other work uses them too, torch's threads
-        # mostly wait for each other; then engine.threads=1 tells more.
-        before = torch.get_num_threads()
-        torch.set_num_threads(job.env.engine.threads or available_cpus())
-        began = time.perf_counter()
-        model.learn(steps, reset_num_timesteps=False)
-        seconds = time.perf_counter() - began
-        torch.set_num_threads(before)
-        return steps / seconds
-
-    return run
-
-
-def _build(job: Job, env: VecEnv) -> PPO:
-    """SB3's PPO with a job's hyperparameters and network sizes."""
+    Calling it returns steps per second.
+    """
     dtype = convolution_dtype(job.precision, job.torch_device)
     layers = [job.algo.network.hidden] * job.algo.network.layers
-    return PPO(
+    model = PPO(
         "MultiInputPolicy",
         env,
         n_steps=STEPS,
@@ -165,3 +147,17 @@ def _build(job: Job, env: VecEnv) -> PPO:
             "ortho_init": False,
         },
     )
+    steps = env.num_envs * STEPS
+
+    def run() -> float:
+        # Its users have torch on all cores. Where other work uses them too, torch's threads
+        # mostly wait for each other; then engine.threads=1 tells more.
+        before = torch.get_num_threads()
+        torch.set_num_threads(job.env.engine.threads or available_cpus())
+        began = time.perf_counter()
+        model.learn(steps, reset_num_timesteps=False)
+        seconds = time.perf_counter() - began
+        torch.set_num_threads(before)
+        return steps / seconds
+
+    return run

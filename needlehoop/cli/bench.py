@@ -73,7 +73,7 @@ def _measure_learning(what: str, overrides: list[str], against: list[str]) -> di
         from needlehoop.bench.stable_baselines import measure_sb3
 
         return measure_sb3(job, rounds)
-    from needlehoop.bench.training import measure_training
+    from needlehoop.bench.speed import measure_training
 
     return measure_training(job, rounds, None if other is None else typed_job(other))
 

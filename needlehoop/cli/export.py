@@ -79,7 +79,7 @@ def _export_policy(run: str | None, out: Path, overwrite: bool) -> None:
 
     new_file(out, ".onnx", overwrite)
     from needlehoop.api.trained import actor_in
-    from needlehoop.learning.onnx_file import PRECISION, onnx_bytes
+    from needlehoop.learning.policy import PRECISION, onnx_bytes
 
     senses, actor, origin = actor_in(run or AGENT, "cpu", precision=PRECISION)
     content = onnx_bytes(senses, actor)

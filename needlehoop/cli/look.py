@@ -130,8 +130,8 @@ def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -
     if not settings.cams:
         settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
     settings = replace(settings, num_envs=1)
-    simulation, imager = build(settings)
-    record(settings, simulation, imager, controller(who, settings), episodes, options.video)
+    simulation, _ = build(settings)
+    record(simulation, controller(who, settings), episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
 

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import torch
+from tensordict import TensorDict
 from torch import Tensor
 
-from needlehoop.envs.controllers import Perturbation, controller
+from needlehoop.envs.controllers import Perturbation, by_name, controller
 from needlehoop.envs.observer import read
-from needlehoop.envs.rollout import Controller, MakeController, Step, batches
+from needlehoop.envs.rollout import Controller, MakeController, Step, batches, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
@@ -82,13 +84,14 @@ def scripted(name: str, task: Task) -> MakeController:
         )
     if name == PERTURBED:
         return _perturbed()
-    return lambda settings, *_: controller(name, settings)
+    return by_name(name)
 
 
 def _perturbed() -> MakeController:
     batches = count()
 
-    def pilot(settings: Settings, *_: object) -> Controller:
+    def pilot(simulation: Simulation) -> Controller:
+        settings = simulation.settings
         # A batch's noise is drawn for a full one: an episode is the same in a smaller.
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
@@ -120,52 +123,40 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
             f"obs.frame_stack: {settings.obs.frame_stack}; demonstrations keep each frame once"
         )
 
-    def carried_out(*given: Any) -> Controller:
-        act = make(*given)
+    def carried_out(act: Controller) -> Controller:
         return lambda signals: act(signals).clamp(-1.0, 1.0)
 
-    for batch in batches(settings, episodes, _BATCH):
-        rows = [_row(settings, step) for step in batch.rollout(carried_out)]
-        for env in range(batch.settings.num_envs):
-            yield _episode(settings.cams, rows, env)
+    for simulation in batches(settings, episodes, _BATCH):
+        steps = rollout(simulation, carried_out(make(simulation)))
+        rows = [_row(settings, step) for step in steps]
+        for env in range(simulation.num_envs):
+            yield _episode(rows, env)
 
 
-def _row(settings: Settings, step: Step) -> dict[str, np.ndarray]:
-    """What was seen at a step, by camera ``(n, h, w, c)`` and vector ``(n, k)``; and the rest.
-
-    ``alive``, ``success``, ``terminated`` and ``reward`` ``(n,)``; ``action`` ``(n, k)``, but at
-    the start.
-    """
-    vectors = read(settings.definition, replace(settings.obs, proprio=True), step.signals)
-    moment = step.moment
-    known = {
-        **{name: image.permute(0, 2, 3, 1) for name, image in step.images().items()},
-        **{f"vector {name}": rows for name, rows in vectors.items()},
+def _row(settings: Settings, step: Step) -> TensorDict:
+    """What was seen, done and paid at a step ``(n,)``; images ``(n, h, w, c)``; no action: zero."""
+    n, size = len(step.alive), settings.episode.action_size
+    row = {
+        "images": {name: image.permute(0, 2, 3, 1) for name, image in step.images().items()},
+        "vectors": read(settings.definition, replace(settings.obs, proprio=True), step.signals),
+        "action": torch.zeros(n, size) if step.action is None else step.action.float(),
+        "reward": step.moment.reward.float(),
         "alive": step.alive,
-        "success": moment.facts["success"],
-        "terminated": moment.terminated,
-        "reward": moment.reward.float(),
-        **({} if step.action is None else {"action": step.action.float()}),
+        "success": step.moment.facts["success"],
+        "terminated": step.moment.terminated,
     }
-    # Copies: some are buffers, used again for the next step.
-    return {name: value.numpy().copy() for name, value in known.items()}
+    # A copy: some are buffers, used again for the next step.
+    return TensorDict(row, [n]).clone()
 
 
-def _episode(
-    cameras: tuple[str, ...], rows: list[dict[str, np.ndarray]], env: int
-) -> Demonstration:
+def _episode(rows: list[TensorDict], env: int) -> Demonstration:
     """One environment's episode, of what a batch's steps were."""
-    own = [row for row in rows if row["alive"][env]]
-
-    def column(name: str, steps: list[dict[str, np.ndarray]]) -> np.ndarray:
-        return np.stack([row[name][env] for row in steps])
-
-    vectors = (name for name in own[0] if name.startswith("vector "))
+    own: Any = torch.stack([row[env] for row in rows if bool(row["alive"][env])])
     return Demonstration(
-        images={name: column(name, own) for name in cameras},
-        vectors={name.removeprefix("vector "): column(name, own) for name in vectors},
-        actions=column("action", own[1:]),
-        rewards=column("reward", own[1:]),
-        success=bool(own[-1]["success"][env]),
-        terminated=bool(own[-1]["terminated"][env]),
+        images={name: one.numpy() for name, one in own["images"].items()},
+        vectors={name: one.numpy() for name, one in own["vectors"].items()},
+        actions=own["action"][1:].numpy(),
+        rewards=own["reward"][1:].numpy(),
+        success=bool(own["success"][-1]),
+        terminated=bool(own["terminated"][-1]),
     )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from needlehoop.config.strict import check_names
 from needlehoop.demonstrations.episodes import About, Demonstration
@@ -14,12 +13,8 @@ from needlehoop.demonstrations.episodes import About, Demonstration
 FORMATS = ("minari", "lerobot")
 
 
-class Layout(Protocol):
-    """Writes a dataset."""
-
-    def __call__(self, folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
-        """Write all of ``episodes`` into ``folder``, which is empty."""
-        ...
+Layout = Callable[[Path, Iterable[Demonstration], About], None]
+"""Writes all of some episodes into a folder, which is empty."""
 
 
 def layout(name: str) -> Layout:

@@ -8,6 +8,7 @@ Written from its public format, with pyarrow and the library that writes our fil
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -53,174 +54,153 @@ def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None
 
     A camera with depth gives two films, ``<camera>`` and ``<camera>_depth`` (grey).
     """
-    rate = round(about.rate)
+    rate, task = round(about.rate), about.settings.definition
     if rate != about.rate:
         raise ValueError(f"episode.substeps: {about.rate} steps a second; LeRobot wants whole ones")
-    writer = _Writer(folder, rate, about)
-    with ExitStack() as open_files:
+    films: dict[str, Any] = {}
+    # Rows of all episodes, and of their images a few; films are too large to keep.
+    kept: defaultdict[str, list[np.ndarray]] = defaultdict(list)
+    stories: list[dict[str, Any]] = []
+    with ExitStack() as open_films:
         for episode in episodes:
-            writer.add(episode, open_files)
-    writer.close()
+            streams = {f"observation.images.{name}": rows for name, rows in _streams(episode)}
+            for key, images in streams.items():
+                if key not in films:
+                    films[key] = open_films.enter_context(_film(folder, key, rate))
+                for image in images:
+                    films[key].append_data(image)
+            begin = stories[-1]["dataset_to_index"] if stories else 0
+            rows = _rows(episode, len(stories), begin, rate)
+            few = -(-len(episode) // _SAMPLED)
+            own = {**rows, **{key: images[::few] for key, images in streams.items()}}
+            for key, values in own.items():
+                kept[key].append(values)
+            stories.append(_story(episode, task, own, films, rate))
+    columns = {key: np.concatenate(rows) for key, rows in kept.items()}
+    plain = {key: _column(rows) for key, rows in columns.items() if key not in films}
+    pq.write_table(pa.table(plain), _path(folder, "data", "parquet"))
+    told = {key: [story[key] for story in stories] for key in stories[0]}
+    pq.write_table(pa.table(told), _path(folder, "meta/episodes", "parquet"))
+    pq.write_table(_tasks(task.summary), folder / "meta/tasks.parquet")
+    features = {key: _feature(key, columns[key], about) for key in (*films, *plain)}
+    stats = {key: spread(rows) for key, rows in columns.items()}
+    for name, content in (("stats", stats), ("info", _info(about, told["length"], features))):
+        (folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
 
 
-class _Writer:
-    """A dataset under way; ``add`` episodes, then ``close``."""
+def _path(folder: Path, place: str, suffix: str) -> Path:
+    path = folder / place / f"{_FILE}.{suffix}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
 
-    def __init__(self, folder: Path, rate: int, about: About):
-        self._folder, self._rate, self._about = folder, rate, about
-        self._task = about.settings.definition
-        self._films: dict[str, Any] = {}
-        self._frames: pq.ParquetWriter | None = None
-        self._episodes: list[dict[str, Any]] = []
-        self._kept: dict[str, list[np.ndarray]] = {}
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self._total = 0
 
-    def add(self, episode: Demonstration, open_files: ExitStack) -> None:
-        streams = {f"observation.images.{name}": rows for name, rows in _streams(episode)}
-        for key, images in streams.items():
-            if key not in self._films:
-                self._films[key] = open_files.enter_context(self._film(key))
-                self._shapes[key] = images.shape[1:]
-            for image in images:
-                self._films[key].append_data(image)
-        rows = self._rows(episode)
-        table = pa.table({key: _column(values) for key, values in rows.items()})
-        if self._frames is None:
-            path = self._path("data", "parquet")
-            self._frames = open_files.enter_context(pq.ParquetWriter(path, table.schema))
-            self._shapes |= {key: values.shape[1:] or (1,) for key, values in rows.items()}
-        self._frames.write_table(table)
-        self._note(episode, rows, streams)
+def _film(folder: Path, key: str, rate: int) -> Any:
+    return imageio.get_writer(
+        _path(folder, f"videos/{key}", "mp4"),
+        fps=rate,
+        codec="libx264",
+        pixelformat=_PIXELS,
+        quality=None,
+        output_params=_ENCODING,
+        # Any size: nothing is scaled.
+        macro_block_size=1,
+    )
 
-    def close(self) -> None:
-        """Write what is known only now: episodes, task, statistics, and what it all is."""
-        columns = {key: [row[key] for row in self._episodes] for key in self._episodes[0]}
-        pq.write_table(pa.table(columns), self._path("meta/episodes", "parquet"))
-        pq.write_table(_tasks(self._task.summary), self._folder / "meta/tasks.parquet")
-        spread = {key: self._spread(key, np.concatenate(rows)) for key, rows in self._kept.items()}
-        self._json("stats", spread)
-        self._json("info", self._info())
 
-    def _film(self, key: str) -> Any:
-        return imageio.get_writer(
-            self._path(f"videos/{key}", "mp4"),
-            fps=self._rate,
-            codec="libx264",
-            pixelformat=_PIXELS,
-            quality=None,
-            output_params=_ENCODING,
-            # Any size: nothing is scaled.
-            macro_block_size=1,
-        )
+def _rows(episode: Demonstration, number: int, begin: int, rate: int) -> dict[str, np.ndarray]:
+    """The columns of an episode's frames, the first of which is the dataset's ``begin``."""
+    n = len(episode)
+    last = np.arange(n) == n - 1
+    seen = {f"observation.{name}": rows[:-1] for name, rows in episode.vectors.items()}
+    return {
+        "observation.state": seen.pop("observation.proprio"),
+        **seen,
+        "action": episode.actions,
+        "next.reward": episode.rewards,
+        "next.done": last,
+        "next.success": last & episode.success,
+        "timestamp": (np.arange(n) / rate).astype(np.float32),
+        "frame_index": np.arange(n),
+        "episode_index": np.full(n, number),
+        "index": begin + np.arange(n),
+        "task_index": np.zeros(n, dtype=np.int64),
+    }
 
-    def _rows(self, episode: Demonstration) -> dict[str, np.ndarray]:
-        n = len(episode)
-        last = np.arange(n) == n - 1
-        return {
-            "observation.state": episode.vectors["proprio"][:-1],
-            **{
-                f"observation.{name}": rows[:-1]
-                for name, rows in episode.vectors.items()
-                if name != "proprio"
-            },
-            "action": episode.actions,
-            "next.reward": episode.rewards,
-            "next.done": last,
-            "next.success": last & episode.success,
-            "timestamp": (np.arange(n) / self._rate).astype(np.float32),
-            "frame_index": np.arange(n),
-            "episode_index": np.full(n, len(self._episodes)),
-            "index": self._total + np.arange(n),
-            "task_index": np.zeros(n, dtype=np.int64),
+
+def _story(
+    episode: Demonstration,
+    task: Task,
+    kept: dict[str, np.ndarray],
+    films: Iterable[str],
+    rate: int,
+) -> dict[str, Any]:
+    """What the table of episodes says of one: where its frames are, and their statistics."""
+    begin, end = int(kept["index"][0]), int(kept["index"][-1]) + 1
+    row: dict[str, Any] = {
+        "episode_index": int(kept["episode_index"][0]),
+        "tasks": [task.summary],
+        "length": len(episode),
+        "dataset_from_index": begin,
+        "dataset_to_index": end,
+    }
+    for place in ("data", "meta/episodes", *(f"videos/{key}" for key in films)):
+        row |= {f"{place}/chunk_index": 0, f"{place}/file_index": 0}
+    for key in films:
+        row[f"videos/{key}/from_timestamp"] = begin / rate
+        row[f"videos/{key}/to_timestamp"] = end / rate
+    for key, values in kept.items():
+        row |= {f"stats/{key}/{name}": value for name, value in spread(values).items()}
+    return row
+
+
+def _info(about: About, lengths: list[int], features: dict[str, Any]) -> dict[str, Any]:
+    robot = about.settings.definition.robot
+    return {
+        "codebase_version": _VERSION,
+        "robot_type": "dvrk_psm" if robot is PSM else robot.body,
+        "total_episodes": len(lengths),
+        "total_frames": sum(lengths),
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": round(about.rate),
+        "splits": {"train": f"0:{len(lengths)}"},
+        "data_path": f"data/{_PATTERN}.parquet",
+        "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
+        "features": features,
+        "needlehoop": {
+            "demonstrator": about.demonstrator,
+            "cams": list(about.settings.cams),
+            "seed": about.settings.seed,
+            "provenance": dict(about.provenance),
+        },
+    }
+
+
+def _feature(key: str, rows: np.ndarray, about: About) -> dict[str, Any]:
+    """What a column, or a film, is of."""
+    shape, settings = rows.shape[1:], about.settings
+    if rows.ndim == 4:
+        height, width, channels = shape
+        told = {
+            "video.height": height,
+            "video.width": width,
+            "video.channels": channels,
+            "video.codec": _CODEC,
+            "video.pix_fmt": _PIXELS,
+            "video.is_depth_map": False,
+            "video.fps": round(about.rate),
+            "has_audio": False,
         }
-
-    def _note(
-        self, episode: Demonstration, rows: dict[str, np.ndarray], streams: dict[str, np.ndarray]
-    ) -> None:
-        begin, end = self._total, self._total + len(episode)
-        row: dict[str, Any] = {
-            "episode_index": len(self._episodes),
-            "tasks": [self._task.summary],
-            "length": len(episode),
-            "dataset_from_index": begin,
-            "dataset_to_index": end,
-        }
-        for place in ("data", "meta/episodes", *(f"videos/{key}" for key in streams)):
-            row |= {f"{place}/chunk_index": 0, f"{place}/file_index": 0}
-        for key in streams:
-            row[f"videos/{key}/from_timestamp"] = begin / self._rate
-            row[f"videos/{key}/to_timestamp"] = end / self._rate
-        step = -(-len(episode) // _SAMPLED)
-        kept = {**rows, **{key: images[::step] for key, images in streams.items()}}
-        for key, values in kept.items():
-            self._kept.setdefault(key, []).append(values)
-            row |= {f"stats/{key}/{name}": v for name, v in self._spread(key, values).items()}
-        self._episodes.append(row)
-        self._total = end
-
-    def _spread(self, key: str, values: np.ndarray) -> dict[str, Any]:
-        return of_images(values) if key in self._films else of_rows(values)
-
-    def _info(self) -> dict[str, Any]:
-        about, n = self._about, len(self._episodes)
-        return {
-            "codebase_version": _VERSION,
-            "robot_type": "dvrk_psm" if self._task.robot is PSM else self._task.robot.body,
-            "total_episodes": n,
-            "total_frames": self._total,
-            "total_tasks": 1,
-            "chunks_size": 1000,
-            "data_files_size_in_mb": 100,
-            "video_files_size_in_mb": 200,
-            "fps": self._rate,
-            "splits": {"train": f"0:{n}"},
-            "data_path": f"data/{_PATTERN}.parquet",
-            "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
-            "features": {key: self._feature(key, shape) for key, shape in self._shapes.items()},
-            "needlehoop": {
-                "demonstrator": about.demonstrator,
-                "cams": list(about.settings.cams),
-                "seed": about.settings.seed,
-                "provenance": dict(about.provenance),
-            },
-        }
-
-    def _feature(self, key: str, shape: tuple[int, ...]) -> dict[str, Any]:
-        if key in self._films:
-            height, width, channels = shape
-            told = {
-                "video.height": height,
-                "video.width": width,
-                "video.channels": channels,
-                "video.codec": _CODEC,
-                "video.pix_fmt": _PIXELS,
-                "video.is_depth_map": False,
-                "video.fps": self._rate,
-                "has_audio": False,
-            }
-            names = ["height", "width", "channels"]
-            return {"dtype": "video", "shape": list(shape), "names": names, "info": told}
-        names = {
-            "action": self._actions(),
-            "observation.state": proprio_names(self._task),
-        }
-        dtype = str(self._kept[key][0].dtype)
-        return {"dtype": dtype, "shape": list(shape), "names": names.get(key)}
-
-    def _actions(self) -> tuple[str, ...] | None:
-        """Names of an action's numbers, where they are known."""
-        if self._task.robot is not PSM:
-            return None
-        return _PSM_ACTIONS.get(self._about.settings.episode.control)
-
-    def _path(self, place: str, suffix: str) -> Path:
-        path = self._folder / place / f"{_FILE}.{suffix}"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
-
-    def _json(self, name: str, content: Any) -> None:
-        (self._folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
+        names = ["height", "width", "channels"]
+        return {"dtype": "video", "shape": list(shape), "names": names, "info": told}
+    is_psm = settings.definition.robot is PSM
+    names = {
+        "action": _PSM_ACTIONS.get(settings.episode.control) if is_psm else None,
+        "observation.state": proprio_names(settings.definition),
+    }
+    return {"dtype": str(rows.dtype), "shape": list(shape) or [1], "names": names.get(key)}
 
 
 def proprio_names(task: Task) -> list[str]:
@@ -263,18 +243,15 @@ def _tasks(summary: str) -> pa.Table:
     return table.replace_schema_metadata({"pandas": json.dumps(told)})
 
 
-def of_rows(values: np.ndarray) -> dict[str, Any]:
-    """Over the rows of ``values`` ``(m,)`` or ``(m, k)``: lists of one or ``k`` numbers."""
-    return _statistics(values.reshape(len(values), -1).astype(np.float64), len(values), (-1,))
+def spread(values: np.ndarray) -> dict[str, Any]:
+    """Statistics of rows ``(m,)`` or ``(m, k)``, or of images ``(m, h, w, c)`` uint8.
 
-
-def of_images(images: np.ndarray) -> dict[str, Any]:
-    """Over the pixels of ``images`` ``(m, h, w, c)`` uint8, 0 to 1: by channel, ``(c, 1, 1)``."""
-    pixels = images.reshape(-1, images.shape[-1]) / 255.0
-    return _statistics(pixels, len(images), (-1, 1, 1))
-
-
-def _statistics(rows: np.ndarray, count: int, shape: tuple[int, ...]) -> dict[str, Any]:
+    Of rows lists of one or ``k`` numbers; of the images' pixels, 0 to 1, ``(c, 1, 1)``.
+    """
+    if values.ndim == 4:
+        rows, shape = values.reshape(-1, values.shape[-1]) / 255.0, (-1, 1, 1)
+    else:
+        rows, shape = values.reshape(len(values), -1).astype(np.float64), (-1,)
     found = {
         "min": rows.min(0),
         "max": rows.max(0),
@@ -282,4 +259,5 @@ def _statistics(rows: np.ndarray, count: int, shape: tuple[int, ...]) -> dict[st
         "std": rows.std(0),
         **{name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()},
     }
-    return {**{name: row.reshape(shape).tolist() for name, row in found.items()}, "count": [count]}
+    told = {name: row.reshape(shape).tolist() for name, row in found.items()}
+    return {**told, "count": [len(values)]}

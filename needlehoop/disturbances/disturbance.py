@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -10,18 +10,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.disturbances import camera, delivery, picture, robot, scene
-from needlehoop.disturbances.axis import EPISODE, THING, VIEW, Drawn, When
-from needlehoop.disturbances.chance import uniform
-from needlehoop.disturbances.config import AXES
-from needlehoop.disturbances.sensors import Sensors, Spoiler
+from needlehoop.disturbances import optics
+from needlehoop.disturbances.axes import AXES, EPISODE, RASTERISED, THING, VIEW, Drawn, uniform
+from needlehoop.disturbances.sensors import Sensors, Spoiler, flaws
 from needlehoop.engines.contract import ZOOM
 
-_CAMERA = [f"camera.{name}" for name in camera.AXES]
-_PICTURE = [f"picture.{name}" for name in picture.AXES]
-_DELIVERY = [f"picture.{name}" for name in delivery.AXES]
-_LOOKS = [f"scene.{name}" for name in scene.AXES]
-_PHYSICS = ("robot.friction", "robot.mass")
+_EARLY = 0.25
+"""Share of an episode's time in which a camera may begin to fail."""
+
+_DELIVERY = ("picture.late", "picture.frozen", "picture.black")
+_SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not in _DELIVERY)
 
 
 class Disturbance:
@@ -52,27 +50,33 @@ class Disturbance:
         self._views, self._things, self._target = views, things, target
         self._cameras = [model.camera(view).id for view in views]
         names = (model.geom(i).name for i in range(model.ngeom))
-        self._strange = [i for i, name in enumerate(names) if name.startswith(scene.STRANGE)]
+        self._strange = [i for i, name in enumerate(names) if name.startswith(optics.STRANGE)]
         self._max_steps = max_steps
-        seen = views and any(key in amounts for key in _PICTURE)
-        self._sensors = Sensors(num_envs, views, size) if seen else None
         self.level = 1.0
         """Share of the amounts in episodes that begin from now on."""
         n, parts = num_envs, {EPISODE: (), VIEW: (len(views),), THING: (1 + things.max(),)}
         self._amounts = {key: np.full(n, float(amount)) for key, amount in amounts.items()}
+        # Of all axes: one that may do nothing drew nothing.
         self._drawn = {
-            key: Drawn(np.zeros((n, *parts[axis.per], axis.size)),
-                       np.zeros((n, *parts[axis.per], axis.free)))
-            for key, axis in ((key, AXES[key]) for key in amounts)
-        }  # fmt: skip
+            key: Drawn(*(np.zeros((n, *parts[axis.per], k)) for k in (axis.size, axis.free)))
+            for key, axis in AXES.items()
+        }
         self._numbers = {name: np.zeros(n, np.int64) for name in ("envs", "episodes", "steps")}
         self._levels = np.ones(n)
         self._seed = 0
-        late = int(amounts.get("robot.late", 0))
+        self._sensors = Sensors(n, views, size) if views and self._may(*_SENSORS) else None
+        self._commands = int(amounts.get("robot.late", 0)) + 1
         self._sent: np.ndarray | None = None
-        self._commands = late + 1
         self._pictures = int(amounts.get("picture.late", 0)) + 1
         self._kept: dict[str, np.ndarray] = {}
+
+    def _may(self, *keys: str) -> bool:
+        """Whether one of these axes may ever do something."""
+        return any(key in self._amounts for key in keys)
+
+    def _does(self, *begins: str) -> bool:
+        """Whether an axis does something in some environment whose key begins in such a way."""
+        return any(one.any() for key, one in self._amounts.items() if key.startswith(begins))
 
     def deal(self, ids: np.ndarray, amounts: Mapping[str, np.ndarray]) -> None:
         """Give environments amounts of their own, ``(k,)`` by key, from their next episode on."""
@@ -96,52 +100,44 @@ class Disturbance:
             self._numbers[name][ids] = values
         self._levels[ids] = self.level
         self._draw(ids)
-        if "robot.late" in self._drawn or "robot.lost" in self._drawn:
+        if self._may("robot.late", "robot.lost"):
             if self._sent is None:
                 self._sent = np.zeros((self._commands, len(self._levels), control.shape[1]))
             self._sent[:, ids] = control.numpy()
 
     def _draw(self, ids: np.ndarray) -> None:
         keys = (self._seed, self._numbers["envs"][ids], self._numbers["episodes"][ids])
-        for key, kept in self._drawn.items():
-            axis = AXES[key]
+        for key, amounts in self._amounts.items():
+            axis, kept = AXES[key], self._drawn[key]
             shape = (len(ids), *kept.amount.shape[1:-1], axis.size + axis.free)
             numbers = uniform(key, int(np.prod(shape[1:])), *keys).reshape(shape)
-            drawn = axis.drawn(numbers, self._levels[ids] * self._amounts[key][ids])
+            drawn = axis.drawn(numbers, self._levels[ids] * amounts[ids])
             kept.amount[ids], kept.free[ids] = drawn
         if self._sensors is not None:
-            flaws = picture.flawless(len(ids), len(self._views))
-            for key in _PICTURE:
-                if key in self._drawn:
-                    flaws = AXES[key].apply(flaws, self._drawn[key][ids])
-            self._sensors.set(ids, flaws)
+            self._sensors.set(ids, **flaws(self._of(ids, _SENSORS)))
 
-    def _when(self) -> When:
-        steps = self._numbers["steps"]
-        return When(steps, np.minimum(1.0, steps / self._max_steps))
-
-    def _acting(self, keys: list[str]) -> list[str]:
-        """Of some axes those that are to act in some environment."""
-        return [key for key in keys if key in self._drawn and self._amounts[key].any()]
+    def _of(self, ids: np.ndarray, keys: Sequence[str]) -> dict[str, Drawn]:
+        """What environments drew for some axes."""
+        return {key: Drawn(*(one[ids] for one in self._drawn[key])) for key in keys}
 
     # What the robot does.
 
     def physics(self, ids: np.ndarray) -> tuple[Tensor, Tensor] | None:
         """Factors of friction and mass ``(k,)``; ``None``: they stay as they are."""
-        if not any(key in self._drawn for key in _PHYSICS):
+        if not self._may("robot.friction", "robot.mass"):
             return None
-        found = (
-            robot.factor(self._drawn[key][ids]) if key in self._drawn else np.ones(len(ids))
-            for key in _PHYSICS
+        friction, mass = (
+            torch.from_numpy(1.0 + self._drawn[key].amount[ids, 0])
+            for key in ("robot.friction", "robot.mass")
         )
-        friction, mass = (torch.from_numpy(one) for one in found)
         return friction, mass
 
     @property
     def offset(self) -> Tensor | None:
         """How far the tips stand from where they were told to ``(n, 3)``, m; ``None``: not."""
-        drawn = self._drawn.get("robot.offset")
-        return None if drawn is None else torch.from_numpy(robot.offset(drawn))
+        if not self._may("robot.offset"):
+            return None
+        return torch.from_numpy(self._drawn["robot.offset"].amount)
 
     def command(self, control: Tensor) -> Tensor:
         """A step begins: the commands ``(n, nu)`` that arrive at the servos."""
@@ -149,66 +145,41 @@ class Disturbance:
         if self._sent is None:
             return control
         sent, rows, steps = self._sent, np.arange(len(control)), self._numbers["steps"]
-        given = control.numpy()
-        if "robot.lost" in self._drawn:
-            keys = (self._numbers[name] for name in ("envs", "episodes", "steps"))
-            chance = uniform("robot.lost.now", 1, self._seed, *keys)[:, 0]
-            gone = robot.lost(self._drawn["robot.lost"], chance)
-            # The servos hold the command before it.
-            before = sent[(steps - 1) % self._commands, rows]
-            given = np.where(gone[:, None], before, given)
-        sent[steps % self._commands, rows] = given
-        late = robot.late(self._drawn["robot.late"]) if "robot.late" in self._drawn else 0
+        keys = (self._numbers[name] for name in ("envs", "episodes", "steps"))
+        chance = uniform("robot.lost.now", 1, self._seed, *keys)
+        lost = chance < self._drawn["robot.lost"].amount
+        # The servos hold the command before a lost one.
+        before = sent[(steps - 1) % self._commands, rows]
+        sent[steps % self._commands, rows] = np.where(lost, before, control.numpy())
+        late = self._drawn["robot.late"].amount[:, 0].astype(int)
         return torch.from_numpy(sent[(steps - late) % self._commands, rows])
 
     # What the cameras show.
 
     def optics(self, fields: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
         """The fields of all environments as they are drawn; see ``engines.contract.Optics``."""
-        n, at = len(self._levels), self._cameras
-        found = dict(fields)
-        own = self._acting(_CAMERA)
-        if own:
+        n, at, found = len(self._levels), self._cameras, dict(fields)
+        if self._does("camera."):
             places = fields["cam_xpos"].reshape(n, -1, 3).copy()
             turns = fields["cam_xmat"].reshape(n, -1, 3, 3).copy()
             zoom = np.ones(turns.shape[:2])
-            cameras = camera.Cameras(places[:, at], turns[:, at], zoom[:, at])
-            when = self._when()
-            for key in own:
-                cameras = AXES[key].apply(cameras, self._drawn[key], when)
-            places[:, at], turns[:, at], zoom[:, at] = cameras
-            found |= {"cam_xpos": places, "cam_xmat": turns}
-            found[ZOOM] = zoom
-        own = self._acting(_LOOKS)
-        if own:
-            found |= self._look(fields, own)
-        return found
-
-    def _look(self, fields: Mapping[str, np.ndarray], own: list[str]) -> dict[str, np.ndarray]:
-        n, things = len(self._levels), 1 + int(self._things.max())
-        lamps = fields["light_xdir"].reshape(n, -1, 3)
-        hidden = np.tile((*self._target[:2], scene.HIDDEN), (n, len(self._strange), 1))
-        looks = scene.Looks(
-            lamps, np.ones((n, 1)), np.ones((n, things, 3)), np.zeros((n, things)),
-            np.zeros((n, 1, 3)), hidden,
-        )  # fmt: skip
-        for key in own:
-            looks = AXES[key].apply(looks, self._drawn[key])
-        places = fields["geom_xpos"].reshape(n, -1, 3).copy()
-        places[:, self._strange] = looks.objects
-        found = {"light_xdir": looks.lamps, "geom_xpos": places}
-        if {key.removeprefix("scene.") for key in own} & set(scene.RASTERISED):
-            found |= {
-                "geom_tint": looks.tint[:, self._things],
-                "geom_sheen": looks.sheen[:, self._things],
-                "lamp_strength": looks.strength,
-                "table_grain": looks.grain,
-            }
+            time = np.minimum(1.0, self._numbers["steps"] / self._max_steps)
+            own = optics.cameras(places[:, at], turns[:, at], self._drawn, time)
+            places[:, at], turns[:, at], zoom[:, at] = own
+            found |= {"cam_xpos": places, "cam_xmat": turns, ZOOM: zoom}
+        if self._does("scene."):
+            places = fields["geom_xpos"].reshape(n, -1, 3).copy()
+            strange = self._drawn["scene.objects"]
+            places[:, self._strange] = optics.objects(strange, len(self._strange), self._target)
+            shining = optics.lamps(fields["light_xdir"].reshape(n, -1, 3), self._drawn)
+            found |= {"geom_xpos": places, "light_xdir": shining}
+        if self._does(*(key for key in RASTERISED if key.startswith("scene."))):
+            found |= optics.looks(self._drawn, self._things)
         return found
 
     def spoiler(self, ids: Tensor | None) -> Spoiler | None:
         """What the cameras of environments ``ids`` (all by default) make of their frames."""
-        if self._sensors is None or not self._acting(_PICTURE):
+        if self._sensors is None or not self._does(*_SENSORS):
             return None
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
         keys = (self._numbers[name][rows] for name in ("envs", "episodes", "steps"))
@@ -218,40 +189,32 @@ class Disturbance:
     def deliver(
         self, images: dict[str, Tensor], views: Mapping[str, str], ids: Tensor | None
     ) -> dict[str, Tensor]:
-        """The images that arrive now.
+        """The images that arrive now: late, again and again, or black.
 
         Args:
             images: taken now ``(k, c, h, w)`` by camera.
             views: of the cameras, by name.
             ids: environments ``(k,)``; all by default.
         """
-        own = [key for key in _DELIVERY if key in self._drawn]
-        if not own:
+        if not self._may(*_DELIVERY):
             return images
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
-        steps = self._numbers["steps"][rows]
-        when = When(steps, steps / self._max_steps)
-        old = np.zeros((len(rows), len(self._views)), int)
-        failing = {key: np.zeros(old.shape, bool) for key in ("picture.frozen", "picture.black")}
-        for key in own:
-            drawn = self._drawn[key][rows]
-            if key == "picture.late":
-                old = delivery.late(drawn, when)
-            else:
-                failing[key] = delivery.fails(drawn, when, len(self._views), self._max_steps)
+        steps, last = self._numbers["steps"][rows], self._pictures
+        late, *fails = self._of(rows, _DELIVERY).values()
+        old = np.minimum(late.amount[..., 0].astype(int), steps[:, None])
+        frozen, black = (failing(one, steps, len(self._views), self._max_steps) for one in fails)
         found = {}
         for name, image in images.items():
             at = self._views.index(views[name])
             if name not in self._kept:
-                shape = (self._pictures + 1, len(self._levels), *image.shape[1:])
+                shape = (last + 1, len(self._levels), *image.shape[1:])
                 self._kept[name] = np.zeros(shape, np.uint8)
             # The last pictures by step, and after them what arrived last.
-            kept, last = self._kept[name], self._pictures
+            kept = self._kept[name]
             kept[steps % last, rows] = image.numpy()
             seen = kept[(steps - old[:, at]) % last, rows]
-            frozen = failing["picture.frozen"][:, at]
-            seen[frozen] = kept[last, rows[frozen]]
-            seen[failing["picture.black"][:, at]] = 0
+            seen[frozen[:, at]] = kept[last, rows[frozen[:, at]]]
+            seen[black[:, at]] = 0
             kept[last, rows] = seen
             found[name] = torch.from_numpy(seen)
         return found
@@ -276,3 +239,15 @@ class Disturbance:
         self._sent = snapshot["sent"].numpy().copy() if "sent" in snapshot else None
         self._kept = {name: one.numpy().copy() for name, one in snapshot["kept"].items()}
         self._draw(np.arange(len(self._levels)))
+
+
+def failing(drawn: Drawn, steps: np.ndarray, views: int, max_steps: int) -> np.ndarray:
+    """Which view fails now ``(k, views)`` bool: one of them, for so many steps as were drawn.
+
+    Args:
+        drawn: how long; then when it begins, and which view.
+        steps: that the episodes have taken ``(k,)``.
+    """
+    begins = 1 + np.floor(drawn.free[:, 0] * _EARLY * max_steps)
+    now = (steps >= begins) & (steps < begins + drawn.amount[:, 0])
+    return now[:, None] & (np.floor(drawn.free[:, 1] * views)[:, None] == np.arange(views))

@@ -1,4 +1,4 @@
-"""The kernel that works ``picture.Flaws`` into pictures.
+"""The kernel that works flaws into pictures.
 
 The compiler makes 16 steps at once of a loop that is a ``while``, over arrays whose strides are
 known here: so rows are gone along in that way, and arrays are made of addresses.
@@ -27,7 +27,15 @@ _BLOOD = wp.constant(wp.vec4(8.0, 8.0, 90.0, 255.0))
 
 @wp.struct
 class Flaw:
-    """Of one picture; see ``picture.Flaws``."""
+    """What is wrong with one picture, in the order in which it acts.
+
+    Colours: ``blur`` px, standard deviation of a Gaussian; then ``gain`` times them plus ``bias``,
+    BGR, grey levels; ``noise`` grey levels, standard deviation, of its own in each pixel and
+    channel. Depth, where there is a reading: ``depth_noise`` m, standard deviation; ``depth_step``
+    m, to whole multiples of it. Labels: ``flips``, share of the pixels that take over a
+    neighbour's, which shows along edges alone. All of them: ``drop``, share of the picture that it
+    covers, and its row and column as shares of the side.
+    """
 
     blur: float
     gain: wp.vec3

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 import warp as wp
 
+from needlehoop.disturbances.axes import Drawn
 from needlehoop.disturbances.kernel import EDGE, SPARE, Flaw, spoil
-from needlehoop.disturbances.picture import Flaws
 from needlehoop.engines.contract import Frame
 from needlehoop.engines.quiet_start import start_warp
 
@@ -19,6 +19,28 @@ _PERIOD = 2**18
 
 Spoiler = Callable[[str, Frame, slice], None]
 """Changes a view's frames of some rows of a batch, and takes those rows."""
+
+
+_GREY = 128.0
+"""What contrast leaves as it is."""
+
+
+def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
+    """The fields of ``Flaw`` for pictures ``(k, views)``, of what was drawn for each axis.
+
+    They touch what they would in a real camera: an exposure changes colours and neither depth
+    nor labels. Exposure, contrast and white balance act one after the other.
+    """
+    share = {name: drawn[f"picture.{name}"].amount for name in ("brightness", "contrast", "cast")}
+    same = {"blur": "blur", "noise": "noise", "labels": "flips"}
+    same |= {name: name for name in ("depth_noise", "depth_step")}
+    cover, cast = drawn["picture.cover"], 1.0 + share["cast"]
+    return {
+        **{field: drawn[f"picture.{name}"].amount[..., 0] for name, field in same.items()},
+        "gain": (1.0 + share["brightness"]) * (1.0 + share["contrast"]) * cast,
+        "bias": -_GREY * share["contrast"] * cast,
+        "drop": np.concatenate((cover.amount, cover.free), -1),
+    }
 
 
 class Sensors:
@@ -45,9 +67,9 @@ class Sensors:
         no = np.zeros(0, int)
         self.spoiler(no, np.zeros((0, 3)))(views[0], Frame(None, None, None), slice(0, 0))
 
-    def set(self, ids: np.ndarray, flaws: Flaws) -> None:
-        """Give the pictures of environments ``(k,)`` flaws ``(k, views, …)``."""
-        for name, values in flaws._asdict().items():
+    def set(self, ids: np.ndarray, **flaws: np.ndarray) -> None:
+        """Give the pictures of environments ``(k,)`` values ``(k, views, …)`` of ``Flaw``."""
+        for name, values in flaws.items():
             self._fields[name][ids] = values
 
     def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:

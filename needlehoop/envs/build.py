@@ -7,7 +7,7 @@ import numpy as np
 
 from needlehoop import rewards
 from needlehoop.disturbances.disturbance import Disturbance
-from needlehoop.disturbances.scene import add_objects
+from needlehoop.disturbances.optics import add_objects
 from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
@@ -43,7 +43,7 @@ def compile_scene(settings: Settings) -> mujoco.MjModel:
 
 
 def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
-    """A simulation on the engine of the settings, and the imager of its cameras.
+    """A simulation on the engine of the settings, and the imager that it has of its cameras.
 
     Args:
         settings: what to build.
@@ -52,28 +52,25 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     Raises:
         ValueError: settings that do not go together, by key.
     """
-    s, cameras = settings, settings.cameras
+    s = settings
     model = compile_scene(s)
-    workers = Workers(s.engine.threads or available_cpus())
-    imager = Imager(model, s.definition.paint, cameras, s.views, s.renderings, workers)
-    views = channels_of(cameras, s.renderings)
+    imager = Imager(model, s, Workers(s.engine.threads or available_cpus()))
     if s.engine.kind == "dm_control":
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind
     else:
         from needlehoop.engines.cpu import CpuEngine as Kind
+    images = (channels_of(s), s.image_size, s.quality)
     robot, substeps = s.definition.robot, s.episode.substeps
-    engine = Kind(model, robot, s.num_envs, substeps, views, s.image_size, s.quality, s.engine)
+    engine = Kind(model, robot, s.num_envs, substeps, *images, s.engine)
+    wrong = _disturbance(s, model) if s.disturb.amounts else None
     reward = rewards.load(s.reward, s.definition)
-    own = (engine, s.definition, s.task, s.episode, reward, s.seed, first_env)
-    return Simulation(*own, _disturbance(s, model)), imager
+    return Simulation(s, engine, imager, reward, first_env, wrong), imager
 
 
-def _disturbance(settings: Settings, model: mujoco.MjModel) -> Disturbance | None:
-    """What goes wrong; ``None`` where nothing does."""
+def _disturbance(settings: Settings, model: mujoco.MjModel) -> Disturbance:
+    """What goes wrong."""
     s = settings
-    if not s.disturb.amounts:
-        return None
     views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
     targets = [s.views[view].target for view in views] or [s.picture.target]
     return Disturbance(

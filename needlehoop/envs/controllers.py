@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import check_names
-from needlehoop.envs.rollout import Controller, Outcome, run_batches
+from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals
 
@@ -36,6 +36,11 @@ def controller(name: str, settings: Settings) -> Controller:
         return random_controller(settings.episode.action_size, settings.seed)
     check_names("controller", [name], controllers(settings))
     return settings.definition.controllers[name](settings.task, settings.episode)
+
+
+def by_name(name: str) -> MakeController:
+    """Makes the controller of a name for any simulation; errors as in ``controller``."""
+    return lambda simulation: controller(name, simulation.settings)
 
 
 def random_controller(action_size: int, seed: int) -> Controller:
@@ -102,4 +107,4 @@ def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
         ValueError: fewer than one episode, or an unknown controller.
     """
     blind = replace(settings, cams=())
-    return run_batches(blind, episodes, _BATCH, lambda own, *_: controller(who, own))
+    return run_batches(blind, episodes, _BATCH, by_name(who))

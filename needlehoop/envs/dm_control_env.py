@@ -15,15 +15,12 @@ import torch
 from dm_control import mujoco as dm_mujoco
 from dm_control.rl import control
 from dm_env import specs
-from torch import Tensor
 
 from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.scene.signals import columns
 
 
 class DmControlTask(control.Task):
@@ -32,18 +29,16 @@ class DmControlTask(control.Task):
     Args:
         simulation: of the one environment of a ``DmControlEngine``.
         servos: that environment's task, which this one stands before.
-        imager: of its cameras.
-        settings: what it was built from.
     """
 
-    def __init__(self, simulation: Simulation, servos: Servos, imager: Imager, settings: Settings):
-        self.simulation, self._servos, self._settings = simulation, servos, settings
-        self._observer = Observer(settings, simulation, imager)
-        alone = replace(settings.obs, proprio=True, signals=False, told=())
-        self._proprio = vectors(settings.definition, alone)
-        seeds = np.random.SeedSequence(settings.seed)
+    moment: Moment
+    """What is known now; there from the first reset on."""
+
+    def __init__(self, simulation: Simulation, servos: Servos):
+        self.simulation, self._servos, self._settings = simulation, servos, simulation.settings
+        self._observer = Observer(simulation)
+        seeds = np.random.SeedSequence(self._settings.seed)
         self._generator = np.random.RandomState(np.random.MT19937(seeds))
-        self.moment: Moment | None = None
 
     @property
     def _random(self) -> np.random.RandomState:
@@ -78,41 +73,26 @@ class DmControlTask(control.Task):
         for name, channels in s.image_channels.items():
             shape = (s.image_size, s.image_size, channels)
             found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
-        lengths = vectors(s.definition, s.obs)
-        # Something has to be observed.
-        for name, length in (lengths or ({} if found else self._proprio)).items():
+        for name, length in vectors(s.definition, s.obs).items():
             found[name] = specs.Array((length,), np.float32, name)
         return found
 
     def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
-        signals = self._known().signals
-        observed = self._observer(signals)
-        images: Any = observed.pop("pixels", {})
-        seen = OrderedDict(
-            (name, image[0].permute(1, 2, 0).numpy()) for name, image in images.items()
-        )
-        for name, vector in observed.items():
-            assert isinstance(vector, Tensor)
-            seen[name] = vector[0].numpy()
-        if not seen:
-            own = columns(self._settings.definition.robot.proprio, signals)
-            seen["proprio"] = own[0].numpy()
-        return seen
+        observed: dict[str, Any] = self._observer(self.moment.signals)
+        images = observed.pop("pixels", {})
+        seen = {name: image[0].permute(1, 2, 0) for name, image in images.items()}
+        seen |= {name: vector[0] for name, vector in observed.items()}
+        return OrderedDict((name, one.numpy()) for name, one in seen.items())
 
     def get_reward(self, physics: dm_mujoco.Physics) -> float:
-        return float(self._known().reward[0])
+        return float(self.moment.reward[0])
 
     def get_termination(self, physics: dm_mujoco.Physics) -> float | None:
-        moment = self._known()
+        moment = self.moment
         if bool(moment.terminated[0]):
             return 0.0
         # A time-out ends the episode but not the return: the discount stays 1.
         return 1.0 if bool(moment.truncated[0]) else None
-
-    def _known(self) -> Moment:
-        if self.moment is None:
-            raise RuntimeError("reset before the first step")
-        return self.moment
 
 
 def _seed_of(generator: np.random.RandomState) -> int:
@@ -130,7 +110,7 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     """A dm_control Environment.
 
     Its episodes are those of environment ``env`` of a batch with the same seed. Images
-    are height x width x channels, one observation per chosen camera; without cameras it
+    are height x width x channels, one observation per chosen camera; with nothing to observe it
     reports ``proprio``.
 
     Args:
@@ -142,8 +122,11 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     """
     engine = replace(settings.engine, kind="dm_control")
     s = replace(settings, engine=engine, num_envs=1)
-    simulation, imager = build(s, first_env=env)
+    if not (s.cams or vectors(s.definition, s.obs)):
+        # Something has to be observed.
+        s = replace(s, obs=replace(s.obs, proprio=True))
+    simulation, _ = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)
     inner = simulation.engine.environments[0]
-    task: Any = DmControlTask(simulation, inner.task, imager, s)
+    task: Any = DmControlTask(simulation, inner.task)
     return build_environment(inner.physics, task, s.episode.substeps)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from needlehoop.disturbances.sensors import Spoiler
 from needlehoop.engines.contract import Channels, Frame
+from needlehoop.envs.settings import Settings
 from needlehoop.envs.workers import Workers
 from needlehoop.scene.cameras import Camera, Rendering, View
 from needlehoop.tasks.contract import FlatClass
@@ -20,36 +21,24 @@ DARKEST = 0.15
 
 
 class Imager:
-    """Composes the images of chosen cameras.
+    """Composes the images of the chosen cameras.
 
     Args:
         model: the scene.
-        classes: of its flat renderings, by name.
-        cameras: what to show.
-        views: by name.
-        renderings: by name.
+        settings: its cameras, and the task's classes for flat renderings.
         workers: to share environments.
 
     Raises:
         ValueError: a flat rendering names a class that there is not.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        classes: Mapping[str, FlatClass],
-        cameras: tuple[Camera, ...],
-        views: Mapping[str, View],
-        renderings: Mapping[str, Rendering],
-        workers: Workers | None = None,
-    ):
+    def __init__(self, model: mujoco.MjModel, settings: Settings, workers: Workers | None = None):
         self._workers = workers or Workers(1)
-        self._jobs = [
-            (camera, views[camera.view], renderings[camera.rendering]) for camera in cameras
-        ]
-        self.views = {camera.name: camera.view for camera in cameras}
+        s, paint = settings, settings.definition.paint
+        self._jobs = [(c, s.views[c.view], s.renderings[c.rendering]) for c in s.cameras]
+        self.views = {camera.name: camera.view for camera in s.cameras}
         self._palettes = {
-            camera.rendering: _palette(model, classes, rendering)
+            camera.rendering: _palette(model, paint, rendering)
             for camera, _, rendering in self._jobs
             if rendering.colour == "flat"
         }
@@ -101,18 +90,12 @@ class Imager:
         return torch.cat(parts, 1)
 
 
-def channels_of(
-    cameras: tuple[Camera, ...], renderings: Mapping[str, Rendering]
-) -> dict[str, Channels]:
+def channels_of(settings: Settings) -> dict[str, Channels]:
     """What each view must be asked for to show the cameras: a view is rendered once."""
     asked: dict[str, Channels] = {}
-    for camera in cameras:
-        rendering = renderings[camera.rendering]
-        needs = Channels(
-            colour=rendering.colour == "rgb",
-            depth=rendering.depth != "none",
-            geom=rendering.colour == "flat",
-        )
+    for camera in settings.cameras:
+        own = settings.renderings[camera.rendering]
+        needs = Channels(own.colour == "rgb", own.depth != "none", own.colour == "flat")
         asked[camera.view] = asked.get(camera.view, Channels(False, False, False)) | needs
     return asked
 
@@ -159,16 +142,10 @@ def things(model: mujoco.MjModel, classes: Mapping[str, FlatClass]) -> np.ndarra
     """The thing that each geom is a part of ``(ngeom,)``: a class from 1 on, or 0 for the rest."""
     found = np.zeros(model.ngeom, int)
     for number, one in enumerate(classes.values(), 1):
-        roots = {model.body(body).id for body in one.bodies}
-        for geom in range(model.ngeom):
-            if roots & _ancestors(model, int(model.geom_bodyid[geom])):
-                found[geom] = number
-    return found
-
-
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    found = {body}
-    while body:
-        body = int(model.body_parentid[body])
-        found.add(body)
+        own = np.zeros(model.nbody, bool)
+        own[[model.body(body).id for body in one.bodies]] = True
+        # A body comes after the one that it hangs on.
+        for body, parent in enumerate(model.body_parentid):
+            own[body] |= own[parent]
+        found[own[model.geom_bodyid]] = number
     return found

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from needlehoop.envs.images import Imager
-from needlehoop.envs.settings import Observations, Settings
+from needlehoop.envs.settings import Observations
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals, columns
 from needlehoop.tasks.contract import Task
@@ -39,15 +38,12 @@ class Observer:
     """Looks at a simulation the way an agent does.
 
     Args:
-        settings: cameras, ``obs``.
-        simulation: what is looked at.
-        imager: composes the cameras' images.
+        simulation: what is looked at; its settings say with which cameras, and ``obs``.
     """
 
-    def __init__(self, settings: Settings, simulation: Simulation, imager: Imager):
-        self._task, self._obs = settings.definition, settings.obs
-        self._has_eyes = bool(settings.cams)
-        self._simulation, self._imager = simulation, imager
+    def __init__(self, simulation: Simulation):
+        self._simulation, self._obs = simulation, simulation.settings.obs
+        self._has_eyes = bool(simulation.settings.cams)
         self._pixels: dict[str, Tensor] = {}
 
     def __call__(
@@ -70,7 +66,7 @@ class Observer:
         if self._has_eyes:
             self._take(ids, images or (lambda: self.look(ids)))
             seen["pixels"] = dict(self._pixels)
-        return {**seen, **read(self._task, self._obs, signals)}
+        return {**seen, **read(self._simulation.task, self._obs, signals)}
 
     def snapshot(self) -> dict[str, Tensor]:
         """The frames in memory, by camera."""
@@ -88,7 +84,7 @@ class Observer:
         """The present images of environments (all by default), by camera; none without eyes."""
         if not self._has_eyes or (ids is not None and not len(ids)):
             return {}
-        return self._simulation.images(self._imager, ids)
+        return self._simulation.images(ids)
 
     def _take(self, ids: Tensor | None, look: Callable[[], dict[str, Tensor]]) -> None:
         images = look()

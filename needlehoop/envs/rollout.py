@@ -9,15 +9,14 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Controller, Task
 
-MakeController = Callable[[Settings, Simulation, Imager], Controller]
-"""Makes the controller of a batch from its settings, simulation and imager."""
+MakeController = Callable[[Simulation], Controller]
+"""Makes a controller for the environments of a simulation."""
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,15 @@ class Step:
     ``(n,)`` bool: the moment belongs to an episode. The last moment of an episode still does.
     """
 
+    simulation: Simulation
     moment: Moment
     action: Tensor | None
     alive: Tensor
-    _simulation: Simulation
-    _imager: Imager | None
 
     @property
     def task(self) -> Task:
         """Whose episodes these are."""
-        return self._simulation.task
+        return self.simulation.task
 
     @property
     def signals(self) -> Signals:
@@ -50,28 +48,19 @@ class Step:
         return self.alive & ~(self.moment.terminated | self.moment.truncated)
 
     def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """Images ``(k, c, h, w)`` uint8 of environments ``ids`` (all by default), by camera.
-
-        They are rendered now, so ask before the next step.
-        """
-        assert self._imager is not None, "roll out with an imager"
-        return self._simulation.images(self._imager, ids)
+        """See ``Simulation.images``: they are rendered now, so ask before the next step."""
+        return self.simulation.images(ids)
 
 
-def rollout(
-    simulation: Simulation, controller: Controller, imager: Imager | None = None
-) -> Iterator[Step]:
+def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
     """The next episode of every environment, step by step, from its start until all are over.
 
-    Args:
-        simulation: reset by this call.
-        controller: acts.
-        imager: makes the images that a caller asks for.
+    The simulation is reset by this call.
     """
     moment, action = simulation.reset(), None
     alive = torch.ones(simulation.num_envs, dtype=torch.bool)
     while True:
-        step = Step(moment, action, alive, simulation, imager)
+        step = Step(simulation, moment, action, alive)
         yield step
         alive = step.goes_on
         if not bool(alive.any()):
@@ -80,23 +69,7 @@ def rollout(
         moment = simulation.step(action)
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Some environments of a seed, ready to be rolled out."""
-
-    settings: Settings
-    first: int
-    """Index of the batch's first environment among all of the seed."""
-    simulation: Simulation
-    imager: Imager
-
-    def rollout(self, make: MakeController) -> Iterator[Step]:
-        """See ``rollout``."""
-        controller = make(self.settings, self.simulation, self.imager)
-        return rollout(self.simulation, controller, self.imager)
-
-
-def batches(settings: Settings, episodes: int, size: int) -> Iterator[Batch]:
+def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation]:
     """The first ``episodes`` environments of the settings' seed, ``size`` at a time.
 
     Episode ``i`` is the same however many there are. ``settings.num_envs`` is ignored.
@@ -108,7 +81,7 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Batch]:
         raise ValueError(f"episodes: {episodes} must be at least 1")
     for first in range(0, episodes, size):
         own = replace(settings, num_envs=min(size, episodes - first))
-        yield Batch(own, first, *build(own, first_env=first))
+        yield build(own, first_env=first)[0]
 
 
 @dataclass(frozen=True)
@@ -142,7 +115,10 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """What came of one episode in each of ``episodes`` environments; see ``batches``."""
-    outcomes = [outcome_of(batch.rollout(make)) for batch in batches(settings, episodes, size)]
+    outcomes = [
+        outcome_of(rollout(simulation, make(simulation)))
+        for simulation in batches(settings, episodes, size)
+    ]
     return Outcome(
         {name: torch.cat([o.facts[name] for o in outcomes]) for name in outcomes[0].facts},
         *(

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 from needlehoop import rewards
 from needlehoop.config import composing, strict
 from needlehoop.config.strict import Range, Seed, check_names, shown
-from needlehoop.disturbances.config import Disturb
-from needlehoop.disturbances.scene import RASTERISED
+from needlehoop.disturbances.axes import RASTERISED, Disturb
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.joints import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
@@ -78,8 +77,8 @@ class Settings:
             raise ValueError(
                 f"disturb.robot.offset: the robot of {self.task.name} does not say how (displaced)"
             )
-        traced = [*(f"scene.{name}" for name in RASTERISED), "camera.focal"]
-        for key in traced if self.engine.renderer != "rasteriser" or self.quality > 1 else ():
+        is_traced = self.engine.renderer != "rasteriser" or self.quality > 1
+        for key in RASTERISED if is_traced else ():
             if key in amounts:
                 raise ValueError(
                     f"disturb.{key}: only engine.renderer=rasteriser with quality=1 draws it"

@@ -13,11 +13,10 @@ from torch import Tensor
 
 from needlehoop.disturbances.disturbance import Disturbance
 from needlehoop.envs.images import Imager
+from needlehoop.envs.settings import Settings
 from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals
-from needlehoop.tasks.contract import DIVERGED, Memory, Task
-from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.contract import DIVERGED, Memory
 from needlehoop.tasks.start import draws
 from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
 
@@ -53,34 +52,31 @@ class Simulation:
     because dm_control steps the physics itself. ``step`` does all three.
 
     Args:
+        settings: the task, its sizes and rules, and the seed that decides every episode.
         engine: physics of ``n`` scenes.
-        task: what they show.
-        layout: its sizes and ranges.
-        episode: its rules: control, thresholds, termination.
+        imager: composes the images of the settings' cameras.
         reward: terms of the potential.
-        seed: decides every episode of every environment.
         first_env: index of the engine's first environment among all that share the seed.
         disturbance: what goes wrong; ``None``: nothing.
     """
 
     def __init__(
         self,
+        settings: Settings,
         engine: Engine,
-        task: Task,
-        layout: Layout,
-        episode: Episode,
+        imager: Imager,
         reward: Reward,
-        seed: int,
         first_env: int = 0,
         disturbance: Disturbance | None = None,
     ):
-        self.engine, self.task, self.reward = engine, task, reward
-        self.layout, self.episode = layout, episode
-        self._readings = Readings(engine.model, task.signals)
+        self.settings, self.engine, self.imager, self.reward = settings, engine, imager, reward
+        self.task = settings.definition
+        self.layout, self.episode = settings.task, settings.episode
+        self._readings = Readings(engine.model, self.task.signals)
         self._before = engine.sensordata()
         self.envs = first_env + np.arange(engine.num_envs)
         self.disturbance = disturbance
-        self.reseed(seed)
+        self.reseed(settings.seed)
 
     @property
     def num_envs(self) -> int:
@@ -159,12 +155,12 @@ class Simulation:
         """The present moment once more: nothing moves, nothing is paid."""
         return self._moment(pays=False)
 
-    def images(self, imager: Imager, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """What an imager's cameras show of environments ``ids`` ``(k,)`` (all by default).
+    def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """What the cameras show of environments ``ids`` ``(k,)`` (all by default).
 
         Images ``(k, c, h, w)`` uint8 by camera. They are rendered now: ask before the next step.
         """
-        wrong = self.disturbance
+        wrong, imager = self.disturbance, self.imager
         if wrong is None:
             return imager(self.engine.render(ids))
         images = imager(self.engine.render(ids, wrong.optics), wrong.spoiler(ids))

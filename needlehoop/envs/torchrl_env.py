@@ -42,8 +42,8 @@ class TorchRLEnv(EnvBase):
 
     def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
         self.settings, self._stagger = settings, stagger
-        self._simulation, imager = build(settings, first_env)
-        self._observer = Observer(settings, self._simulation, imager)
+        self._simulation, _ = build(settings, first_env)
+        self._observer = Observer(self._simulation)
         self.workers = Workers(settings.engine.threads or available_cpus())
         self._is_restored = False
         n = settings.num_envs

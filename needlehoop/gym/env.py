@@ -7,11 +7,18 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.error import ResetNeeded
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import Stage, check_options, info, row
+from needlehoop.envs.simulation import Moment
+from needlehoop.gym.vector import (
+    GymnasiumVectorEnv,
+    Observation,
+    check_options,
+    info,
+    real_numbers,
+    row,
+)
 from needlehoop.pictures.window import Window, has_display
 
 MODES = ("human", "rgb_array")
@@ -52,27 +59,26 @@ class GymnasiumEnv(gymnasium.Env):
         render_mode: str | None = None,
         render_size: int = 480,
     ):
+        check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
         self.settings, self.render_mode = replace(settings, num_envs=1), render_mode
-        self._stage = Stage(self.settings, channels, render_mode, MODES, render_size)
+        picture = "rgb_array" if render_mode == "rgb_array" else None
+        self._alone = GymnasiumVectorEnv(self.settings, channels, picture, render_size)
+        self.simulation = self._alone.simulation
+        """The simulation inside: signals, state, engine."""
         self._window = None
         if render_mode == "human":
             self._window = Window(
                 self.simulation, self.settings, "render_mode=rgb_array gives pictures"
             )
-        self.observation_space = self._stage.observation_space
-        self.action_space = self._stage.action_space
+        self.observation_space = self._alone.single_observation_space
+        self.action_space = self._alone.single_action_space
         # METADATA has every mode; this has those that work on this machine.
         modes = [mode for mode in MODES if mode != "human" or has_display()]
         self.metadata = {"render_modes": modes, "render_fps": 1.0 / settings.period}
 
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation inside: signals, state, engine."""
-        return self._stage.simulation
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode.
 
         Raises:
@@ -82,12 +88,9 @@ class GymnasiumEnv(gymnasium.Env):
         super().reset(seed=seed)
         if seed is None and self.simulation.state is None:
             seed = self.np_random_seed
-        moment = self._stage.reset(seed)
-        return self._seen(moment)
+        return self._seen(self._alone.begin(seed))
 
-    def step(
-        self, action: np.ndarray
-    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One control step.
 
         Raises:
@@ -95,24 +98,24 @@ class GymnasiumEnv(gymnasium.Env):
             InvalidAction: not ``(action_size,)`` real numbers.
             ValueError: a number that is not finite.
         """
-        if self.simulation.state is None:
-            raise ResetNeeded("reset the environment before the first step")
-        moment = self._stage.step(self._stage.numbers(action)[None])
+        self._alone.check_begun()
+        moment = self._alone.advance(real_numbers(action, self.action_space)[None])
         seen, known = self._seen(moment)
         ends = bool(moment.terminated[0]), bool(moment.truncated[0])
         return seen, float(moment.reward[0]), *ends, known
 
     def render(self) -> np.ndarray | None:
         """The scene ``(size, size, 3)`` uint8; nothing in the mode ``human``."""
-        return self._stage.picture(0)
+        pictures = self._alone.render()
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """Close the window, if there is one."""
         if self._window is not None:
             self._window.close()
 
-    def _seen(self, moment: Moment) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def _seen(self, moment: Moment) -> tuple[Observation, dict[str, Any]]:
         if self._window is not None:
             self._window.show()
-        seen = {name: value[0] for name, value in self._stage.look(moment).items()}
+        seen = {name: value[0] for name, value in self._alone.look(moment).items()}
         return seen, row(info(moment), 0)

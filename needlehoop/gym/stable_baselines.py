@@ -9,8 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from needlehoop.envs.settings import Settings
-from needlehoop.gym.stage import row
-from needlehoop.gym.vector import GymnasiumVectorEnv, Observation
+from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, row
 
 try:
     from stable_baselines3.common.vec_env import VecEnv

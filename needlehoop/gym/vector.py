@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium.error import ResetNeeded
+from gymnasium import spaces
+from gymnasium.error import Error, InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
+from torch import Tensor
 
+from needlehoop.config import strict
+from needlehoop.config.strict import Pixels, check_names, shown
+from needlehoop.envs.build import build
+from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
-from needlehoop.gym.stage import Stage, check_options, info, masked
+from needlehoop.envs.simulation import Moment
+from needlehoop.pictures.stills import Photographer
 
-_MODES = ("rgb_array",)
+MODES = ("rgb_array",)
+CHANNELS = ("last", "first")
+"""Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
 
 Observation = dict[str, np.ndarray]
 
@@ -44,8 +54,12 @@ class GymnasiumVectorEnv(VectorEnv):
         autoreset_mode: as above, or its value: ``NextStep``, ``SameStep``, ``Disabled``.
 
     Raises:
-        ValueError: settings that do not go together, by key.
+        ValueError: settings that do not go together, or nothing to observe; names the key.
+        Error: this process was forked from one whose environments had been used.
     """
+
+    _used_in: int | None = None
+    """The process in which an environment was used first: its threads are not in a fork."""
 
     def __init__(
         self,
@@ -55,24 +69,52 @@ class GymnasiumVectorEnv(VectorEnv):
         render_size: int = 480,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ):
+        if GymnasiumVectorEnv._used_in not in (None, os.getpid()):
+            raise Error(
+                "environments were used before this process was forked, and would hang or crash"
+                ' here; use AsyncVectorEnv(..., context="spawn"), or make_vec, which needs no'
+                " processes"
+            )
+        mode: Any = getattr(autoreset_mode, "value", autoreset_mode)
+        check_names("autoreset_mode", [mode], [one.value for one in AutoresetMode])
+        check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
+        strict.structure(render_size, Pixels, "render_size")
+        check_names("channels", [channels], CHANNELS)
+        if not (settings.cams or vectors(settings.definition, settings.obs)):
+            raise ValueError(
+                "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"
+                " obs=signals or obs.proprio=true"
+            )
         self.settings, self.render_mode, self.num_envs = settings, render_mode, settings.num_envs
-        self.autoreset_mode = _autoreset(autoreset_mode)
+        self.autoreset_mode = AutoresetMode(mode)
         self.metadata = {
-            "render_modes": [*_MODES],
+            "render_modes": [*MODES],
             "render_fps": 1.0 / settings.period,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._stage = Stage(settings, channels, render_mode, _MODES, render_size)
-        self.single_observation_space = self._stage.observation_space
-        self.single_action_space = self._stage.action_space
+        self.simulation = build(settings)[0]
+        """The simulation inside: signals, state, engine."""
+        self._observer = Observer(self.simulation)
+        model = self.simulation.engine.model
+        self._photographer = Photographer(model, render_size) if render_mode else None
+        self._is_last = channels == "last"
+        self.single_observation_space = self._space(settings)
+        size = settings.episode.action_size
+        self.single_action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._over = np.zeros(self.num_envs, dtype=np.bool_)
 
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation inside: signals, state, engine."""
-        return self._stage.simulation
+    def _space(self, settings: Settings) -> spaces.Dict:
+        size = settings.image_size
+        found: dict[str, spaces.Space] = {}
+        for name, count in settings.image_channels.items():
+            shape = (size, size, count) if self._is_last else (count, size, size)
+            found[name] = spaces.Box(0, 255, shape, np.uint8)
+        for name, length in vectors(settings.definition, settings.obs).items():
+            low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
+            found[name] = spaces.Box(low, high, (length,), np.float32)
+        return spaces.Dict(found)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -84,15 +126,23 @@ class GymnasiumVectorEnv(VectorEnv):
             ValueError: a mask that is none, or one with a seed: a seed is of all environments.
             ResetNeeded: a mask before the first reset.
         """
-        mask = self._mask(options)
-        if mask is None:
-            return self._reset_all(seed)
-        if seed is not None:
-            raise ValueError("seed: it is of all environments; give it without a reset_mask")
-        self._check_begun()
-        moment = self._stage.reset(mask=mask)
-        self._over &= ~mask
-        return self._stage.look(moment, _ids(mask)), masked(info(moment), mask)
+        check_options(options, ("reset_mask",))
+        if options:
+            mask = self._mask(options["reset_mask"])
+            if seed is not None:
+                raise ValueError("seed: it is of all environments; give it without a reset_mask")
+            self.check_begun()
+            moment = self.begin(mask=mask)
+            self._over &= ~mask
+            return self.look(moment, mask), masked(info(moment), mask)
+        if seed is not None and not isinstance(seed, int | np.integer):
+            raise ValueError(f"seed: {seed!r} is not a whole number; one is for all environments")
+        super().reset(seed=seed)
+        if seed is None and self.simulation.state is None:
+            seed = self.np_random_seed
+        moment = self.begin(seed)
+        self._over[:] = False
+        return self.look(moment), self._infos(moment)
 
     def step(
         self, actions: np.ndarray
@@ -105,73 +155,87 @@ class GymnasiumVectorEnv(VectorEnv):
             InvalidAction: not ``(n, action_size)`` real numbers.
             ValueError: a number that is not finite.
         """
-        self._check_begun()
-        actions = self._stage.numbers(actions, self.num_envs)
-        before = self._over
-        if self.autoreset_mode == AutoresetMode.DISABLED and before.any():
+        self.check_begun()
+        actions = real_numbers(actions, self.action_space)
+        before, mode = self._over, self.autoreset_mode
+        if mode == AutoresetMode.DISABLED and before.any():
             raise ResetNeeded(
                 f"environments {before.nonzero()[0].tolist()} are over; reset them with"
                 " options={'reset_mask': mask}"
             )
-        renewed = before if self.autoreset_mode == AutoresetMode.NEXT_STEP else before & False
-        if renewed.any():
-            actions = np.where(renewed[:, None], 0.0, actions)
-        moment = self._stage.step(actions)
+        renewed = before if mode == AutoresetMode.NEXT_STEP else before & False
+        moment = self.advance(np.where(renewed[:, None], 0.0, actions))
         # What the step paid and ended; zero where an episode begins in it.
         rewards, terminated, truncated = (
             np.where(renewed, np.zeros_like(value), value)
             for value in (t.numpy() for t in (moment.reward, moment.terminated, moment.truncated))
         )
         if renewed.any():
-            moment = self._stage.reset(mask=renewed)
-        self._over = terminated | truncated
-        seen, infos = self._finish(moment)
-        return seen, rewards, terminated, truncated, infos
+            moment = self.begin(mask=renewed)
+        self._over = over = terminated | truncated
+        seen, infos = self.look(moment), {}
+        if mode == AutoresetMode.SAME_STEP and over.any():
+            final = np.full(self.num_envs, None, dtype=object)
+            for env in over.nonzero()[0]:
+                final[env] = {name: value[env].copy() for name, value in seen.items()}
+            infos = {"final_obs": final, "final_info": masked(info(moment), over)}
+            infos |= {f"_{name}": over.copy() for name in infos}
+            moment = self.begin(mask=over)
+            seen = self.look(moment, over)
+        return seen, rewards, terminated, truncated, {**infos, **self._infos(moment)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The scene in each environment ``(size, size, 3)`` uint8."""
-        pictures = (self._stage.picture(env) for env in range(self.num_envs))
-        return tuple(one for one in pictures if one is not None) or None
+        draw, engine = self._photographer, self.simulation.engine
+        return draw and tuple(draw(engine.data(env)) for env in range(self.num_envs))
 
-    def _reset_all(self, seed: int | None) -> tuple[Observation, dict[str, Any]]:
-        if seed is not None and not isinstance(seed, int | np.integer):
-            raise ValueError(f"seed: {seed!r} is not a whole number; one is for all environments")
-        super().reset(seed=seed)
-        if seed is None and self.simulation.state is None:
-            seed = self.np_random_seed
-        moment = self._stage.reset(seed)
-        self._over[:] = False
-        return self._stage.look(moment), self._infos(moment)
+    # What ``GymnasiumEnv`` uses too.
 
-    def _finish(self, moment: Moment) -> tuple[Observation, dict[str, Any]]:
-        """Observations and infos after a step; in ``SAME_STEP`` of the episodes that begin."""
-        seen, over = self._stage.look(moment), self._over
-        if self.autoreset_mode != AutoresetMode.SAME_STEP or not over.any():
-            return seen, self._infos(moment)
-        final = np.full(self.num_envs, None, dtype=object)
-        for env in over.nonzero()[0]:
-            final[env] = {name: value[env].copy() for name, value in seen.items()}
-        ended = {
-            "final_obs": final,
-            "_final_obs": over.copy(),
-            "final_info": masked(info(moment), over),
-            "_final_info": over.copy(),
+    def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> Moment:
+        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
+
+        With a seed, everywhere that seed's first.
+        """
+        GymnasiumVectorEnv._used_in = os.getpid()
+        if seed is not None:
+            self.simulation.reseed(seed)
+        if self.simulation.state is None:
+            self._observer.forget()
+        return self.simulation.reset(None if mask is None else torch.from_numpy(mask))
+
+    def advance(self, actions: np.ndarray) -> Moment:
+        """One control step of every environment under ``(n, action_size)``, and nothing else."""
+        # A copy: torch would warn of arrays that it may not write to.
+        return self.simulation.step(torch.from_numpy(np.array(actions, dtype=np.float64)))
+
+    def look(self, moment: Moment, mask: np.ndarray | None = None) -> Observation:
+        """What all ``n`` environments observe, as new arrays by name.
+
+        Args:
+            moment: the present one.
+            mask: environments ``(n,)`` whose images are new; all by default.
+        """
+        ids = None if mask is None else torch.from_numpy(mask.nonzero()[0])
+        seen = self._observer(moment.signals, ids)
+        pixels: Any = seen.pop("pixels", {})
+        turned = {
+            name: image.permute(0, 2, 3, 1) if self._is_last else image
+            for name, image in pixels.items()
         }
-        moment = self._stage.reset(mask=over)
-        return self._stage.look(moment, _ids(over)), {**ended, **self._infos(moment)}
+        # Copies: the observer keeps its images, and callers may write to theirs.
+        known: dict[str, Any] = seen
+        return {name: _array(value) for name, value in (turned | known).items()}
+
+    def check_begun(self) -> None:
+        """Raises ``ResetNeeded`` before the first reset."""
+        if self.simulation.state is None:
+            raise ResetNeeded("reset all environments first")
 
     def _infos(self, moment: Moment) -> dict[str, Any]:
         return masked(info(moment), np.ones(self.num_envs, dtype=np.bool_))
 
-    def _check_begun(self) -> None:
-        if self.simulation.state is None:
-            raise ResetNeeded("reset all environments first")
-
-    def _mask(self, options: dict[str, Any] | None) -> np.ndarray | None:
-        check_options(options, ("reset_mask",))
-        if not options:
-            return None
-        mask = np.asarray(options["reset_mask"])
+    def _mask(self, given: Any) -> np.ndarray:
+        mask = np.asarray(given)
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(
                 f"reset_mask: {mask.dtype} {mask.shape}; give booleans ({self.num_envs},) of"
@@ -180,13 +244,65 @@ class GymnasiumVectorEnv(VectorEnv):
         return mask
 
 
-def _ids(mask: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy(mask.nonzero()[0])
+def check_options(options: Any, valid: Iterable[str] = ()) -> None:
+    """Raises Gymnasium's ``Error`` for options of ``reset`` that there are not."""
+    if options is not None and not isinstance(options, Mapping):
+        raise Error(f"options: {shown(options)} has no keys")
+    for key in options or ():
+        if key not in valid:
+            known = f"choose from {', '.join(valid)}" if valid else "reset takes none"
+            raise Error(f"options: {shown(key)} is unknown; {known}")
 
 
-def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
-    try:
-        return AutoresetMode(mode)
-    except ValueError as error:
-        valid = ", ".join(one.value for one in AutoresetMode)
-        raise ValueError(f"autoreset_mode: {mode!r} is unknown; choose from {valid}") from error
+def real_numbers(action: Any, space: spaces.Space) -> np.ndarray:
+    """An action as an array of real numbers, in or out of the bounds of a space.
+
+    Raises:
+        InvalidAction: something else, or another shape.
+    """
+    found = np.asarray(action)
+    if found.dtype.kind not in "iuf" or found.shape != space.shape:
+        raise InvalidAction(
+            f"action: {found.dtype} {found.shape}; expected real numbers {space.shape} in [-1, 1]"
+        )
+    return found
+
+
+def info(moment: Moment) -> dict[str, Any]:
+    """What is known beside the observation, ``(n,)`` each: facts and terms by name, verdicts."""
+    facts = {name: _array(fact) for name, fact in moment.facts.items()}
+    return {
+        "facts": facts,
+        "terms": {name: _array(term) for name, term in moment.terms.items()},
+        **{name: facts[name].copy() for name in ("success", "cheat") if name in facts},
+        "potential": _array(moment.potential),
+        "steps": _array(moment.steps),
+    }
+
+
+def row(values: dict[str, Any], env: int) -> dict[str, Any]:
+    """One environment's part of ``info``, as plain values."""
+    return {
+        name: row(value, env) if isinstance(value, dict) else value[env].item()
+        for name, value in values.items()
+    }
+
+
+def masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
+    """Batched ``info`` as Gymnasium's vector environments give it.
+
+    Each name comes with ``_<name>``, which says whose values are there; the others' are zero.
+    """
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            found[name] = masked(value, mask)
+        else:
+            found[name] = np.where(mask, value, np.zeros_like(value))
+        found[f"_{name}"] = mask.copy()
+    return found
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    """A copy, contiguous."""
+    return np.array(tensor.numpy(), order="C")

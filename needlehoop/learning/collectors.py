@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -12,7 +13,7 @@ from torchrl.modules import IndependentNormal
 from needlehoop.envs.controllers import Perturbation, controller
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
-from needlehoop.learning.hyperparameters import DaggerConfig
+from needlehoop.learning.job import DaggerConfig
 from needlehoop.learning.parallel import ParallelAgent
 
 LABEL = "label"
@@ -97,6 +98,14 @@ class Collector(_Collector):
         seen: Any = torch.stack([cuts[row] for row in sorted(cuts)])
         return self._buffer, seen.to(self._device)
 
+    def state_dict(self) -> dict[str, Any]:
+        """What decides the next buffer, beside the agent."""
+        return {"env": self._env.snapshot()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a ``state_dict``."""
+        self._env.restore(state["env"])
+
 
 class LabellingCollector(_Collector):
     """The expert or the learner acts, and the expert labels every frame; see ``_Collector``.
@@ -139,8 +148,11 @@ class LabellingCollector(_Collector):
         """
         for step in range(self._horizon):
             seen, label = self._see(step), self._label()
-            action = self._choose(seen, label).clamp(-1.0, 1.0)
-            done = self._step(step, self._told(label, action))["done"].squeeze(-1)
+            action = label + self._noise().float()
+            if bool(self._learner.any()):
+                loc, *_ = self._running.outputs(seen)
+                action = torch.where(self._learner.unsqueeze(-1), loc.cpu(), action)
+            done = self._try(step, label, action.clamp(-1.0, 1.0))
             drawn = torch.rand(done.shape, generator=self._generator) < share
             self._learner = torch.where(done, drawn, self._learner)
             self._noise.begin(done)
@@ -153,39 +165,31 @@ class LabellingCollector(_Collector):
         self._actions.append(actions)
         for step, action in enumerate(actions.unbind(1)):
             self._see(step)
-            self._step(step, self._told(self._label(), action))
+            self._try(step, self._label(), action)
         return self._buffer
 
     def _label(self) -> Tensor:
         """What the expert would do now; it reads the signals."""
         return self._expert(self._env.simulation.look().signals).float()
 
-    def _choose(self, seen: list[Tensor], label: Tensor) -> Tensor:
-        noisy = label + self._noise().float()
-        if not bool(self._learner.any()):
-            return noisy
-        loc, *_ = self._running.outputs(seen)
-        return torch.where(self._learner.unsqueeze(-1), loc.cpu(), noisy)
-
-    def _told(self, label: Tensor, action: Tensor) -> dict[str, Tensor]:
-        return {LABEL: label, "action": action, LEARNER: self._learner.unsqueeze(-1)}
+    def _try(self, step: int, label: Tensor, action: Tensor) -> Tensor:
+        """Carry out an action; returns which episodes are over ``(num_envs,)``."""
+        acted = {LABEL: label, "action": action, LEARNER: self._learner.unsqueeze(-1)}
+        return self._step(step, acted)["done"].squeeze(-1)
 
     def state_dict(self) -> dict[str, Any]:
         """The actions of all buffers so far, and what decides the next."""
-        return {
-            "flown": torch.stack(self._actions) if self._actions else self.blank(0),
+        lessons = {
+            "flown": torch.stack(self._actions),
             "learner": self._learner,
             "noise": self._noise.snapshot(),
             "generator": self._generator.get_state(),
         }
+        return {"lessons": lessons}
 
-    def blank(self, count: int) -> Tensor:
-        """Actions of ``count`` buffers, all zero: a shape to compare a checkpoint with."""
-        settings = self._env.settings
-        return torch.zeros(count, settings.num_envs, self._horizon, settings.episode.action_size)
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a ``state_dict``, whose buffers have been reviewed."""
-        self._learner = state["learner"]
-        self._noise.restore(state["noise"])
-        self._generator.set_state(state["generator"])
+        lessons = state["lessons"]
+        self._learner = lessons["learner"]
+        self._noise.restore(lessons["noise"])
+        self._generator.set_state(lessons["generator"])

@@ -16,7 +16,7 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.collectors import LABEL, LEARNER
-from needlehoop.learning.hyperparameters import DaggerConfig
+from needlehoop.learning.job import DaggerConfig
 from needlehoop.learning.trainer import Trainer
 
 _RAMP = 30

@@ -13,16 +13,14 @@ from scipy.stats import binomtest
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Actor, Agent
-from needlehoop.learning.checkpoint import load_weights
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import build_agent
+from needlehoop.learning.learner import build_agent, load_weights
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
@@ -48,11 +46,11 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
     """
     device = next(actor.parameters()).device
 
-    def make(settings: Settings, simulation: Simulation, imager: Imager) -> Controller:
-        observer = Observer(settings, simulation, imager)
+    def make(simulation: Simulation) -> Controller:
+        observer, seed = Observer(simulation), simulation.settings.seed
         # Of each environment's own, so an episode does not depend on how many there are.
         keys = [(env,) for env in (simulation.envs.tolist() if sampled else [])]
-        sequences = [np.random.SeedSequence(settings.seed, spawn_key=key) for key in keys]
+        sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
         noise = [*map(np.random.default_rng, sequences)]
 
         def act(signals: Signals) -> Tensor:
@@ -83,13 +81,19 @@ def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = Fa
     return run_batches(settings, episodes, _BATCH, acting(agent.actor, sampled))
 
 
+def _flown(
+    job: Job, agent: Agent, episodes: int, seed: int
+) -> tuple[Outcome, dict[str, float | int]]:
+    """What came of the mean action, and how often drawn actions succeed on the same episodes."""
+    own = replace(job.env, seed=seed)
+    mean, drawn = (evaluate(own, agent, episodes, sampled) for sampled in (False, True))
+    return mean, {SAMPLED: float(drawn.success.double().mean())}
+
+
 def on_the_way(job: Job, agent: Agent) -> dict[str, float | int]:
     """What a row of ``evaluations.csv`` says of an agent in training."""
-    own = replace(job.env, seed=job.evaluation.seed)
-    mean, drawn = (
-        evaluate(own, agent, job.evaluation.episodes, sampled) for sampled in (False, True)
-    )
-    return {**mean.summary(), SAMPLED: float(drawn.success.double().mean())}
+    mean, drawn = _flown(job, agent, job.evaluation.episodes, job.evaluation.seed)
+    return {**mean.summary(), **drawn}
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
@@ -99,8 +103,7 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
         job_env: the environment that the agent was made for.
         out: an ``.mp4`` file; written whole or not at all.
     """
-    alone, simulation, imager, act = _alone(job_env, agent, seed)
-    record(alone, simulation, imager, act, episodes, out)
+    record(*_alone(job_env, agent, seed), episodes, out)
 
 
 def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
@@ -109,9 +112,9 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
     Raises:
         RuntimeError: this machine has no display.
     """
-    alone, simulation, _, act = _alone(job_env, agent, seed)
-    window = Window(simulation, alone, "a film shows the same")
-    play(window, alone, simulation, act, range(episodes))
+    simulation, act = _alone(job_env, agent, seed)
+    window = Window(simulation, simulation.settings, "a film shows the same")
+    play(window, simulation.settings, simulation, act, range(episodes))
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
@@ -122,10 +125,8 @@ def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
     """
     if seed == job.env.seed:
         raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    own = replace(job.env, seed=seed)
-    found = with_intervals(job.env.definition, evaluate(own, agent, episodes))
-    drawn = evaluate(own, agent, episodes, sampled=True)
-    return {"seed": seed, **found, SAMPLED: float(drawn.success.double().mean())}
+    mean, drawn = _flown(job, agent, episodes, seed)
+    return {"seed": seed, **with_intervals(job.env.definition, mean), **drawn}
 
 
 def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
@@ -225,10 +226,7 @@ def _share(found: Mapping[str, Any], name: str) -> str:
     return f"{found[name]:.1%} (95 %: {low:.1%} to {high:.1%})"
 
 
-def _alone(
-    job_env: Settings, agent: Agent, seed: int
-) -> tuple[Settings, Simulation, Imager, Controller]:
+def _alone(job_env: Settings, agent: Agent, seed: int) -> tuple[Simulation, Controller]:
     """One environment, and the agent as its controller."""
-    alone = replace(job_env, num_envs=1, seed=seed)
-    simulation, imager = build(alone)
-    return alone, simulation, imager, acting(agent.actor)(alone, simulation, imager)
+    simulation, _ = build(replace(job_env, num_envs=1, seed=seed))
+    return simulation, acting(agent.actor)(simulation)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 
 from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.checkpoint import check_like
 from needlehoop.learning.collectors import Collector, LabellingCollector
 from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.encoder import convolution_dtype
-from needlehoop.learning.hyperparameters import DaggerConfig, PpoConfig
-from needlehoop.learning.job import Job
+from needlehoop.learning.job import DaggerConfig, Job, PpoConfig
 from needlehoop.learning.ppo import Ppo
 from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus
@@ -29,67 +29,6 @@ _MOST_DIVERGED = 0.01
 """Share of the episodes whose physics may diverge."""
 
 
-class Reinforcement:
-    """PPO: the agent acts at random and learns what pays."""
-
-    name = PPO
-
-    def __init__(self, job: Job, env: TorchRLEnv, agent: Agent, workers: Workers):
-        assert isinstance(job.algo, PpoConfig)
-        kept = (0, 1.0) if job.init is None else (job.algo.warmup, job.algo.finetune)
-        self.trainer = Ppo(agent, job.algo, job.updates, job.env.seed, workers, *kept)
-        steps = job.buffer // job.env.num_envs
-        self._env, self._collector = env, Collector(env, self.trainer.running, steps, workers)
-
-    def collect(self) -> tuple[TensorDict, TensorDict]:
-        """What the trainer's ``update`` takes, of which the buffer is the first."""
-        return self._collector.collect()
-
-    def state_dict(self) -> dict[str, Any]:
-        """What decides the next buffer, beside the trainer's state."""
-        return {"env": self._env.snapshot()}
-
-    def blank(self, done: int) -> dict[str, Any]:
-        """A state as it is after so many buffers, to compare a checkpoint with."""
-        self._env.reset()
-        return self.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a ``state_dict``."""
-        self._env.restore(state["env"])
-
-
-class Imitation:
-    """DAgger: the agent acts more and more, and learns what the expert would have done.
-
-    Methods as in ``Reinforcement``. To go on, it repeats the buffers so far.
-    """
-
-    name = DAGGER
-
-    def __init__(self, job: Job, env: TorchRLEnv, agent: Agent, workers: Workers):
-        assert isinstance(job.algo, DaggerConfig)
-        seed = job.env.seed
-        self._env = env
-        self.trainer = Dagger(agent, job.algo, job.updates, seed, workers)
-        self._collector = LabellingCollector(env, self.trainer.running, job.algo, seed, workers)
-
-    def collect(self) -> tuple[TensorDict]:
-        return (self._collector.collect(self.trainer.share),)
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"lessons": self._collector.state_dict()}
-
-    def blank(self, done: int) -> dict[str, Any]:
-        return {"lessons": {**self._collector.state_dict(), "flown": self._collector.blank(done)}}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        for done, actions in enumerate(state["lessons"]["flown"]):
-            self._env.progress(done / self.trainer.updates)
-            self.trainer.remember(self._collector.review(actions))
-        self._collector.load_state_dict(state["lessons"])
-
-
 class Learner:
     """Collects buffers and learns from them.
 
@@ -98,7 +37,7 @@ class Learner:
         weights: of another run's agent, to begin with.
 
     Raises:
-        ValueError: the state is of another job.
+        ValueError: the state is of another job, or of another version.
     """
 
     def __init__(
@@ -118,16 +57,25 @@ class Learner:
         if weights is not None:
             self.agent.load_state_dict(weights)
         self.workers = Workers(job.env.engine.threads or available_cpus())
-        kind = Imitation if isinstance(job.algo, DaggerConfig) else Reinforcement
-        self.method = kind(job, self.env, self.agent, self.workers)
+        shared = (job.updates, job.env.seed, self.workers)
+        if isinstance(job.algo, DaggerConfig):
+            self.trainer = Dagger(self.agent, job.algo, *shared)
+            own = (job.algo, job.env.seed, self.workers)
+            self._collector: Any = LabellingCollector(self.env, self.trainer.running, *own)
+        else:
+            kept = (0, 1.0) if job.init is None else (job.algo.warmup, job.algo.finetune)
+            self.trainer = Ppo(self.agent, job.algo, *shared, *kept)
+            steps = job.buffer // job.env.num_envs
+            self._collector = Collector(self.env, self.trainer.running, steps, self.workers)
         self._ended = self._diverged = 0
         if state is not None:
-            self._go_on(state)
+            with _fitting("checkpoint"):
+                self._go_on(state)
 
     @property
     def done_updates(self) -> int:
         """Buffers learnt from."""
-        return self.method.trainer.done_updates
+        return self.trainer.done_updates
 
     @property
     def steps(self) -> int:
@@ -143,12 +91,16 @@ class Learner:
         Raises:
             FloatingPointError: the physics diverges too often.
         """
+        trainer: Any = self.trainer
         while self.done_updates < self.job.updates:
             began = time.perf_counter()
             self.env.progress(self.done_updates / self.job.updates)
-            given: Any = self.method.collect()
+            if isinstance(self.trainer, Dagger):
+                given = (self._collector.collect(self.trainer.share),)
+            else:
+                given = self._collector.collect()
             collected = time.perf_counter()
-            told = self.method.trainer.update(*given)
+            told = trainer.update(*given)
             told["seconds_collect"] = collected - began
             told["seconds_update"] = time.perf_counter() - collected
             self._check_physics(given[0])
@@ -169,27 +121,66 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        trained = {self.method.name: self.method.trainer.state_dict()}
-        return {**trained, **self.method.state_dict(), **self._generators()}
-
-    def _generators(self) -> dict[str, Any]:
-        found = {"rng": torch.get_rng_state()}
+        trained = {_method_of(self.job): self.trainer.state_dict()}
+        found = {**trained, **self._collector.state_dict(), "rng": torch.get_rng_state()}
         if self.device.type == "cuda":
             found["cuda_rng"] = torch.cuda.get_rng_state(self.device)
         return found
 
     def _go_on(self, state: Mapping[str, Any]) -> None:
         """Go on from the ``state_dict`` of an earlier learner of the same job."""
-        name, trainer = self.method.name, self.method.trainer
-        rest = self.method.blank(state[name]["done_updates"])
-        like = {name: trainer.state_dict(), **rest, **self._generators()}
-        check_like("learner", {key: state[key] for key in like if key in state}, like)
-        trainer.load_state_dict(state[name])
-        self.method.load_state_dict(state)
+        self.trainer.load_state_dict(state[_method_of(self.job)])
+        if isinstance(self.trainer, Dagger):
+            for done, actions in enumerate(state["lessons"]["flown"]):
+                self.env.progress(done / self.job.updates)
+                self.trainer.remember(self._collector.review(actions))
+        self._collector.load_state_dict(state)
         # Last: building an agent draws numbers.
         torch.set_rng_state(state["rng"])
         if self.device.type == "cuda":
             torch.cuda.set_rng_state(state["cuda_rng"], self.device)
+
+
+def _method_of(job: Job) -> str:
+    """What a checkpoint calls a job's method of training."""
+    return DAGGER if isinstance(job.algo, DaggerConfig) else PPO
+
+
+def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
+    """Check that a checkpoint was made by a job, as far as can be told before anything is built.
+
+    Args:
+        state: its ``update``, ``wall_time`` and ``learner``.
+
+    Raises:
+        ValueError: it was not.
+    """
+    method, update = _method_of(job), state.get("update")
+    learner: Any = state.get("learner")
+    done = learner[method].get("done_updates") if method in (learner or ()) else None
+    if "wall_time" not in state or done is None or done != update or not 0 < done <= job.updates:
+        raise ValueError(
+            f"{path} does not fit its run of {job.updates} updates: update: {update}, that of"
+            f" learner.{method}: {done}; put it back, or begin the run again with overwrite=true,"
+            " which keeps this one under a number"
+        )
+
+
+def load_weights(path: Path, state: Mapping[str, Any], job: Job, agent: Agent) -> None:
+    """Put a checkpoint's weights into an agent of its job; errors as in ``check_state``."""
+    check_state(path, state, job)
+    with _fitting(str(path)):
+        agent.load_state_dict(state["learner"][_method_of(job)]["agent"])
+
+
+@contextmanager
+def _fitting(what: str) -> Iterator[None]:
+    """Raises ``ValueError`` in one line where a state does not fit what it is put into."""
+    try:
+        yield
+    except (LookupError, RuntimeError, TypeError, ValueError) as error:
+        said = str(error).splitlines()[-1].strip()
+        raise ValueError(f"{what}: of another run, or another version: {said}") from error
 
 
 def build_agent(job: Job, env: TorchRLEnv, device: torch.device) -> Agent:

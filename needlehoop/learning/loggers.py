@@ -7,124 +7,99 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from needlehoop.learning.job import Job, WandbConfig
+from needlehoop.learning.job import Job
 
 TENSORBOARD = "tensorboard"
 """The package, the logger's name, and the folder in a run's."""
 
 
 class Logger:
-    """Takes what the CSV files take, for each of several places; none: those files are enough."""
+    """Takes what the CSV files take; without a place to show it, those files are enough.
 
-    def __init__(self, *places: TensorBoard | WeightsAndBiases):
-        self._places = places
+    Args:
+        board: a ``SummaryWriter``, for curves as TensorBoard's event files.
+        run: of wandb, for curves and the video.
+    """
+
+    def __init__(self, board: Any = None, run: Any = None):
+        self._board, self._run = board, run
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
         """A row of the table ``group``."""
         # Empty numbers have no place in a curve.
         curves = {f"{group}/{name}": value for name, value in row.items() if value == value}
-        for one in self._places:
-            one.log(curves, int(row["step"]))
+        step = int(row["step"])
+        if self._board is not None:
+            for name, value in curves.items():
+                self._board.add_scalar(name, value, step)
+        if self._run is not None:
+            self._run.log(curves, step=step)
 
     def video(self, path: Path) -> None:
-        """The video of the finished run."""
-        for one in self._places:
-            one.video(path)
+        """The video of the finished run; TensorBoard's is in the run's folder."""
+        if self._run is not None:
+            import wandb
+
+            self._run.log({"video": wandb.Video(str(path), format="mp4")})
 
     def close(self) -> None:
         """The run is over, for whatever reason."""
-        for one in self._places:
-            one.close()
-
-
-class TensorBoard:
-    """Curves as TensorBoard's event files, in a folder of the run's.
-
-    Args:
-        steps: that the run begins with; later points of an interrupted training are taken back.
-    """
-
-    def __init__(self, folder: Path, steps: int):
-        from torch.utils.tensorboard import SummaryWriter
-
-        self._writer = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
-        print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
-
-    def log(self, curves: dict[str, Any], step: int) -> None:
-        for name, value in curves.items():
-            self._writer.add_scalar(name, value, step)
-
-    def video(self, path: Path) -> None:
-        """Nothing: the file is in the run's folder."""
-
-    def close(self) -> None:
-        self._writer.close()
-
-
-class WeightsAndBiases:
-    """Curves and the video on Weights & Biases; offline where nobody is logged in.
-
-    Args:
-        run_name: the run's folder below the results; also its identity when resumed.
-        folder: for wandb's own files.
-    """
-
-    def __init__(self, config: WandbConfig, run_name: str, values: Mapping[str, Any], folder: Path):
-        import wandb
-
-        mode: Any = config.mode
-        if mode == "auto":
-            mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
-        self._wandb = wandb
-        wanted: dict[str, Any] = {
-            "project": config.project,
-            "entity": config.entity,
-            "name": run_name,
-            "config": dict(values),
-            "dir": str(folder),
-            "resume": "allow" if mode == "online" else None,
-            "id": run_name.replace("/", "-").replace("+", "-") if mode == "online" else None,
-        }
-        try:
-            settings = wandb.Settings(silent=True, init_timeout=30)
-            self._run = wandb.init(mode=mode, settings=settings, **wanted)
-        except (wandb.errors.CommError, wandb.errors.UsageError) as error:
-            # The login is there but the service is not; the run must not wait for it.
-            print(f"logger=wandb: {error}; going on offline")
-            # Settings of its own: the first ones carry the failed run's id.
-            wanted |= {"resume": None, "id": None, "settings": wandb.Settings(silent=True)}
-            self._run = wandb.init(mode="offline", **wanted)
-        if self._run.url:
-            print(f"wandb: {self._run.url}")
-        elif self._run.settings.mode == "offline":
-            print(f"wandb: offline; send it with: wandb sync {Path(self._run.dir).parent}")
-
-    def log(self, curves: dict[str, Any], step: int) -> None:
-        self._run.log(curves, step=step)
-
-    def video(self, path: Path) -> None:
-        self._run.log({"video": self._wandb.Video(str(path), format="mp4")})
-
-    def close(self) -> None:
-        self._run.finish()
+        if self._board is not None:
+            self._board.close()
+        if self._run is not None:
+            self._run.finish()
 
 
 def build_logger(job: Job, values: Mapping[str, Any], folder: Path, steps: int) -> Logger:
     """What shows a run beside its own files.
 
     Args:
-        steps: that it begins with.
+        folder: the run's.
+        steps: that it begins with; later points of an interrupted training are taken back.
 
     Raises:
         ValueError: as in ``check_installed``.
     """
     check_installed(job)
-    places: list[Any] = []
+    board = None
     if TENSORBOARD in job.logger:
-        places.append(TensorBoard(folder, steps))
-    if "wandb" in job.logger:
-        places.append(WeightsAndBiases(job.wandb, job.place, values, folder))
-    return Logger(*places)
+        from torch.utils.tensorboard import SummaryWriter
+
+        board = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
+        print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
+    return Logger(board, _wandb_run(job, values, folder) if "wandb" in job.logger else None)
+
+
+def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
+    """A run on Weights & Biases; offline where nobody is logged in or the service is away."""
+    import wandb
+
+    mode: Any = job.wandb.mode
+    if mode == "auto":
+        mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
+    wanted: dict[str, Any] = {
+        "project": job.wandb.project,
+        "entity": job.wandb.entity,
+        "name": job.place,
+        "config": dict(values),
+        "dir": str(folder),
+    }
+    # Its place is also its identity when it is resumed.
+    known: dict[str, Any] = {"resume": "allow", "id": job.place.replace("/", "-").replace("+", "-")}
+    try:
+        settings = wandb.Settings(silent=True, init_timeout=30)
+        own: dict[str, Any] = known if mode == "online" else {}
+        run = wandb.init(mode=mode, settings=settings, **wanted, **own)
+    except (wandb.errors.CommError, wandb.errors.UsageError) as error:
+        # The login is there but the service is not; the run must not wait for it.
+        print(f"logger=wandb: {error}; going on offline")
+        # Settings of its own: the first ones carry the failed run's id.
+        run = wandb.init(mode="offline", settings=wandb.Settings(silent=True), **wanted)
+    if run.url:
+        print(f"wandb: {run.url}")
+    elif run.settings.mode == "offline":
+        print(f"wandb: offline; send it with: wandb sync {Path(run.dir).parent}")
+    return run
 
 
 def check_installed(job: Job) -> None:

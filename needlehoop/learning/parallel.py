@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -19,27 +20,44 @@ _FEWEST = 8
 Pair = tuple[Tensor, Tensor]
 
 
-@dataclass(frozen=True)
-class _Pass:
-    """One part's way forward, to be gone back."""
+class _Part:
+    """Some rows on their way through an encoder, or through what follows them; and back.
 
-    weights: dict[int, nn.Parameter]
-    """Whose gradients are worked out part by part, by index."""
-    leaves: list[Tensor]
-    """Inputs whose gradients are wanted."""
-    outputs: tuple[Tensor, ...]
-    layers: dict[int, Pair]
-    """Inputs and outputs of dense layers, by their weights' index."""
+    Args:
+        call: the way forward.
+        weights: whose gradients are worked out part by part, by index.
+        leaves: inputs whose gradients are wanted.
+        grad: whether there will be a way back.
+        running: notes of this thread: inputs and outputs of dense layers, by their weights' index.
+    """
 
+    def __init__(
+        self,
+        call: Callable[[], tuple[Tensor, ...]],
+        weights: dict[int, nn.Parameter],
+        leaves: list[Tensor],
+        grad: bool,
+        running: threading.local,
+    ):
+        self._weights, self._leaves = weights, leaves
+        self._layers: dict[int, Pair] = {}
+        running.layers = self._layers
+        # Of the thread, like the notes.
+        with torch.set_grad_enabled(grad):
+            self.outputs = call()
 
-@dataclass(frozen=True)
-class _Found:
-    """Gradients from one part's way back."""
+    def back(self, slopes: Sequence[Tensor]) -> None:
+        """Go back, from the gradients by the outputs.
 
-    weights: dict[int, Tensor]
-    leaves: Sequence[Tensor]
-    layers: dict[int, Pair]
-    """Inputs of dense layers, and gradients by their outputs."""
+        ``gradients`` are then those of the weights, ``slopes`` those by the leaves, and ``pairs``
+        what the dense layers' follow from: their inputs, and the gradients by their outputs.
+        """
+        after = [output for _, output in self._layers.values()]
+        inputs = [*self._weights.values(), *self._leaves, *after]
+        found = iter(torch.autograd.grad(self.outputs, inputs, slopes))
+        self.gradients = {weight: next(found) for weight in self._weights}
+        self.slopes = [next(found) for _ in self._leaves]
+        self.pairs = {weight: (x, next(found)) for weight, (x, _) in self._layers.items()}
 
 
 class ParallelAgent:
@@ -70,43 +88,39 @@ class ParallelAgent:
         own = [{places[id(one)] for one in encoder.parameters()} for encoder in agent.encoders]
         self._own = [{i: one for i, one in asking.items() if i in places} for places in own]
         self._rest = {i: one for i, one in asking.items() if not any(i in own_ for own_ in own)}
-        self._forth: tuple[list[_Pass], list[_Pass]] = ([], [])
+        self._forth: tuple[list[_Part], list[_Part]] = ([], [])
         self._parts: dict[int, list[Tensor]] = {}
         self._products: dict[int, Pair] = {}
 
     def outputs(self, seen: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """``Agent.outputs`` of rows, not to be gone back from."""
-        _, concluded = self._run(seen, slice(None), False)
-        loc, scale, value = _joined(concluded)
-        return loc, scale, value
+        return _joined(self._run(seen, slice(None), False)[1])
 
     def forward(self, seen: Sequence[Tensor], rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """``Agent.outputs`` of chosen rows, for ``backward``."""
         self._forth = self._run(seen, rows, True)
-        loc, scale, value = _joined(self._forth[1])
-        return loc, scale, value
+        return _joined(self._forth[1])
 
     def backward(self, slopes: Sequence[Tensor]) -> None:
         """Go back from the loss's gradients by the last forward's outputs."""
         encoded, concluded = self._forth
-        above = self._workers.map(_back, concluded, _split(slopes, concluded))
-        by_feature = [torch.cat(parts) for parts in zip(*(f.leaves for f in above), strict=True)]
+        self._workers.map(_Part.back, concluded, _split(slopes, concluded))
+        by_feature = [
+            torch.cat(parts) for parts in zip(*(p.slopes for p in concluded), strict=True)
+        ]
         count = len(encoded) // max(1, len(by_feature))
-        below: list[_Found] = self._workers.map(
-            _back,
-            encoded,
-            [
-                part
-                for i, slope in enumerate(by_feature)
-                for part in _split([slope], encoded[i * count : (i + 1) * count])
-            ],
-        )
-        self._parts, pairs = {}, {}
-        for found in (*below, *above):
-            for index, gradient in found.weights.items():
-                self._parts.setdefault(index, []).append(gradient)
-            for index, pair in found.layers.items():
-                pairs.setdefault(index, []).append(pair)
+        own = [
+            part
+            for i, slope in enumerate(by_feature)
+            for part in _split([slope], encoded[i * count : (i + 1) * count])
+        ]
+        self._workers.map(_Part.back, encoded, own)
+        self._parts, pairs = defaultdict(list), defaultdict(list)
+        for part in (*encoded, *concluded):
+            for index, gradient in part.gradients.items():
+                self._parts[index].append(gradient)
+            for index, pair in part.pairs.items():
+                pairs[index].append(pair)
         joined = self._workers.map(_join, pairs.values())
         self._products = dict(zip(pairs, joined, strict=True))
 
@@ -123,22 +137,23 @@ class ParallelAgent:
 
     def _run(
         self, seen: Sequence[Tensor], chosen: Tensor | slice, grad: bool
-    ) -> tuple[list[_Pass], list[_Pass]]:
-        """Encoders' passes, encoder by encoder, and those of the rest."""
+    ) -> tuple[list[_Part], list[_Part]]:
+        """The encoders' parts, encoder by encoder, and those of the rest."""
         encoders, images = self.agent.encoders, self._images
         total = len(chosen) if isinstance(chosen, Tensor) else len(seen[0])
 
         def pick(x: Tensor, rows: slice) -> Tensor:
             return x[rows] if isinstance(chosen, slice) else x.index_select(0, chosen[rows])
 
-        def encode(which: int, rows: slice) -> _Pass:
-            image = pick(seen[which % images], rows)
-            return self._pass(lambda: (encoders[which](image),), self._own[which], [], grad)
+        def encode(which: int, rows: slice) -> _Part:
+            image, own = pick(seen[which % images], rows), self._own[which]
+            return _Part(lambda: (encoders[which](image),), own, [], grad, self._running)
 
-        def conclude(rows: slice) -> _Pass:
+        def conclude(rows: slice) -> _Part:
             leaves = [feature[rows].detach().requires_grad_(grad) for feature in features]
             rest = [pick(x, rows) for x in seen[images:]]
-            return self._pass(lambda: self.agent.conclude(leaves, rest), self._rest, leaves, grad)
+            call = partial(self.agent.conclude, leaves, rest)
+            return _Part(call, self._rest, leaves, grad, self._running)
 
         parts = _slices(total, -(-self._shards // max(1, len(encoders))))
         order = [(which, rows) for which in range(len(encoders)) for rows in parts]
@@ -148,19 +163,6 @@ class ParallelAgent:
         ]
         return encoded, self._workers.map(conclude, _slices(total, self._shards))
 
-    def _pass(
-        self,
-        call: Callable[[], tuple[Tensor, ...]],
-        weights: dict[int, nn.Parameter],
-        leaves: list[Tensor],
-        grad: bool,
-    ) -> _Pass:
-        self._running.layers = layers = {}
-        # Of the thread, like the notes.
-        with torch.set_grad_enabled(grad):
-            outputs = call()
-        return _Pass(weights, leaves, outputs, layers)
-
     def _note(self, weight: int) -> Any:
         def hook(_: nn.Module, given: tuple[Tensor, ...], output: Tensor) -> None:
             if output.requires_grad:
@@ -169,31 +171,18 @@ class ParallelAgent:
         return hook
 
 
-def _back(made: _Pass, slopes: Sequence[Tensor]) -> _Found:
-    after = [output for _, output in made.layers.values()]
-    inputs = [*made.weights.values(), *made.leaves, *after]
-    found = torch.autograd.grad(made.outputs, inputs, slopes)
-    a, b = len(made.weights), len(made.weights) + len(made.leaves)
-    given = [one for one, _ in made.layers.values()]
-    pairs = zip(given, found[b:], strict=True)
-    return _Found(
-        dict(zip(made.weights, found[:a], strict=True)),
-        found[a:b],
-        dict(zip(made.layers, pairs, strict=True)),
-    )
-
-
 def _join(pairs: list[Pair]) -> Pair:
     given, slopes = zip(*pairs, strict=True)
     return torch.cat(given), torch.cat(slopes)
 
 
-def _joined(passes: Sequence[_Pass]) -> list[Tensor]:
+def _joined(passes: Sequence[_Part]) -> Any:
     """Outputs of consecutive parts as one, without the way back."""
-    return [torch.cat(parts).detach() for parts in zip(*(p.outputs for p in passes), strict=True)]
+    pairs = zip(*(part.outputs for part in passes), strict=True)
+    return tuple(torch.cat(parts).detach() for parts in pairs)
 
 
-def _split(slopes: Sequence[Tensor], passes: Sequence[_Pass]) -> list[tuple[Tensor, ...]]:
+def _split(slopes: Sequence[Tensor], passes: Sequence[_Part]) -> list[tuple[Tensor, ...]]:
     """Gradients of all rows as those of each part."""
     sizes = [len(one.outputs[0]) for one in passes]
     return list(zip(*(slope.split(sizes) for slope in slopes), strict=True))

@@ -9,14 +9,14 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
-from torch import Tensor, nn
+from torch import Tensor
 from torchrl.modules import IndependentNormal, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.hyperparameters import PpoConfig
+from needlehoop.learning.job import PpoConfig
 from needlehoop.learning.trainer import Trainer
 
 _LEARNING_RATE_END = 1e-10
@@ -71,14 +71,15 @@ class Ppo(Trainer):
             # Standardised once per buffer, not per minibatch.
             average_gae=True,
         )
+        # The loss reads outputs that the agent has made; nothing is run for it.
+        given: Any = TensorDictModule(lambda *said: said, ["loc", "scale"], ["loc", "scale"])
         policy: Any = ProbabilisticActor(
-            TensorDictModule(_Given(), in_keys=["loc", "scale"], out_keys=["loc", "scale"]),
-            in_keys=["loc", "scale"],
-            distribution_class=IndependentNormal,
+            given, in_keys=["loc", "scale"], distribution_class=IndependentNormal
         )
+        value: Any = TensorDictModule(lambda said: said, [_OUTPUTS[-1]], ["state_value"])
         self._loss: Any = ClipPPOLoss(
             policy,
-            TensorDictModule(_Given(), in_keys=[_OUTPUTS[-1]], out_keys=["state_value"]),
+            value,
             clip_epsilon=config.epsilon,
             clip_value=config.clip_value,
             entropy_coeff=config.beta,
@@ -170,14 +171,6 @@ class Ppo(Trainer):
         self._gae(pieces)
         for key in ("advantage", "value_target"):
             batch[key] = pieces[key].reshape(values.shape)
-
-
-class _Given(nn.Module):
-    """Passes on what it is given: the loss reads outputs that the agent has made."""
-
-    def forward(self, *values: Tensor) -> Any:
-        first, *rest = values
-        return values if rest else first
 
 
 def _explained_variance(values: Tensor, targets: Tensor) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,11 +10,10 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from needlehoop.disturbances.config import AXES, GROUPS, amount_at, disturb_of
+from needlehoop.disturbances.axes import AXES, GROUPS, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.evaluate import wilson
 
 NONE, ALL = "none", "all"
@@ -31,15 +30,6 @@ class Condition:
     axis: str
     severity: int
     amounts: Mapping[str, float]
-
-
-def check_levels(levels: Levels) -> None:
-    """Raises ``ValueError`` unless each axis has an amount for each severity."""
-    counts = {f"{g}.{name}": len(own) for g, axes in levels.items() for name, own in axes.items()}
-    for key in counts.keys() ^ AXES.keys():
-        raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
-    if len(set(counts.values())) != 1:
-        raise ValueError("levels: every axis needs as many severities as the others")
 
 
 def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
@@ -76,23 +66,21 @@ def conditions(
         together: severity of all at once.
 
     Raises:
-        ValueError: there is no such severity.
+        ValueError: there is no such severity, or the levels lack an axis.
     """
-    check_levels(levels)
-    chosen, most = list(axes), len(next(iter(next(iter(levels.values())).values())))
-    for severity in severities:
+    given = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
+    for key in given.keys() ^ AXES.keys():
+        raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
+    chosen, most = list(axes), len(given["camera.shift"])
+    if any(len(row) != most for row in given.values()):
+        raise ValueError("levels: every axis needs as many severities as the others")
+    ordered = sorted(set(severities))
+    for key, severity in (*(("severities", one) for one in ordered), ("together", together)):
         if not 1 <= severity <= most:
-            raise ValueError(f"severities: {severity} is not among 1 to {most}")
-
-    return [
-        Condition(NONE, 0, {}),
-        *(
-            Condition(k, s, {k: amount_at(levels, k, s)})
-            for k in chosen
-            for s in sorted(set(severities))
-        ),
-        Condition(ALL, together, {key: amount_at(levels, key, together) for key in chosen}),
-    ]
+            raise ValueError(f"{key}: {severity} is not among 1 to {most}")
+    single = [Condition(k, s, {k: given[k][s - 1]}) for k in chosen for s in ordered]
+    both = Condition(ALL, together, {key: given[key][together - 1] for key in chosen})
+    return [Condition(NONE, 0, {}), *single, both]
 
 
 def stress(
@@ -114,71 +102,54 @@ def stress(
         episodes: of each.
         size: environments side by side.
     """
-    n = min(size, episodes * len(tried))
+    total, task = episodes * len(tried), settings.definition
     most = {key: max(c.amounts.get(key, 0.0) for c in tried) for key in AXES}
-    own = replace(
-        settings,
-        num_envs=n,
-        disturb=disturb_of({key: amount for key, amount in most.items() if amount}),
-    )
-    simulation, imager = build(own)
-    controller = make(own, simulation, imager)
-    task = settings.definition
-    ended = np.zeros((len(tried), episodes, len(task.columns) + 2))
-    jobs = np.ndindex(len(tried), episodes)
-    at: list[tuple[int, int] | None] = [None] * n
-    fresh, moment = torch.ones(n, dtype=torch.bool), None
-    with tqdm(total=ended[..., 0].size, desc="stress", unit="episode", disable=None) as bar:
+    disturb = disturb_of({key: amount for key, amount in most.items() if amount})
+    own = replace(settings, num_envs=min(size, total), disturb=disturb)
+    simulation, _ = build(own)
+    controller = make(simulation)
+    amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
+    names = (*task.columns, "return", "steps")
+    ended = torch.zeros(total, len(names), dtype=torch.float64)
+    # What each environment flies: an episode of a condition, counted through; at the end nothing.
+    at, dealt = torch.full((own.num_envs,), -1), 0
+    fresh, moment = torch.ones(own.num_envs, dtype=torch.bool), None
+    with tqdm(total=total, desc="stress", unit="episode", disable=None) as bar:
         while True:
-            _deal(simulation, tried, jobs, at, fresh)
-            if all(one is None for one in at):
+            rows = fresh.nonzero().flatten()
+            following = dealt + torch.arange(len(rows))
+            at[rows] = torch.where(following < total, following, -1)
+            dealt += len(rows)
+            if bool((at < 0).all()):
                 break
-            if moment is None or bool(fresh.any()):
+            given = at[rows].clamp(min=0)
+            condition, episode = given // episodes, given % episodes
+            simulation.deal(rows, episode, {key: one[condition] for key, one in amounts.items()})
+            if moment is None or len(rows):
                 moment = simulation.reset(fresh)
             moment = simulation.step(controller(moment.signals))
             fresh = moment.terminated | moment.truncated
-            for env in fresh.nonzero().flatten().tolist():
-                if (job := at[env]) is not None:
-                    facts = [float(moment.facts[fact][env]) for fact in task.columns.values()]
-                    ended[job] = (*facts, moment.potential[env], moment.steps[env])
-                    bar.update()
-    names = (*task.columns, "return", "steps")
+            over = fresh & (at >= 0)
+            facts = (moment.facts[fact] for fact in task.columns.values())
+            known = [one.double() for one in (*facts, moment.potential, moment.steps)]
+            ended[at[over]] = torch.stack(known, -1)[over]
+            bar.update(int(over.sum()))
+    found = ended.reshape(len(tried), episodes, len(names)).numpy()
     return [
-        _row(condition, dict(zip(names, found.T, strict=True)))
-        for condition, found in zip(tried, ended, strict=True)
+        _row(condition, dict(zip(names, own.T, strict=True)))
+        for condition, own in zip(tried, found, strict=True)
     ]
-
-
-def _deal(
-    simulation: Simulation,
-    tried: list[Condition],
-    jobs: Iterator[tuple[int, ...]],
-    at: list[tuple[int, int] | None],
-    fresh: torch.Tensor,
-) -> None:
-    """Give the environments that are done what waits; the last ones get nothing."""
-    rows = fresh.nonzero().flatten()
-    for env in rows.tolist():
-        job = next(jobs, None)
-        at[env] = None if job is None else (job[0], job[1])
-    given = [at[env] or (0, 0) for env in rows.tolist()]
-    amounts = {
-        key: torch.tensor([tried[c].amounts.get(key, 0.0) for c, _ in given]) for key in AXES
-    }
-    simulation.deal(rows, torch.tensor([episode for _, episode in given]), amounts)
 
 
 def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """A line of ``stress.csv``: the condition, and rates and means over its episodes."""
     success = found["success"]
     low, high = wilson(int(success.sum()), len(success))
-    amount = condition.amounts.get(condition.axis)
-    unit = AXES[condition.axis].unit if condition.axis in AXES else ""
     return {
         "axis": condition.axis,
         "severity": condition.severity,
-        "amount": "" if amount is None else amount,
-        "unit": unit,
+        "amount": condition.amounts.get(condition.axis, ""),
+        "unit": AXES[condition.axis].unit if condition.axis in AXES else "",
         "episodes": len(success),
         **{name: round(float(values.mean()), 4) for name, values in found.items()},
         "success_low": low,

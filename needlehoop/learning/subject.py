@@ -11,8 +11,8 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
-from needlehoop.disturbances.config import Disturb
-from needlehoop.envs.controllers import controller, controllers
+from needlehoop.disturbances.axes import Disturb
+from needlehoop.envs.controllers import by_name, controllers
 from needlehoop.envs.rollout import MakeController
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
@@ -31,8 +31,11 @@ class Subject:
     settings: Settings
     """Undisturbed, with the seed of the episodes."""
     make: MakeController
-    blind: bool
-    """Whether it has no cameras."""
+
+    @property
+    def blind(self) -> bool:
+        """Whether it has no cameras."""
+        return not self.settings.cams
 
 
 def subject(
@@ -52,7 +55,7 @@ def subject(
     path = Path(who)
     if path.is_dir():
         settings, make = of_run(path, words, seed, device, trust, "stress")
-        return Subject(replace(settings, disturb=Disturb()), make, not settings.cams)
+        return Subject(replace(settings, disturb=Disturb()), make)
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
         senses = read_senses(path)
@@ -65,7 +68,7 @@ def subject(
                     f"{path}: {name} has {senses.channels.get(name)} channels there, {channels}"
                     " here; give the settings that it was trained with (obs.frame_stack=…)"
                 )
-        return Subject(settings, acting(read_actor(path, senses, device)), not cams)
+        return Subject(settings, acting(read_actor(path, senses, device)))
     settings = compose_settings(chosen)
     valid = controllers(settings)
     if who not in valid:
@@ -73,7 +76,7 @@ def subject(
             f"{who!r} is no run's folder, no policy.safetensors and no controller; controllers"
             f" of {settings.task.name}: {', '.join(valid)}"
         )
-    return Subject(replace(settings, cams=()), lambda own, *_: controller(who, own), blind=True)
+    return Subject(replace(settings, cams=()), by_name(who))
 
 
 def of_run(

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
+from torch import Tensor
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Range, shown
@@ -106,11 +107,8 @@ def write_weights(
         dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
         evaluation: of the best policy, for the record: its row of ``evaluations.csv``.
     """
-    wanted = getattr(torch, dtype)
-    kept = {
-        name: (one.to(wanted) if one.dtype == torch.float32 else one).cpu().contiguous()
-        for name, one in actor.state_dict().items()
-    }
+    state = _as(getattr(torch, dtype), actor.state_dict())
+    kept = {name: one.cpu().contiguous() for name, one in state.items()}
     notes = {_SENSES: asdict(senses), _CONFIG: values}
     notes |= {} if evaluation is None else {_EVALUATION: evaluation}
     write_whole(path, save(kept, {name: json.dumps(note) for name, note in notes.items()}))
@@ -159,19 +157,19 @@ def as_bfloat16(path: Path) -> bytes:
         ValueError: as in ``read_senses``.
     """
     read_actor(path, read_senses(path), torch.device("cpu"))
-    with _reading(path), safe_open(path, framework="pt") as file:
-        notes = file.metadata()
-    kept = {
-        name: one.to(torch.bfloat16) if one.dtype == torch.float32 else one
-        for name, one in load_file(path).items()
-    }
-    return save(kept, notes)
+    with _opened(path) as file:
+        return save(_as(torch.bfloat16, load_file(path)), file.metadata())
+
+
+def _as(dtype: torch.dtype, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Weights in another type; the vectors' statistics stay as they are."""
+    return {n: one.to(dtype) if one.dtype == torch.float32 else one for n, one in state.items()}
 
 
 def read_weights(path: Path, actor: Actor) -> None:
     """Put a file's weights into a policy of its run; errors as in ``read_senses``."""
     check_weights(path, actor)
-    with _reading(path):
+    with _opened(path):
         state = load_file(path)
     for name, one in state.items():
         if not bool(torch.isfinite(one).all()):
@@ -185,7 +183,7 @@ def check_weights(path: Path, actor: Actor) -> None:
     Raises:
         ValueError: they are not the policy's.
     """
-    with _reading(path), safe_open(path, framework="pt") as file:
+    with _opened(path) as file:
         slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
         have = {name: (tuple(s.get_shape()), s.get_dtype()) for name, s in slices.items()}
     odd = []
@@ -201,7 +199,7 @@ def check_weights(path: Path, actor: Actor) -> None:
 
 def _note(path: Path, name: str) -> Any:
     """What a file's metadata has under a name; ``None`` for nothing, or nothing that is JSON."""
-    with _reading(path), safe_open(path, framework="pt") as file:
+    with _opened(path) as file:
         found = file.metadata() or {}
     try:
         return parse_json(found[name])
@@ -210,10 +208,11 @@ def _note(path: Path, name: str) -> Any:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
+def _opened(path: Path) -> Iterator[Any]:
     try:
         check_plain(path)
-        yield
+        with safe_open(path, framework="pt") as file:
+            yield file
     except UnreadableError as error:
         raise ValueError(f"{path} {error}") from error
     except FileNotFoundError as error:

@@ -9,7 +9,7 @@ from itertools import islice
 import torch
 from PIL import Image
 
-from needlehoop.disturbances.config import AXES, amount_at, disturb_of
+from needlehoop.disturbances.axes import AXES, amount_at, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.rollout import rollout
@@ -49,14 +49,14 @@ def disturbed_sheet(
         disturb=disturb_of({key: amount_at(levels, key, 5) for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
-    simulation, imager = build(own)
+    simulation, _ = build(own)
     amounts = {
         key: torch.tensor([amount_at(levels, k, s) if k == key else 0.0 for k, s in cases])
         for key in axes
     }
     first = torch.zeros(len(cases), dtype=torch.int64)
     simulation.deal(torch.arange(len(cases)), first, amounts)
-    flight = rollout(simulation, controller(own.definition.teacher, own), imager)
+    flight = rollout(simulation, controller(own.definition.teacher, own))
     # Every step is looked at: cameras that deliver late give what they saw before.
     *_, images = (step.images() for step in islice(flight, _STEPS + 1))
 

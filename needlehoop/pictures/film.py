@@ -9,7 +9,6 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tqdm import tqdm
 
-from needlehoop.envs.images import Imager
 from needlehoop.envs.rollout import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
@@ -17,9 +16,7 @@ from needlehoop.pictures.stills import Photographer, scaled
 
 
 def record(
-    settings: Settings,
     simulation: Simulation,
-    imager: Imager,
     controller: Controller,
     episodes: int,
     out: Path,
@@ -28,15 +25,13 @@ def record(
     """A video of whole episodes: the scene, and beside it what the cameras see.
 
     Args:
-        settings: environment with the cameras to show.
-        simulation: of one environment.
-        imager: of its cameras.
+        simulation: of one environment with the cameras to show.
         controller: who acts.
         episodes: how many, one after the other.
         out: an ``.mp4`` file; written whole or not at all.
         size: height in px; a multiple of 16.
     """
-    engine = simulation.engine
+    settings, engine = simulation.settings, simulation.engine
     photographer = Photographer(engine.model, size)
     partial = out.with_name(out.stem + ".partial.mp4")
     rate = 1.0 / settings.period
@@ -49,7 +44,7 @@ def record(
             tqdm(desc="film", unit="frame", leave=False, disable=None) as bar,
         ):
             for _ in range(episodes):
-                for step in rollout(simulation, controller, imager):
+                for step in rollout(simulation, controller):
                     frame = _frame(settings, photographer(engine.data(0)), step.images())
                     bar.update()
                     # An episode's last frame stands for half a second.

@@ -33,9 +33,8 @@ class OpenGLEnvironment:
         self._size = settings.image_size
         self.environment = load(replace(settings, cams=()), env)
         self._physics = self.environment.physics
-        paint, model = settings.definition.paint, self._physics.model.ptr
-        self._imager = Imager(model, paint, settings.cameras, settings.views, settings.renderings)
-        self._asked = channels_of(settings.cameras, settings.renderings)
+        self._imager = Imager(self._physics.model.ptr, settings)
+        self._asked = channels_of(settings)
 
     def reset(self) -> dict[str, np.ndarray]:
         """Begin an episode; images ``(c, h, w)`` uint8 by camera."""

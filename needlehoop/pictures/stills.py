@@ -150,10 +150,10 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     """
     # The episode must go on after success.
     s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
-    simulation, imager = build(s)
+    simulation, _ = build(s)
     seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
-    for step in rollout(simulation, controller(s.definition.teacher, s), imager):
+    for step in rollout(simulation, controller(s.definition.teacher, s)):
         since += bool(since or step.moment.facts[s.definition.goal][0])
         for name in _reached(step, since > _AFTER_SUCCESS):
             if name in wanted and name not in seen:

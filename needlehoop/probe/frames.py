@@ -64,16 +64,16 @@ def collect(
         ValueError: the task's phases give nothing to read off.
     """
     asked, parts = quantities(settings.definition), []
-    for batch in batches(settings, episodes, _BATCH):
+    for simulation in batches(settings, episodes, _BATCH):
+        own, first = simulation.settings, int(simulation.envs[0])
         phases = [
             torch.where(step.alive, phase_of(asked, step.signals), -1)
-            for step in rollout(batch.simulation, _Cast(batch.settings, batch.first))
+            for step in rollout(simulation, _Cast(own, first))
         ]
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
-        batch.simulation.reseed(settings.seed)
-        steps = batch.rollout(lambda own, *_, first=batch.first: _Cast(own, first))
-        parts += _look(asked, steps, chosen, batch.first)
-        tick(batch.settings.num_envs)
+        simulation.reseed(settings.seed)
+        parts += _look(asked, rollout(simulation, _Cast(own, first)), chosen, first)
+        tick(own.num_envs)
     return _join(parts)
 
 

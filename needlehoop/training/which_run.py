@@ -12,8 +12,8 @@ from typing import Any
 
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
-from needlehoop.learning.checkpoint import check_state
 from needlehoop.learning.job import Job, checked_job, typed_job
+from needlehoop.learning.learner import check_state
 from needlehoop.learning.subject import flown_job
 from needlehoop.runs.checkpoint import Checkpoint
 from needlehoop.runs.files import CHECKPOINT, CONFIG

@@ -12,7 +12,7 @@ import pytest
 from needlehoop.cli.main import main
 from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
 from needlehoop.demonstrations.export import new_folder
-from needlehoop.demonstrations.lerobot_layout import of_images, of_rows, proprio_names
+from needlehoop.demonstrations.lerobot_layout import proprio_names, spread
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.registry import find
 
@@ -226,11 +226,11 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path):
 
 def test_spreads_are_by_column_and_by_channel():
     rows = np.array([[0.0, 10.0], [2.0, 30.0]])
-    assert of_rows(rows)["mean"] == [1.0, 20.0]
-    assert of_rows(rows)["count"] == [2]
+    assert spread(rows)["mean"] == [1.0, 20.0]
+    assert spread(rows)["count"] == [2]
     images = np.zeros((2, 4, 4, 3), dtype=np.uint8)
     images[..., 1] = 255
-    spread = of_images(images)
-    assert spread["max"] == [[[0.0]], [[1.0]], [[0.0]]]
-    assert spread["q50"] == [[[0.0]], [[1.0]], [[0.0]]]
-    assert spread["count"] == [2]
+    found = spread(images)
+    assert found["max"] == [[[0.0]], [[1.0]], [[0.0]]]
+    assert found["q50"] == [[[0.0]], [[1.0]], [[0.0]]]
+    assert found["count"] == [2]

@@ -7,19 +7,23 @@ import pytest
 import torch
 
 from needlehoop.config import composing
-from needlehoop.disturbances import camera, delivery, picture, scene
-from needlehoop.disturbances.axis import Drawn, When
-from needlehoop.disturbances.chance import uniform
-from needlehoop.disturbances.config import AXES, GROUPS
-from needlehoop.disturbances.sensors import Sensors
+from needlehoop.disturbances import optics
+from needlehoop.disturbances.axes import AXES, GROUPS, MOST_OBJECTS, Drawn, uniform
+from needlehoop.disturbances.disturbance import failing
+from needlehoop.disturbances.sensors import Sensors, flaws
 from needlehoop.engines.contract import Frame
 from needlehoop.envs.settings import compose_settings
 
 SIDE = 32
 
 
-def drawn(*amount: float, free: tuple[float, ...] = ()) -> Drawn:
-    return Drawn(np.array([amount], float), np.array([free], float))
+def drawn(lead: tuple[int, ...], free: float = 0.5, **amounts: object) -> dict[str, Drawn]:
+    """What was drawn for each axis: nothing, but for some amounts by key, a ``_`` for its dot."""
+    found = {}
+    for key, axis in AXES.items():
+        amount = np.zeros((*lead, axis.size)) + np.array(amounts.get(key.replace(".", "_"), 0.0))
+        found[key] = Drawn(amount, np.full((*lead, axis.free), free))
+    return found
 
 
 def frame() -> Frame:
@@ -36,12 +40,9 @@ def frame() -> Frame:
 
 def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
     """What a view makes of a frame under such amounts of its axes."""
-    sensors, flaws = Sensors(1, ("front",), SIDE), picture.flawless(1, 1)
-    for name, amount in amounts.items():
-        axis = picture.AXES[name]
-        own = Drawn(np.full((1, 1, axis.size), amount), np.full((1, 1, axis.free), place))
-        flaws = axis.apply(flaws, own)
-    sensors.set(np.array([0]), flaws)
+    sensors = Sensors(1, ("front",), SIDE)
+    own = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
+    sensors.set(np.array([0]), **flaws(own))
     found = Frame(
         *(
             one if one is None else torch.empty_strided(one.shape, one.stride(), dtype=one.dtype)
@@ -70,7 +71,10 @@ AMOUNTS = {
 
 
 def test_all_axes_of_pictures_are_tried():
-    assert set(AMOUNTS) == set(picture.AXES)
+    arrive = {"late", "frozen", "black"}
+    assert {f"picture.{name}" for name in (*AMOUNTS, *arrive)} == {
+        key for key in AXES if key.startswith("picture.")
+    }
 
 
 @pytest.mark.parametrize("name", AMOUNTS)
@@ -153,41 +157,39 @@ def test_blur_keeps_the_mean_and_blends_the_edge():
 
 
 def test_a_camera_is_shifted_turned_zoomed_and_drifts():
-    start = camera.Cameras(np.zeros((1, 2, 3)), np.tile(np.eye(3), (1, 2, 1, 1)), np.ones((1, 2)))
-    when = When(np.array([5]), np.array([0.5]))
-    own = Drawn(np.array([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]]), np.zeros((1, 2, 0)))
-    assert np.array_equal(camera.shift(start, own, when).position, own.amount)
-    assert np.array_equal(camera.drift(start, own, when).position, own.amount / 2)
-    quarter = Drawn(np.array([[[90.0, 0.0, 0.0], [0.0, 0.0, 0.0]]]), np.zeros((1, 2, 0)))
-    turned = camera.turn(start, quarter, when).turn
-    assert np.allclose(turned[0, 0] @ [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    assert np.array_equal(turned[0, 1], np.eye(3))
-    wide = Drawn(np.array([[[0.1], [-0.1]]]), np.zeros((1, 2, 0)))
-    assert np.allclose(camera.focal(start, wide, when).zoom, [[1.1, 0.9]])
+    start = np.zeros((1, 2, 3)), np.tile(np.eye(3), (1, 2, 1, 1))
+
+    def placed(**amounts):
+        return optics.cameras(*start, drawn((1, 2), **amounts), np.array([0.5]))
+
+    by = np.array([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]])
+    assert np.array_equal(placed(camera_shift=by)[0], by)
+    assert np.array_equal(placed(camera_drift=by)[0], by / 2)
+    turn = placed(camera_turn=[[[90.0, 0.0, 0.0], [0.0, 0.0, 0.0]]])[1]
+    assert np.allclose(turn[0, 0] @ [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
+    assert np.array_equal(turn[0, 1], np.eye(3))
+    assert np.allclose(placed(camera_focal=[[[0.1], [-0.1]]])[2], [[1.1, 0.9]])
 
 
-def test_one_view_fails_and_the_late_one_is_late_alone():
+def test_one_view_fails_for_as_long_as_was_drawn():
     one = Drawn(np.array([[3.0]]), np.array([[0.0, 0.9]]))
-    fails = [
-        delivery.fails(one, When(np.array([step]), np.array([0.0])), 2, 100)[0].tolist()
-        for step in range(6)
-    ]
+    fails = [failing(one, np.array([step]), 2, 100)[0].tolist() for step in range(6)]
     assert fails == [[False, False], *[[False, True]] * 3, *[[False, False]] * 2]
-    late = Drawn(np.array([[[0.0], [2.0]]]), np.zeros((1, 2, 0)))
-    assert delivery.late(late, When(np.array([9]), np.zeros(1))).tolist() == [[0, 2]]
-    assert delivery.late(late, When(np.array([1]), np.zeros(1))).tolist() == [[0, 1]]
 
 
 def test_lamps_keep_their_length_when_they_hang_elsewhere():
-    looks = scene.Looks(
-        np.array([[[0.0, 0.0, -1.0]]]), np.ones((1, 1)), np.ones((1, 2, 3)), np.zeros((1, 2)),
-        np.zeros((1, 1, 3)), np.zeros((1, 3, 3)),
-    )  # fmt: skip
-    found = scene.lamp(looks, drawn(20.0, -10.0, 5.0)).lamps
+    own = drawn((1,), scene_lamp=[20.0, -10.0, 5.0])
+    found = optics.lamps(np.array([[[0.0, 0.0, -1.0]]]), own)
     assert np.allclose(np.linalg.norm(found, axis=-1), 1.0)
     assert found[0, 0, 2] > -0.99
-    count = Drawn(np.array([[2.0]]), np.full((1, 2 * scene.MOST_OBJECTS), 0.4))
-    assert (scene.objects(looks, count).objects[0, :, 2] > 0).tolist() == [True, True, False]
+
+
+def test_as_many_objects_lie_about_as_were_drawn():
+    count = Drawn(np.array([[2.0]]), np.full((1, 2 * MOST_OBJECTS), 0.4))
+    places = optics.objects(count, 3, np.array([0.1, 0.2, 0.0]))[0]
+    assert (places[:, 2] > 0).tolist() == [True, True, False]
+    away = np.linalg.norm(places[:2, :2] - [0.1, 0.2], axis=-1)
+    assert ((away > 0.03) & (away < 0.09)).all()
 
 
 def test_numbers_depend_on_every_key_and_on_nothing_else():

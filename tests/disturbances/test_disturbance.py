@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop.disturbances.config import AXES
+from needlehoop.disturbances.axes import AXES
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
@@ -26,13 +26,13 @@ SEVERE = (CAMS, "num_envs=3", "seed=5", "disturb=severe", "image_size=32")
 def flown(*words: str, steps: int = 25, first: int = 0) -> tuple[list, list]:
     """Sensor data and images of a few steps of the expert's."""
     settings = compose_settings(words)
-    simulation, imager = build(settings, first)
+    simulation, _ = build(settings, first)
     moment, act = simulation.reset(), controller("smooth", settings)
-    felt, seen = [], [simulation.images(imager)]
+    felt, seen = [], [simulation.images()]
     for _ in range(steps):
         moment = simulation.step(act(moment.signals).clamp(-1, 1))
         felt.append(simulation.engine.sensordata())
-        seen.append({name: image.clone() for name, image in simulation.images(imager).items()})
+        seen.append({name: image.clone() for name, image in simulation.images().items()})
         done = moment.terminated | moment.truncated
         if bool(done.any()):
             moment = simulation.reset(done)
@@ -71,27 +71,27 @@ def test_it_is_disturbed_at_all(severe):
 
 
 def test_none_dealt_is_as_if_there_were_nothing():
-    plain, imager = build(compose_settings([*SEVERE, "disturb=none"]))
-    wrong, other = build(compose_settings(SEVERE))
+    plain, _ = build(compose_settings([*SEVERE, "disturb=none"]))
+    wrong, _ = build(compose_settings(SEVERE))
     wrong.deal(torch.arange(3), torch.arange(3), {})
     plain.reset(), wrong.reset()
     action = torch.rand(3, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     for _ in range(5):
         plain.step(action), wrong.step(action)
         assert torch.equal(plain.engine.sensordata(), wrong.engine.sensordata())
-        seen, disturbed = plain.images(imager), wrong.images(other)
+        seen, disturbed = plain.images(), wrong.images()
         assert all(torch.equal(seen[name], disturbed[name]) for name in seen)
 
 
 @pytest.mark.parametrize("key", AXES)
 def test_an_axis_alone_shows_nothing_of_the_others(key):
     """Where all axes are built and one acts a little, the picture is nearly the undisturbed one."""
-    plain, imager = build(compose_settings([*SEVERE, "disturb=none", "image_size=64"]))
-    wrong, other = build(compose_settings([*SEVERE, "image_size=64"]))
+    plain, _ = build(compose_settings([*SEVERE, "disturb=none", "image_size=64"]))
+    wrong, _ = build(compose_settings([*SEVERE, "image_size=64"]))
     few = 1.0 if AXES[key].whole else 1e-9
     wrong.deal(torch.arange(3), torch.arange(3), {key: torch.full((3,), few)})
     plain.reset(), wrong.reset()
-    seen, disturbed = plain.images(imager), wrong.images(other)
+    seen, disturbed = plain.images(), wrong.images()
     changed = max(float((seen[name] != disturbed[name]).float().mean()) for name in seen)
     assert changed < (0.03 if key == "scene.objects" else 0.01)
 
@@ -134,9 +134,9 @@ def test_an_axis_shows_in_the_cameras_that_it_touches(word, views):
 
 def test_a_shifted_camera_shows_what_a_moved_view_would():
     settings = compose_settings(["cams=[seg_front]", "num_envs=1", "disturb.camera.shift=0.01"])
-    simulation, imager = build(settings)
+    simulation, _ = build(settings)
     simulation.reset()
-    seen = simulation.images(imager)["seg_front"]
+    seen = simulation.images()["seg_front"]
     by = simulation.disturbance._drawn["camera.shift"].amount[0, 0]
     view = settings.views["front"]
     moved = replace(view, target=tuple(np.array(view.target) + by))
@@ -144,9 +144,23 @@ def test_a_shifted_camera_shows_what_a_moved_view_would():
         compose_settings(["cams=[seg_front]", "num_envs=1"]),
         views={**settings.views, "front": moved},
     )
-    plain, imager = build(other)
+    plain, _ = build(other)
     plain.reset()
-    assert float((plain.images(imager)["seg_front"] == seen).float().mean()) > 0.999
+    assert float((plain.images()["seg_front"] == seen).float().mean()) > 0.999
+
+
+def test_each_view_is_as_many_steps_late_as_it_drew():
+    words = (CAMS, "num_envs=2", "seed=4", "image_size=32")
+    plain, wrong = flown(*words, steps=8)[1], flown(*words, "disturb.picture.late=3", steps=8)[1]
+    simulation, _ = build(compose_settings([*words, "disturb.picture.late=3"]))
+    simulation.reset()
+    late = simulation.disturbance._drawn["picture.late"].amount[..., 0].astype(int)
+    assert len(np.unique(late)) > 1
+    for step, images in enumerate(wrong):
+        for env in range(2):
+            for name, view in (("dep_front", 0), ("seg_side", 1)):
+                then = plain[max(0, step - late[env, view])]
+                assert torch.equal(images[name][env], then[name][env]), (step, env, name)
 
 
 def test_the_tip_stands_beside_where_it_was_told_to():

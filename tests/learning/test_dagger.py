@@ -9,8 +9,7 @@ import torch
 
 from needlehoop.config import composing, strict
 from needlehoop.learning.collectors import LEARNER
-from needlehoop.learning.hyperparameters import DaggerConfig
-from needlehoop.learning.job import typed_job
+from needlehoop.learning.job import DaggerConfig, typed_job
 from needlehoop.learning.learner import Learner
 
 SMALL = [

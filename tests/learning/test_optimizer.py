@@ -9,8 +9,8 @@ import torch
 from torch import nn
 
 from needlehoop.envs.workers import Workers
-from needlehoop.learning import optimizer
-from needlehoop.learning.optimizer import Optimizer
+from needlehoop.learning import trainer
+from needlehoop.learning.trainer import Optimizer
 
 SHAPES = [(7, 5), (4, 3, 3, 3), (1,), (11,), (2, 40)]
 
@@ -39,7 +39,7 @@ def step(made: Optimizer, seed: int) -> None:
 @pytest.fixture(params=[20, 64, 10**6], autouse=True)
 def block(request, monkeypatch):
     """Weights cut into rows, into a few blocks, and not at all."""
-    monkeypatch.setattr(optimizer, "_BLOCK", request.param)
+    monkeypatch.setattr(trainer, "_BLOCK", request.param)
 
 
 def test_blocks_move_weights_as_adam_does():

@@ -17,7 +17,7 @@ from needlehoop.config import strict
 from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.hyperparameters import PpoConfig
+from needlehoop.learning.job import PpoConfig
 from needlehoop.learning.networks import HeadConfig, Normalizer
 from needlehoop.learning.ppo import Ppo
 

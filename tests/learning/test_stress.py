@@ -5,8 +5,8 @@ import csv
 import pytest
 
 from needlehoop.cli.main import main
-from needlehoop.disturbances.config import AXES
-from needlehoop.envs.controllers import controller
+from needlehoop.disturbances.axes import AXES
+from needlehoop.envs.controllers import by_name
 from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.stress import Condition, chosen_axes, conditions, stress
 
@@ -48,10 +48,7 @@ def test_the_result_does_not_depend_on_the_batch():
         Condition("robot.late", 3, {"robot.late": 6.0}),
         Condition("robot.offset", 3, {"robot.offset": 0.02}),
     ]
-    rows = [
-        stress(settings, lambda own, *_: controller("smooth", own), tried, 6, size)
-        for size in (4, 18)
-    ]
+    rows = [stress(settings, by_name("smooth"), tried, 6, size) for size in (4, 18)]
     assert rows[0] == rows[1]
     none, late, offset = rows[0]
     assert none["success"] == 1.0

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from needlehoop.bench.timing import Stopwatch, rounds_of
+from needlehoop.bench.speed import Stopwatch, rounds_of
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.torchrl_env import TorchRLEnv
 

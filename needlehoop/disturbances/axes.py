@@ -1,0 +1,184 @@
+"""Axes of disturbance: what each means, what an episode draws for it, what a config asks for."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from needlehoop.config.strict import Amount, Share
+
+EPISODE, VIEW, THING = "episode", "view", "thing"
+"""What an axis is drawn for: once, for each view by itself, for each thing in the scene."""
+
+GROUPS = ("camera", "picture", "scene", "robot")
+"""What is disturbed."""
+
+MOST_OBJECTS = 12
+"""Strange objects that may lie about."""
+
+
+class Drawn(NamedTuple):
+    """What episodes drew for an axis; a dimension for views or things follows ``n``.
+
+    ``amount`` ``(n, …, size)``: how strong, in the axis's unit. ``free`` ``(n, …, free)``: numbers
+    in [0, 1) that say where, when or which.
+    """
+
+    amount: np.ndarray
+    free: np.ndarray
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One thing that goes wrong.
+
+    An episode draws ``size`` numbers, uniform in [-amount, amount] if ``signed``, else in [0,
+    amount]; the config gives the amount.
+    """
+
+    meaning: str
+    unit: str
+    most: float
+    """Largest amount that makes sense."""
+    signed: bool = False
+    size: int = 1
+    free: int = 0
+    per: str = EPISODE
+    whole: bool = False
+    """Whether amounts are counts; an episode then draws one of 0, …, amount."""
+
+    def drawn(self, numbers: np.ndarray, amounts: np.ndarray) -> Drawn:
+        """What becomes of uniform numbers ``(n, …, size + free)`` at ``amounts`` ``(n,)``."""
+        first, free = numbers[..., : self.size], numbers[..., self.size :]
+        scale = amounts.reshape(-1, *[1] * (numbers.ndim - 1))
+        if self.whole:
+            return Drawn(np.floor(first * (scale + 1.0)), free)
+        return Drawn((2.0 * first - 1.0 if self.signed else first) * scale, free)
+
+
+AXES = {
+    # Where cameras stand.
+    "camera.shift": Axis("moved along each of the world's axes", "m", 0.1, True, 3, per=VIEW),
+    "camera.turn": Axis("turned about each of its own axes", "degrees", 45.0, True, 3, per=VIEW),
+    "camera.focal": Axis("another focal length", "share", 0.9, True, per=VIEW),
+    "camera.drift": Axis("moves along each axis within an episode", "m", 0.1, True, 3, per=VIEW),
+    # What they make of what they see, and when that arrives.
+    "picture.blur": Axis("out of focus", "px", 3.0, per=VIEW),
+    "picture.brightness": Axis("exposure", "share", 1.0, True, per=VIEW),
+    "picture.contrast": Axis("contrast", "share", 1.0, True, per=VIEW),
+    "picture.cast": Axis("white balance, by channel", "share", 1.0, True, 3, per=VIEW),
+    "picture.noise": Axis("noise of colours", "grey levels", 255.0, per=VIEW),
+    "picture.depth_noise": Axis("noise of depth", "m", 0.1, per=VIEW),
+    "picture.depth_step": Axis("steps of depth", "m", 0.1, per=VIEW),
+    "picture.labels": Axis("labels flipped along edges", "share", 1.0, per=VIEW),
+    "picture.cover": Axis("blood on the lens", "share", 1.0, free=2, per=VIEW),
+    "picture.late": Axis(
+        "pictures are late, each view by itself", "steps", 20, per=VIEW, whole=True
+    ),
+    "picture.frozen": Axis("one view repeats a picture", "steps", 1000, free=2, whole=True),
+    "picture.black": Axis("one view is black", "steps", 1000, free=2, whole=True),
+    # What they look at.
+    "scene.lamp": Axis("lamps hang elsewhere", "degrees", 90.0, True, 3),
+    "scene.strength": Axis("strength of the lamps", "share", 1.0, True),
+    "scene.colours": Axis("colour of each thing, by channel", "share", 1.0, True, 3, per=THING),
+    "scene.sheen": Axis("highlights of each thing", "share", 1.0, per=THING),
+    "scene.texture": Axis("pattern of the table", "share", 1.0, free=1),
+    "scene.objects": Axis(
+        "strange objects", "objects", MOST_OBJECTS, free=2 * MOST_OBJECTS, whole=True
+    ),
+    # What the robot does.
+    "robot.offset": Axis("the tip is beside where it was told to", "m", 0.1, True, 3),
+    "robot.late": Axis("commands are carried out late", "steps", 20, whole=True),
+    "robot.lost": Axis("commands are lost", "share", 1.0),
+    "robot.friction": Axis("friction of everything", "share", 0.99, True),
+    "robot.mass": Axis("mass of what moves freely", "share", 0.99, True),
+}
+"""All of them, by their keys under ``disturb``; ``disturbance.py`` does what they say."""
+
+RASTERISED = ("camera.focal", "scene.strength", "scene.colours", "scene.sheen", "scene.texture")
+"""Those that the ray tracer cannot draw."""
+
+
+@dataclass(frozen=True)
+class Disturb:
+    """Values in ``conf/disturb``: the amount of each axis; 0, or left out, is none."""
+
+    camera: Mapping[str, Amount] = field(default_factory=dict)
+    picture: Mapping[str, Amount] = field(default_factory=dict)
+    scene: Mapping[str, Amount] = field(default_factory=dict)
+    robot: Mapping[str, Amount] = field(default_factory=dict)
+    ramp: Share = 0.0
+    """Share of a training's steps over which amounts grow from none to full."""
+
+    def __post_init__(self) -> None:
+        for key, amount in self._given().items():
+            if key not in AXES:
+                group = key.partition(".")[0]
+                valid = (one.removeprefix(f"{group}.") for one in AXES if one.startswith(group))
+                raise ValueError(f"disturb.{key}: unknown; choose from {', '.join(valid)}")
+            axis = AXES[key]
+            if amount > axis.most:
+                raise ValueError(
+                    f"disturb.{key}: {amount:g} must be at most {axis.most:g} {axis.unit}"
+                )
+            if axis.whole and amount != int(amount):
+                raise ValueError(f"disturb.{key}: {amount:g} must be a whole number")
+
+    def _given(self) -> dict[str, float]:
+        return {f"{g}.{name}": amount for g in GROUPS for name, amount in getattr(self, g).items()}
+
+    @property
+    def amounts(self) -> dict[str, float]:
+        """The amounts of the axes that do something, by their keys in ``AXES``."""
+        found = self._given()
+        return {key: found[key] for key in AXES if found.get(key, 0.0) > 0}
+
+
+def amount_at(
+    levels: Mapping[str, Mapping[str, Sequence[float]]], key: str, severity: int
+) -> float:
+    """The amount of an axis at a severity of ``conf/levels``, which begin at 1; 0 is none."""
+    group, _, name = key.partition(".")
+    return levels[group][name][severity - 1] if severity else 0.0
+
+
+def disturb_of(amounts: Mapping[str, float]) -> Disturb:
+    """The config with these amounts, by their keys in ``AXES``."""
+    split: dict[str, Any] = {group: {} for group in GROUPS}
+    for key, amount in amounts.items():
+        group, _, name = key.partition(".")
+        split[group][name] = amount
+    return Disturb(**split)
+
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+
+
+def uniform(name: str, count: int, *keys: np.ndarray | int) -> np.ndarray:
+    """Numbers in [0, 1), float64 ``(n, count)``: the finaliser of SplitMix64 over the keys.
+
+    They depend on nothing else. So an episode is disturbed in the same way whatever runs beside
+    it, and resuming needs no state.
+
+    Args:
+        name: what they are for; another name gives others.
+        count: numbers for each row.
+        keys: seed, environments, episodes, steps: integers, or ``(n,)`` of them.
+    """
+    state = np.full(1, zlib.crc32(name.encode()), np.uint64)
+    for key in keys:
+        state = _mixed(state ^ np.atleast_1d(np.asarray(key)).astype(np.uint64))
+    columns = (1 + np.arange(count, dtype=np.uint64)) * _GOLDEN
+    return (_mixed(state[:, None] + columns) >> np.uint64(11)) * 2.0**-53
+
+
+def _mixed(state: np.ndarray) -> np.ndarray:
+    state = state + _GOLDEN
+    state = (state ^ (state >> np.uint64(30))) * _FIRST
+    state = (state ^ (state >> np.uint64(27))) * _SECOND
+    return state ^ (state >> np.uint64(31))
