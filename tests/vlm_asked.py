@@ -12,11 +12,12 @@ from vlm_server import by_schema
 from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
+from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation
 from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import stages_of
-from needlehoop.vlm.providers.contract import LiveConfig, Reply
+from needlehoop.vlm.providers import Reply
 from needlehoop.vlm.questions import (
     Lists,
     Questions,

@@ -16,12 +16,11 @@ from needlehoop.runs.run import Run
 from needlehoop.study.render.table import Table
 from needlehoop.vlm import description, prompts, tables
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.config import InquiryConfig
+from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, totals_of
 from needlehoop.vlm.grouping import rank_groups
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
-from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
 from needlehoop.vlm.questions import (
     Lists,
     Questions,

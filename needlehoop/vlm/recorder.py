@@ -5,39 +5,17 @@ from __future__ import annotations
 import difflib
 import time
 from collections import Counter
-from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from needlehoop.vlm import prompts
+from needlehoop.vlm.config import AskingConfig
 from needlehoop.vlm.messages import Canonical, Request
-from needlehoop.vlm.providers.contract import AskingConfig, Provider, ProviderError, Reply
+from needlehoop.vlm.providers import Provider, ProviderError, Reply
 from needlehoop.vlm.transcript import Exchange, Transcript
 
 _SHOWN = 8
 """Lines of a difference that are shown, at most."""
-
-
-def persist(
-    ask: Callable[[], Reply], config: AskingConfig, sleep: Callable[[float], None]
-) -> tuple[Reply, tuple[int | str, ...]]:
-    """The reply, and the status of each try, of which there may be several.
-
-    Nothing else decides on retries: those of the SDKs are off. ``sleep`` waits a number of seconds.
-
-    Raises:
-        ProviderError: the last failure, with the statuses of all tries.
-    """
-    attempts: tuple[int | str, ...] = ()
-    while True:
-        try:
-            return ask(), (*attempts, config.arrived)
-        except ProviderError as error:
-            attempts = (*attempts, error.status)
-            if error.passing and len(attempts) < config.tries:
-                sleep(min(config.longest_wait, config.first_wait * 2 ** (len(attempts) - 1)))
-                continue
-            tried = f" (tried {len(attempts)} times)" if len(attempts) > 1 else ""
-            raise ProviderError(f"{error}{tried}", error.status, attempts) from None
 
 
 class MissError(ValueError):
@@ -59,7 +37,6 @@ class Recorder:
         transcript: the record.
         provider: whom to ask if the record has no answer; ``None`` to replay.
         config: of the provider.
-        sleep: waits a number of seconds between tries.
         asked: the hash of the prompts, to be noted beside the record; ``None`` for no note.
 
     Raises:
@@ -71,11 +48,10 @@ class Recorder:
         transcript: Transcript,
         provider: Provider | None = None,
         config: AskingConfig | None = None,
-        sleep: Callable[[float], None] = time.sleep,
         asked: str | None = None,
     ):
         self.transcript, self._asked = transcript, asked
-        self._provider, self._config, self._sleep = provider, config, sleep
+        self._provider, self._config = provider, config
         self._used: Counter[str] = Counter()
         if config is not None:
             for other in (e.asked for e in transcript.exchanges if e.asked != config.asked):
@@ -123,22 +99,16 @@ class Recorder:
             raise MissError(f"{self.transcript.path}: {self._miss(request)}")
         began, started, failure = time.gmtime(), time.monotonic(), None
         try:
-            reply, attempts = persist(lambda: provider.ask(request), config, self._sleep)
+            reply = provider.ask(request)
         except ProviderError as error:
-            reply, attempts = Reply("failed", "", str(error), "", None, None), error.attempts
+            reply = Reply("failed", "", str(error), None, None, None, error.attempts)
             failure = error
         exchange = Exchange(
             sha256=request.sha256,
             conversation=conversation,
             request=request.canonical(),
             **config.asked,
-            outcome=reply.outcome,
-            answer=reply.answer,
-            detail=reply.detail,
-            answered_by=reply.model or None,
-            tokens_in=reply.tokens_in,
-            tokens_out=reply.tokens_out,
-            attempts=attempts,
+            **asdict(reply),
             seconds=round(time.monotonic() - started, 3),
             time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
         )

@@ -20,8 +20,8 @@ from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task
 from needlehoop.training import missing_reward
 from needlehoop.vlm import prompts
+from needlehoop.vlm.config import transcripts
 from needlehoop.vlm.messages import Message, Request
-from needlehoop.vlm.providers.contract import transcripts
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.tables import totals_of_transcript
 from needlehoop.vlm.transcript import Exchange, Transcript

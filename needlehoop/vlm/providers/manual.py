@@ -11,8 +11,9 @@ from pathlib import Path
 
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
+from needlehoop.vlm.config import ManualConfig
 from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
+from needlehoop.vlm.providers import Reply, UnansweredError
 
 ASKED, ANSWERED = "asked", "answered"
 """Folders of questions: the one that waits for its answer, and those that are answered."""
@@ -50,7 +51,9 @@ class Manual:
             write_request(request, place)
         answer = self._wait(place)
         self._done = place
-        return Reply("answered", find_json(answer), "", self._config.model, None, None)
+        return Reply(
+            "answered", find_json(answer), "", self._config.model, None, None, ("by hand",)
+        )
 
     def close(self) -> None:
         """Move the last answered question away. If it is asked again, it is a new question."""
