@@ -13,7 +13,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.conversation import Conversation
+from needlehoop.vlm.conversation import Conversation, Verdict
 from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import stages_of
@@ -29,7 +29,7 @@ from needlehoop.vlm.questions import (
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.revision import Trained
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramRules, Verdict, guess_prompt, reward_prompt
+from needlehoop.vlm.writing import ProgramRules, guess_prompt, reward_prompt
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.tables import totals
 from needlehoop.vlm.transcript import Exchange
 
 F = TypeVar("F", bound=BaseModel)
 
 
+class Verdict(NamedTuple):
+    """Why an answer can't be used, as the model is told; ``None``: it can."""
+
+    reason: str | None
+    card: Mapping[str, Any] = {}
+    """Figures of what was judged, for the record."""
+
+
 @dataclass(frozen=True)
 class Attempt:
-    """One answer to a question; ``reason`` says why it was sent back, if it was."""
+    """One answer to a question, as its form or ``None`` for a wrong one, and what was found."""
 
     exchange: Exchange
-    reason: str | None
+    answer: BaseModel | None
+    verdict: Verdict
 
 
 class NoAnswerError(RuntimeError):
@@ -50,14 +58,14 @@ class Conversation:
         self,
         parts: Sequence[Part],
         form: type[F],
-        judge: Callable[[F], str | None] | None = None,
+        judge: Callable[[F], Verdict] = lambda _: Verdict(None),
     ) -> F:
         """Ask a question until its answer can be used.
 
         Args:
             parts: text and pictures.
             form: the answer's form.
-            judge: gives the reason why an answer of the right form can't be used, or ``None``.
+            judge: of an answer of the right form.
 
         Raises:
             NoAnswerError: the attempts are used up.
@@ -70,9 +78,9 @@ class Conversation:
             exchange = self._recorder.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
             answer, reason = _read(exchange, form)
-            if answer is not None and judge is not None:
-                reason = judge(answer)
-            self.attempts.append(Attempt(exchange, reason))
+            verdict = Verdict(reason) if answer is None else judge(answer)
+            self.attempts.append(Attempt(exchange, answer, verdict))
+            reason = verdict.reason
             if answer is not None and reason is None:
                 return answer
             self._say("user", fill("again", reason=reason))
@@ -83,19 +91,6 @@ class Conversation:
 
     def _say(self, role: str, *parts: Part) -> None:
         self._messages = (*self._messages, Message(role, parts))
-
-
-def totals_of(conversations: Sequence[Conversation]) -> dict[str, int]:
-    """Prompts, tokens and unusable answers."""
-    attempts = [attempt for one in conversations for attempt in one.attempts]
-    invalid = sum(attempt.reason is not None for attempt in attempts)
-    return totals([attempt.exchange for attempt in attempts], invalid)
-
-
-def models(conversations: Sequence[Conversation]) -> list[str]:
-    """The models that answered, each once, as ``provider model``."""
-    exchanges = (attempt.exchange for one in conversations for attempt in one.attempts)
-    return list(dict.fromkeys(f"{e.provider} {e.answered_by}" for e in exchanges))
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections import Counter
 from dataclasses import asdict
 from typing import Any
 
@@ -52,7 +51,8 @@ class Recorder:
     ):
         self.transcript, self._asked = transcript, asked
         self._provider, self._config = provider, config
-        self._used: Counter[str] = Counter()
+        self.used: list[Exchange] = []
+        """All answers that were given so far, in order."""
         if config is not None:
             for other in (e.asked for e in transcript.exchanges if e.asked != config.asked):
                 raise ValueError(
@@ -74,7 +74,7 @@ class Recorder:
             refused = exchange.outcome == "refused"
             what = "refused to answer" if refused else "gave an empty answer"
             raise RefusalError(f"{who} {what}: {exchange.detail}")
-        self._used[exchange.sha256] += 1
+        self.used.append(exchange)
         return exchange
 
     def close(self) -> None:
@@ -86,7 +86,8 @@ class Recorder:
         """The next recorded answer. A recorded refusal counts only if nobody can be asked."""
         known = [e for e in self._answered() if e.sha256 == request.sha256]
         usable = [exchange for exchange in known if exchange.usable]
-        if len(usable) > (position := self._used[request.sha256]):
+        position = sum(exchange.sha256 == request.sha256 for exchange in self.used)
+        if position < len(usable):
             return usable[position]
         return known[-1] if self._provider is None and known and not usable else None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,14 @@ from PIL import Image
 
 from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
-from needlehoop.runs.reading import UnreadableError
+from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.prompts import fill
+
+DESCENT = ".descent.json"
+"""Ending of the file that says which run and program a revised one descends from."""
 
 _ROWS, _STILLS = 10, 6
 
@@ -45,9 +49,12 @@ class Trained:
         """Of the program."""
         return hashlib.sha256(self.program.encode()).hexdigest()
 
-    def note(self) -> dict[str, str]:
-        """Where a program descends from, for its file."""
-        return {"run": self.folder, "program": self.origin, "sha256": self.sha256}
+    def descent(self) -> str:
+        """A note for a program that descends from this one: runs and programs, the latest last."""
+        note = Path(self.origin).with_suffix(DESCENT)
+        before = read_json(note)["line"] if note.is_file() else []
+        own = {"run": self.folder, "program": self.origin, "sha256": self.sha256}
+        return json.dumps({"line": [*before, own]}, indent=2) + "\n"
 
     def prompt(self, reward: Sequence[Part]) -> list[Part]:
         """The question for a better program, after the one that asked for the first."""

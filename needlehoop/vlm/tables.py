@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations
 from typing import Any, NamedTuple
 
-from scipy.stats import kendalltau, rankdata
+from scipy.stats import rankdata
 
 from needlehoop.rewards.written import FIRST
 from needlehoop.runs.files import csv_text
@@ -63,30 +61,12 @@ def totals_csv(found: Mapping[str, Mapping[str, int]]) -> str:
     return csv_text(head, [(name, *row.values()) for name, row in found.items()])
 
 
-def totals(exchanges: Sequence[Exchange], invalid: int) -> dict[str, int]:
-    """Prompts and tokens of exchanges. Tokens that were not reported count nothing.
+def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
+    """Prompts and tokens by conversation, then of all of them as ``all``.
 
-    Args:
-        exchanges: those that reached a model.
-        invalid: how many of their answers could not be used.
-    """
-    return {
-        "prompts": len(exchanges),
-        "tokens_in": sum(e.tokens_in or 0 for e in exchanges),
-        "tokens_out": sum(e.tokens_out or 0 for e in exchanges),
-        "prompts_without_token_count": sum(
-            e.tokens_in is None or e.tokens_out is None for e in exchanges
-        ),
-        "invalid_answers": invalid,
-    }
-
-
-def totals_of_transcript(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
-    """Totals by conversation, then of all of them as ``all``.
-
-    A request without a reply is not a prompt. An answer is invalid if it was cut off, refused,
-    empty or sent back. The last attempt at a question is never sent back, so a transcript does
-    not show that it was invalid; only the totals of the command that gave up do.
+    A request without a reply is not a prompt. Tokens that were not reported count nothing. An
+    answer is invalid if it was cut off, refused, empty or sent back. The last attempt at a
+    question is never sent back, so it does not show that it was invalid.
     """
     asked = [e for e in exchanges if e.outcome != "failed"]
     sent_back = {
@@ -101,7 +81,14 @@ def totals_of_transcript(exchanges: Iterable[Exchange]) -> dict[str, dict[str, i
         return exchange.outcome != "answered" or key in sent_back
 
     def of(chosen: list[Exchange]) -> dict[str, int]:
-        return totals(chosen, sum(map(invalid, chosen)))
+        counts = [(e.tokens_in, e.tokens_out) for e in chosen]
+        return {
+            "prompts": len(chosen),
+            "tokens_in": sum(tokens or 0 for tokens, _ in counts),
+            "tokens_out": sum(tokens or 0 for _, tokens in counts),
+            "prompts_without_token_count": sum(None in both for both in counts),
+            "invalid_answers": sum(map(invalid, chosen)),
+        }
 
     names = dict.fromkeys(exchange.conversation for exchange in asked)
     rows = {name: of([e for e in asked if e.conversation == name]) for name in names}
@@ -124,25 +111,6 @@ def papers_totals() -> str:
     with (RECORDINGS / "paper" / "totals.csv").open(newline="", encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     return f"{row['prompts']} prompts, {row['tokens']} tokens"
-
-
-def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
-    """How far repeated rankings of one list agree; ``None`` for fewer than two.
-
-    Args:
-        orders: permutations of one list, the best first.
-
-    Returns:
-        ``tau_b``: Kendall's, mean over all pairs of rankings. ``same_top``: share of the rankings
-        that have the commonest first place.
-    """
-    if len(orders) < 2:
-        return None
-    names = list(orders[0])
-    places = [[order.index(name) for name in names] for order in orders]
-    taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
-    top = Counter(order[0] for order in orders).most_common(1)[0][1]
-    return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}
 
 
 class Accepted(NamedTuple):

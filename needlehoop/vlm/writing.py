@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
@@ -14,19 +14,11 @@ from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.conversation import Conversation
+from needlehoop.vlm.conversation import Conversation, Verdict
 from needlehoop.vlm.forms import Guess, ProgramAnswer
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.moments import collect
 from needlehoop.vlm.prompts import fill, telling_of
-
-
-class Verdict(NamedTuple):
-    """Why a program is refused, as the model is told; ``None``: it is accepted."""
-
-    reason: str | None
-    card: Mapping[str, Any]
-    """Figures at the gates, for the record."""
 
 
 @dataclass(frozen=True)
@@ -65,53 +57,50 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
     return ProgramRules(gates.low, gates.high, judge, values)
 
 
-class ProgramAttempts:
-    """A conversation about one program, and what was found of each attempt."""
+def write_program(
+    conversation: Conversation, rules: ProgramRules, prompt: list[Part], first: Sequence[Part] = ()
+) -> tuple[str, Verdict]:
+    """Ask for a program until one is accepted; its source, and what was found of it.
 
-    def __init__(self, conversation: Conversation, rules: ProgramRules):
-        self._conversation, self._rules = conversation, rules
-        self._judged: dict[int, tuple[str, Verdict]] = {}
-        """Program and verdict by the number of the attempt, from 0."""
+    Args:
+        conversation: a new one.
+        rules: the judge.
+        prompt: of ``reward_prompt``.
+        first: a question that comes before: what the task is taken to be.
 
-    def write(self, prompt: list[Part], first: Sequence[Part] = ()) -> tuple[str, Verdict]:
-        """Ask for a program until one is accepted; its source, and what was found of it.
+    Raises:
+        NoAnswerError: none was accepted within the conversation's attempts.
+        RefusalError: the model would not answer.
+    """
 
-        Args:
-            prompt: of ``reward_prompt``.
-            first: a question that comes before: what the task is taken to be.
+    def judge(answer: ProgramAnswer) -> Verdict:
+        reason, card = rules.judge(_bare(answer.program))
+        return Verdict(reason and f"the program was refused: {reason}", card)
 
-        Raises:
-            NoAnswerError: none was accepted within the conversation's attempts.
-            RefusalError: the model would not answer.
-        """
-        if first:
-            self._conversation.ask(first, Guess)
-        self._conversation.ask(prompt, ProgramAnswer, self._judge)
-        return self._judged[max(self._judged)]
+    if first:
+        conversation.ask(first, Guess)
+    answer = conversation.ask(prompt, ProgramAnswer, judge)
+    return _bare(answer.program), conversation.attempts[-1].verdict
 
-    def _judge(self, answer: ProgramAnswer) -> str | None:
-        source = _bare(answer.program)
-        verdict = self._rules.judge(source)
-        self._judged[len(self._conversation.attempts)] = source, verdict
-        return None if verdict.reason is None else f"the program was refused: {verdict.reason}"
 
-    def rows(self) -> list[dict[str, Any]]:
-        """All attempts as plain values, those in a wrong form included."""
-        rows = []
-        for number, attempt in enumerate(self._conversation.attempts):
-            source, verdict = self._judged.get(number, (None, None))
-            rows.append(
-                {
-                    "attempt": number + 1,
-                    "request": attempt.exchange.sha256,
-                    "answer": attempt.exchange.answer,
-                    "program": source,
-                    "accepted": source is not None and attempt.reason is None,
-                    "reason": attempt.reason,
-                    "card": dict(verdict.card) if verdict else None,
-                }
-            )
-        return rows
+def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
+    """All answers of a conversation about a program as plain values, whatever their form."""
+    rows = []
+    for number, attempt in enumerate(conversation.attempts, 1):
+        answer, verdict = attempt.answer, attempt.verdict
+        is_program = isinstance(answer, ProgramAnswer)
+        rows.append(
+            {
+                "attempt": number,
+                "request": attempt.exchange.sha256,
+                "answer": attempt.exchange.answer,
+                "program": _bare(answer.program) if is_program else None,
+                "accepted": is_program and verdict.reason is None,
+                "reason": verdict.reason,
+                "card": dict(verdict.card) if is_program else None,
+            }
+        )
+    return rows
 
 
 def reward_prompt(

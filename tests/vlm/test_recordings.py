@@ -23,7 +23,7 @@ from needlehoop.vlm import prompts
 from needlehoop.vlm.config import transcripts
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.tables import totals_of_transcript
+from needlehoop.vlm.tables import totals_of
 from needlehoop.vlm.transcript import Exchange, Transcript
 from needlehoop.vlm.writing import ProgramRules
 
@@ -153,7 +153,7 @@ def test_programs_are_those_that_were_answered(name):
 def test_tables_are_of_the_transcript(transcript):
     with (CLAUDE / "totals.csv").open(newline="") as file:
         rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
-    found = totals_of_transcript(transcript.exchanges)
+    found = totals_of(transcript.exchanges)
     assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
     ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
     orders = [json.loads(e.answer).get("places") for e in ranked]

@@ -38,7 +38,7 @@ from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.recorder import Recorder
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, program_rules, reward_prompt
+from needlehoop.vlm.writing import program_rules, reward_prompt, write_program
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +69,9 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
     provider = Obliging(programs)
     recorder = Recorder(Transcript(tmp_path_factory.mktemp("bad")), provider, CONFIG)
-    tried = ProgramAttempts(Conversation(recorder, "reward", len(BAD)), rules)
+    conversation = Conversation(recorder, "reward", len(BAD))
     with pytest.raises(NoAnswerError):
-        tried.write(reward_prompt(settings, rules, "text"))
+        write_program(conversation, rules, reward_prompt(settings, rules, "text"))
     return provider.asked
 
 

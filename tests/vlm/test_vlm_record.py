@@ -10,14 +10,15 @@ from pydantic import ValidationError
 
 from needlehoop.vlm import prompts
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, Verdict, schema_of
 from needlehoop.vlm.forms import ProgramAnswer, Subtasks, choice, ranking
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import ProviderError, Reply
+from needlehoop.vlm.rankings import agreement
 from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
-from needlehoop.vlm.tables import agreement, in_words, papers_totals, totals_of_transcript
+from needlehoop.vlm.tables import in_words, papers_totals, totals_of
 from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, Verdict
+from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
 CONFIG = LiveConfig(
     kind="gemini",
@@ -250,7 +251,7 @@ def test_a_conversation_carries_everything_said(tmp_path):
         ("user", ("two?",)),
     ]
     assert provider.asked[1].schema == schema_of(Subtasks)
-    assert totals_of([conversation])["prompts"] == 2
+    assert len(conversation.attempts) == 2
 
 
 def subtasks(name: str) -> dict:
@@ -270,12 +271,12 @@ def subtasks(name: str) -> dict:
 )
 def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, reason):
     provider = Scripted(bad, reply(json.dumps(subtasks("a"))))
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
-    assert conversation.ask(["?"], Subtasks).first.name == "a"
+    recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
+    assert Conversation(recorder, "question", 3).ask(["?"], Subtasks).first.name == "a"
     correction = provider.asked[1].messages[-1].parts[0]
     assert reason in correction
     assert provider.asked[1].messages[-2].parts == (bad.answer,)
-    assert totals_of([conversation]) == {
+    assert totals_of(recorder.used)["question"] == {
         "prompts": 2,
         "tokens_in": 20,
         "tokens_out": 6,
@@ -283,9 +284,9 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, re
         "invalid_answers": 1,
     }
     assert len(Transcript(tmp_path).exchanges) == 2
-    again = Conversation(replay(tmp_path), "question", 3)
-    assert again.ask(["?"], Subtasks).first.name == "a"
-    assert totals_of([again]) == totals_of([conversation])
+    again = replay(tmp_path)
+    assert Conversation(again, "question", 3).ask(["?"], Subtasks).first.name == "a"
+    assert totals_of(again.used) == totals_of(recorder.used)
 
 
 def test_attempts_are_bounded(tmp_path):
@@ -294,7 +295,7 @@ def test_attempts_are_bounded(tmp_path):
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
-    assert totals_of([conversation])["invalid_answers"] == 3
+    assert [attempt.answer for attempt in conversation.attempts] == [None] * 3
 
 
 def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
@@ -305,13 +306,11 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     held = [Conversation(recorder, name, 3) for name in ("question", "rank")]
     for conversation in held:
         conversation.ask([conversation.name], Subtasks)
-    assert totals_of(held[1:])["prompts_without_token_count"] == 1
-    assert models(held) == ["gemini answered-by", "gemini m"]
     for error in (ProviderError, RefusalError):
         with pytest.raises(error):
             recorder.ask(request("else"), "reward/text")
-    found = totals_of_transcript(Transcript(tmp_path).exchanges)
-    assert found == totals_of_transcript(recorder.transcript.exchanges)
+    found = totals_of(Transcript(tmp_path).exchanges)
+    assert found == totals_of(recorder.transcript.exchanges)
     assert list(found) == ["question", "rank", "reward/text", "all"]
     assert found["question"] == {
         "prompts": 2,
@@ -396,10 +395,11 @@ def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
     recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
     rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
-    tried = ProgramAttempts(Conversation(recorder, "reward/text", 3), rules)
-    assert tried.write(["write"]) == ("reward = 9\n", judge("reward = 9\n"))
+    conversation = Conversation(recorder, "reward/text", 3)
+    found = write_program(conversation, rules, ["write"])
+    assert found == ("reward = 9\n", judge("reward = 9\n"))
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
-    rows = tried.rows()
+    rows = rows_of(conversation)
     assert [row["accepted"] for row in rows] == [False, False, True]
     assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
     assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
