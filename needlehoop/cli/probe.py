@@ -16,8 +16,8 @@ from needlehoop.config import strict
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
-    from needlehoop.probe.folder import ProbeResults
     from needlehoop.probe.plan import Grid, Plan
+    from needlehoop.probe.scores import ProbeResults
     from needlehoop.scene.cameras import View
 
 
@@ -42,7 +42,7 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})
-    from needlehoop.probe.folder import Folder, read_results
+    from needlehoop.probe.folder import Folder
     from needlehoop.probe.measuring import missing, probe
     from needlehoop.probe.plan import Grid
     from needlehoop.probe.report import PHASES_TABLE, all_tables
@@ -68,7 +68,7 @@ def _probe(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    results = read_results(folder, plan.effort.seeds)
+    results = folder.results(plan.effort.seeds)
     for table in all_tables(results):
         table.write(folder.path)
         # Hundreds of rows are for files.
@@ -146,8 +146,7 @@ def _draw(
             save(ranking_figure(results), folder / "ranking")
             return
         scores = {
-            at: results.scores[f"{grid.rendering}_{name}"].value
-            for at, name in grid.names().items()
+            at: results.score(f"{grid.rendering}_{name}").value for at, name in grid.names().items()
         }
         what = f"score of one {grid.rendering} camera"
         figure = view_map(scores, grid.azimuths, grid.elevations, standing, what)

@@ -57,7 +57,7 @@ def _probe_seed(
     learnt, held_out = _frames(plan, seed, lacking.values(), bar)
     episodes, asked = plan.episodes.held_out, folder.asked
     blind = constant(asked, learnt, held_out)
-    folder.save(seed, CONSTANT, errors(asked, held_out, blind, episodes))
+    folder.save(seed, CONSTANT, *errors(asked, held_out, blind, episodes))
     bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
     stop = threading.Event()
 
@@ -68,7 +68,7 @@ def _probe_seed(
 
     def measure(name: str, reader: Reader) -> None:
         reader.learn(learnt, plan.fit, seed, tick)
-        folder.save(seed, name, errors(asked, held_out, reader.read(held_out), episodes))
+        folder.save(seed, name, *errors(asked, held_out, reader.read(held_out), episodes))
 
     threads = plan.env.engine.threads or available_cpus()
     with ThreadPoolExecutor(threads) as pool:

@@ -14,7 +14,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.probe.quantities import Quantities, quantities
+from needlehoop.probe.frames import Quantities, quantities
 from needlehoop.probe.reader import Fit
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import View, parse_cameras
