@@ -26,9 +26,8 @@ from needlehoop.vlm.questions import (
     order_pictures,
     question,
 )
-from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.record import Record
 from needlehoop.vlm.revision import Trained
-from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import ProgramRules, guess_prompt, reward_prompt
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
@@ -41,7 +40,7 @@ class Obliging:
     """Answers as told, then anything in the right form; ranks in the order of the list."""
 
     def __init__(self, answers: Iterable[str] = ()):
-        self.answers = list(answers)
+        self.answers, self.who = list(answers), CONFIG.who
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
@@ -66,7 +65,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     The last two are about a bench of one's own, and of a program revised.
     """
     provider = Obliging()
-    recorder = Recorder(Transcript(folder), provider, CONFIG)
+    record = Record(folder, provider)
     shown = album(settings)
     patch = pytest.MonkeyPatch()
     # Flown once, not for each that is told of them.
@@ -74,7 +73,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     patch.setattr(description, "ranges", lambda _: flown)
 
     def begin() -> Conversation:
-        return Conversation(recorder, "any", 1)
+        return Conversation(record, "any", 1)
 
     (sets,) = LISTS.lists
     conversation = begin()

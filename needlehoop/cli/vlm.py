@@ -146,7 +146,7 @@ def _reward(options: argparse.Namespace) -> None:
         _understood(values)
     from needlehoop.training.missing_reward import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
-    from needlehoop.vlm.recorder import RefusalError
+    from needlehoop.vlm.record import RefusalError
     from needlehoop.vlm.revision import read_run
 
     if revised is not None and (samples > 1 or len(several) > 1):
@@ -214,8 +214,8 @@ def _open(values: dict[str, Any]) -> Inquiry:
     from needlehoop.vlm.inquiry import Inquiry
 
     inquiry = Inquiry(*understood)
-    if inquiry.transcript.torn is not None:
-        print(f"needlehoop vlm: {inquiry.transcript.torn}", file=sys.stderr)
+    if inquiry.record.torn is not None:
+        print(f"needlehoop vlm: {inquiry.record.torn}", file=sys.stderr)
     return inquiry
 
 

@@ -1,4 +1,4 @@
-"""The pictures that a model is shown. They are drawn once and kept beside the transcript."""
+"""The pictures that a model is shown. They are drawn once and kept beside the record."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import prompts
 from needlehoop.vlm.messages import PICTURE, Part, Png
-from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.record import Record
 
 PICTURES = "pictures.json"
 SEEN = "seen"
@@ -89,11 +89,11 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
     return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
-def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
+def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record. If it has none yet, they are drawn and saved.
 
     Args:
-        transcript: the record.
+        record: where they are kept.
         settings: the scene; its own cameras are ignored.
         size: pixels of a picture's side.
 
@@ -105,7 +105,7 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         raise ValueError(
             "disturb: a model is told that its pictures are free of noise; choose disturb=none"
         )
-    index, scene = transcript.folder / PICTURES, _scene(settings, size)
+    index, scene = record.folder / PICTURES, _scene(settings, size)
     if not index.exists():
         pictures = _take(settings, size)
         names = {
@@ -114,18 +114,18 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         }
         for shown in pictures.values():
             for picture in shown.values():
-                transcript.save(picture)
+                record.save(picture)
         text = json.dumps({"scene": scene, "pictures": names}, indent=2)
-        Run(transcript.folder).write(PICTURES, text + "\n")
+        Run(record.folder).write(PICTURES, text + "\n")
         return Album(pictures, settings.image_size)
     try:
         kept: _Index = strict.structure(read_json(index), _Index)
     except ValueError as error:
         raise ValueError(f"{index}: {error}; put it back") from error
     if kept.scene != scene:
-        other = prompts.other_edition(transcript.folder, prompts.sha256(settings.definition))
+        other = record.other_edition()
         if other is not None:
-            raise ValueError(f"{transcript.path}: {other}")
+            raise ValueError(f"{record.path}: {other}")
         odd = [key for key in scene if kept.scene.get(key) != scene[key]]
         raise ValueError(
             f"{index} shows another scene (its {', '.join(odd)} differs); give the settings it"
@@ -133,7 +133,7 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         )
     return Album(
         {
-            state: {camera: transcript.picture(sha256) for camera, sha256 in shown.items()}
+            state: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
             for state, shown in kept.pictures.items()
         },
         settings.image_size,

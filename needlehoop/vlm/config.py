@@ -12,7 +12,6 @@ from typing import Annotated, Any
 from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share
 from needlehoop.runs.files import check_folder, check_name
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.vlm.transcript import TRANSCRIPT
 
 Samples = Annotated[int, Range(1, 10_000)]
 """How many conversations, each of which begins afresh."""
@@ -92,6 +91,8 @@ class Gates:
         return self.high + self.bonus
 
 
+TRANSCRIPT = "transcript.jsonl"
+
 DEFAULT = "claude"
 """The shipped recording that is replayed if no other is named."""
 
@@ -151,7 +152,7 @@ class LiveConfig:
             )
 
     @property
-    def asked(self) -> dict[str, Any]:
+    def who(self) -> dict[str, Any]:
         """Who is asked and how, for the record."""
         return {"provider": self.kind, "model": self.model, "sampling": self.sent}
 
@@ -194,7 +195,7 @@ class ManualConfig:
             raise ValueError("vlm.model: say who answers, for the record")
 
     @property
-    def asked(self) -> dict[str, Any]:
+    def who(self) -> dict[str, Any]:
         """Who is asked, for the record."""
         return {"provider": self.kind, "model": self.model, "sampling": {}}
 

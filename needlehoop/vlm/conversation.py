@@ -10,8 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.prompts import fill
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.transcript import Exchange
+from needlehoop.vlm.record import Exchange, Record
 
 F = TypeVar("F", bound=BaseModel)
 
@@ -41,13 +40,13 @@ class Conversation:
     """All that a model was asked and answered. Every request carries all of it.
 
     Args:
-        recorder: who answers.
+        record: who answers.
         name: for the record.
         attempts: answers to one question, at most.
     """
 
-    def __init__(self, recorder: Recorder, name: str, attempts: int):
-        self._recorder, self._attempts = recorder, attempts
+    def __init__(self, record: Record, name: str, attempts: int):
+        self._record, self._attempts = record, attempts
         self.name = name
         """The name of the next requests. It changes when another command goes on from here."""
         self._messages: tuple[Message, ...] = ()
@@ -75,7 +74,7 @@ class Conversation:
         schema = schema_of(form)
         reason = None
         for _ in range(self._attempts):
-            exchange = self._recorder.ask(Request(self._messages, schema), self.name)
+            exchange = self._record.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
             answer, reason = _read(exchange, form)
             verdict = Verdict(reason) if answer is None else judge(answer)

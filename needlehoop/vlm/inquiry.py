@@ -30,9 +30,8 @@ from needlehoop.vlm.questions import (
     seen_by,
 )
 from needlehoop.vlm.rankings import deal, of_groups, of_samples
-from needlehoop.vlm.recorder import Recorder
+from needlehoop.vlm.record import Record
 from needlehoop.vlm.revision import DESCENT, Trained
-from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import (
     ProgramRules,
     guess_prompt,
@@ -69,22 +68,19 @@ class Inquiry(AbstractContextManager):
         self._settings, self._config, self._told = settings, config, vlm.told
         self._files = Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
-        if not isinstance(vlm, ReplayConfig):
-            provider = build_provider(vlm, config.folder)
-            self.transcript = Transcript(config.folder)
-            self._recorder = Recorder(self.transcript, provider, vlm, asked=asked)
-        else:
-            self.transcript = Transcript(vlm.folder(config.folder))
-            if not self.transcript.exchanges:
+        if isinstance(vlm, ReplayConfig):
+            self.record = Record(vlm.folder(config.folder), prompts=asked)
+            if not self.record.exchanges:
                 raise ValueError(
-                    f"vlm.recording: nothing is recorded in {self.transcript.path}; ask a model"
+                    f"vlm.recording: nothing is recorded in {self.record.path}; ask a model"
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
-            self._recorder = Recorder(self.transcript, asked=asked)
+        else:
+            self.record = Record(config.folder, build_provider(vlm, config.folder), asked)
 
     def __exit__(self, *_: object) -> None:
-        self._recorder.close()
+        self.record.close()
         if self._files.folder.exists():
             # Also after a failure, because that cost something too.
             self._files.replace(TOTALS, tables.totals_csv(self.totals()))
@@ -96,11 +92,11 @@ class Inquiry(AbstractContextManager):
 
     def totals(self) -> dict[str, dict[str, int]]:
         """What the transcript cost so far, as in ``totals_of``."""
-        return tables.totals_of(self.transcript.exchanges)
+        return tables.totals_of(self.record.exchanges)
 
     def spent(self) -> dict[str, int]:
         """What this inquiry cost so far."""
-        return tables.totals_of(self._recorder.used)["all"]
+        return tables.totals_of(self.record.used)["all"]
 
     def question(self, questions: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
@@ -278,18 +274,18 @@ class Inquiry(AbstractContextManager):
         return Path("rewards", "+".join(self._settings.cams), file_name(flavour, sample))
 
     def _begin(self, name: str) -> Conversation:
-        return Conversation(self._recorder, name, self._config.attempts)
+        return Conversation(self.record, name, self._config.attempts)
 
     def _album(self, sets: Sequence[str] = ()) -> Album:
         """Of the scene's cameras, or of those of ``sets`` alone."""
         settings = seen_by(self._settings, sets)[1] if sets else self._settings
-        return open_album(self.transcript, settings, self._config.size)
+        return open_album(self.record, settings, self._config.size)
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
         """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""
         if not (self._config.overwrite and self._live):
             return
-        self.transcript.retire(
+        self.record.retire(
             lambda name: any(name == c or name.startswith(f"{c}/") for c in conversations)
         )
         for name in files:
@@ -297,7 +293,7 @@ class Inquiry(AbstractContextManager):
 
     def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""
-        models = dict.fromkeys(f"{e.provider} {e.answered_by}" for e in self._recorder.used)
+        models = dict.fromkeys(f"{e.provider} {e.answered_by}" for e in self.record.used)
         whole = {**found, "models": [*models], "totals": self.spent()}
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole

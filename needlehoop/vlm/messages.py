@@ -89,7 +89,7 @@ class Request:
 
         It leaves out who is asked and with what sampling, because people without a model or a
         key must find a recording too. A transcript has one model and one sampling (see
-        ``Recorder``), so no two requests in it are confused.
+        ``Record``), so no two requests in it are confused.
         """
         text = json.dumps(
             self.canonical(), sort_keys=True, separators=(",", ":"), ensure_ascii=False

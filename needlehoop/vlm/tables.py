@@ -15,7 +15,7 @@ from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data.answers import as_rows
 from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm.prompts import fill
-from needlehoop.vlm.transcript import Exchange
+from needlehoop.vlm.record import Exchange
 
 _SENT_BACK = fill("again", reason="\n").partition("\n")[0]
 """How a message begins that sends an answer back."""

@@ -23,6 +23,7 @@ from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.messages import Png
+from needlehoop.vlm.record import EDITION
 from needlehoop.vlm.writing import reward_prompt
 
 OTHERS = ("reach", "peg_transfer")
@@ -149,7 +150,7 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     answers, left_out = read_answers(opened.folder.parent)
     assert left_out == []
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
-    noted = json.loads((Path(opened.folder) / prompts.EDITION).read_text())
+    noted = json.loads((Path(opened.folder) / EDITION).read_text())
     assert noted["sha256"] == prompts.sha256(s.definition)
 
 

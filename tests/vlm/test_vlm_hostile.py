@@ -14,11 +14,11 @@ from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider, wait
 from vlm_server import KEY, by_schema, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
+from needlehoop.vlm.config import TRANSCRIPT
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.providers import Provider, ProviderError, build_provider
 from needlehoop.vlm.providers.server import LARGEST
-from needlehoop.vlm.recorder import Recorder, RefusalError
-from needlehoop.vlm.transcript import TRANSCRIPT, Transcript
+from needlehoop.vlm.record import Record, RefusalError
 
 __all__ = ["kind", "provider", "waits"]
 """Fixtures of the other file."""
@@ -184,20 +184,20 @@ def test_a_key_that_is_repeated_is_struck_out_everywhere(kind, server, tmp_path)
     """In the answer as it is and spelt in JSON's way, in the model's name and the reason."""
     spelt = KEY.replace("s", "\\u0073")
     provider = build_provider(config_of(kind, server), NOWHERE)
-    recorder = Recorder(Transcript(tmp_path), provider, config_of(kind, server))
+    record = Record(tmp_path, provider)
     for name, text in (("plain", f'{{"a": "{KEY}"}}'), ("spelt", f'{{"a": "{spelt}"}}')):
         server.script = [{"body": changed(kind, CONTENT, text)}]
-        answer = recorder.ask(asked(name), "question").answer
+        answer = record.ask(asked(name), "question").answer
         assert json.loads(answer) == {"a": "***"}
     server.script = [{"body": changed(kind, MODEL, f"model-{KEY}")}]
-    assert recorder.ask(asked("model"), "question").answered_by == "model-***"
+    assert record.ask(asked("model"), "question").answered_by == "model-***"
     refused = json.loads(changed(kind, CONTENT, ""))
     refused[CHOICES[kind]][0][FINISH[kind].rpartition(".")[2]] = f"odd {KEY}"
     server.script = [{"body": json.dumps(refused)}]
     with pytest.raises(RefusalError, match=r"odd \*\*\*"):
-        recorder.ask(asked("finish"), "question")
+        record.ask(asked("finish"), "question")
     assert KEY not in (tmp_path / TRANSCRIPT).read_text()
-    recorder.close()
+    record.close()
 
 
 def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
@@ -208,12 +208,12 @@ def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
         folder = tmp_path / text.encode("utf-8", "replace").hex()[:20]
         for number, entry in enumerate([*entries, error]):
             live = build_provider(config, NOWHERE)
-            recorder = Recorder(Transcript(folder), live, config)
+            record = Record(folder, live)
             server.script = [entry]
             with suppress(ProviderError):
-                recorder.ask(asked(f"{number}"), "question")
-            recorder.close()
-        assert len(Transcript(folder).exchanges) == 3
+                record.ask(asked(f"{number}"), "question")
+            record.close()
+        assert len(Record(folder).exchanges) == 3
 
 
 def test_no_control_character_reaches_the_terminal(server, capsys):

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
-from vlm_asked import CONFIG, Obliging, everything_said, text_of
+from vlm_asked import Obliging, everything_said, text_of
 
 from needlehoop.config import composing, strict
 from needlehoop.config.strict import structure
@@ -36,8 +36,7 @@ from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.moments import ranges
 from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.questions import Lists, Questions
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import program_rules, reward_prompt, write_program
 
 
@@ -68,8 +67,8 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     rules = program_rules(quick, gates)
     programs = [json.dumps({"explanation": "e", "program": program}) for program in BAD]
     provider = Obliging(programs)
-    recorder = Recorder(Transcript(tmp_path_factory.mktemp("bad")), provider, CONFIG)
-    conversation = Conversation(recorder, "reward", len(BAD))
+    record = Record(tmp_path_factory.mktemp("bad"), provider)
+    conversation = Conversation(record, "reward", len(BAD))
     with pytest.raises(NoAnswerError):
         write_program(conversation, rules, reward_prompt(settings, rules, "text"))
     return provider.asked

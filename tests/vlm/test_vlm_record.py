@@ -1,4 +1,4 @@
-"""Transcripts, replay, conversations, forms: with a model made of a list of replies."""
+"""Records, replay, conversations, forms: with a model made of a list of replies."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from needlehoop.vlm import prompts
 from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, Verdict, schema_of
 from needlehoop.vlm.forms import ProgramAnswer, Subtasks, choice, ranking
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import ProviderError, Reply
 from needlehoop.vlm.rankings import agreement
-from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
+from needlehoop.vlm.record import MissError, Record, RefusalError
 from needlehoop.vlm.tables import in_words, papers_totals, totals_of
-from needlehoop.vlm.transcript import Transcript
 from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
 CONFIG = LiveConfig(
@@ -46,8 +44,8 @@ DOWN = ProviderError("down", 503, (503, 503))
 class Scripted:
     """A provider that gives what it is told to."""
 
-    def __init__(self, *script: Reply | ProviderError):
-        self.script = list(script)
+    def __init__(self, *script: Reply | ProviderError, who: LiveConfig = CONFIG):
+        self.script, self.who = list(script), who.who
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
@@ -61,12 +59,12 @@ class Scripted:
         pass
 
 
-def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Recorder:
-    return Recorder(Transcript(folder), Scripted(*script), config, PROMPTS)
+def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Record:
+    return Record(folder, Scripted(*script, who=config), PROMPTS)
 
 
-def replay(folder: Path) -> Recorder:
-    return Recorder(Transcript(folder), asked=PROMPTS)
+def replay(folder: Path) -> Record:
+    return Record(folder, prompts=PROMPTS)
 
 
 def request(*texts: str, schema: dict | None = None) -> Request:
@@ -115,14 +113,14 @@ def test_an_exchange_is_a_whole_line(tmp_path):
 
 
 def test_pictures_are_kept_once_and_checked(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("2"))
-    recorder.ask(request("a"), "question")
-    recorder.ask(request("b"), "question")
+    record = live(tmp_path, reply("1"), reply("2"))
+    record.ask(request("a"), "question")
+    record.ask(request("b"), "question")
     (path,) = (tmp_path / "images").iterdir()
-    assert recorder.transcript.picture(PICTURE.sha256) == PICTURE
+    assert record.picture(PICTURE.sha256) == PICTURE
     path.write_bytes(b"tampered with")
     with pytest.raises(ValueError, match="not what its name says"):
-        recorder.transcript.picture(PICTURE.sha256)
+        record.picture(PICTURE.sha256)
 
 
 def test_repeats_replay_in_order_and_then_run_out(tmp_path):
@@ -130,16 +128,16 @@ def test_repeats_replay_in_order_and_then_run_out(tmp_path):
     again = live(tmp_path, reply("2"), reply("3"))
     # The record's own answer comes first: nothing is paid for twice.
     assert [again.ask(request("a"), "rank/2").answer for _ in range(3)] == ["1", "2", "3"]
-    recorder = replay(tmp_path)
-    assert [recorder.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
+    record = replay(tmp_path)
+    assert [record.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
     with pytest.raises(MissError, match="answered 3 times, and they are used up"):
-        recorder.ask(request("a"), "rank")
+        record.ask(request("a"), "rank")
 
 
 def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("2"))
-    recorder.ask(request("The hoop is 36 mm high.\nWhich view?"), "question")
-    recorder.ask(request("Something else altogether"), "rank")
+    record = live(tmp_path, reply("1"), reply("2"))
+    record.ask(request("The hoop is 36 mm high.\nWhich view?"), "question")
+    record.ask(request("Something else altogether"), "rank")
     with pytest.raises(MissError) as caught:
         replay(tmp_path).ask(request("The hoop is 50 mm high.\nWhich view?"), "question")
     said = str(caught.value)
@@ -149,7 +147,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     assert "altogether" not in said
 
     other = Request((Message("user", ("Something else altogether", Png(b"x"))),), {})
-    with pytest.raises(MissError, match="the images; the form"):
+    with pytest.raises(MissError, match=r"  -picture [0-9a-f]{64}\n  -{\n  - \"type\": "):
         replay(tmp_path).ask(other, "question")
 
 
@@ -177,11 +175,11 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert prompts.edition(tmp_path)["sha256"] == PROMPTS
+    assert Record(tmp_path).edition()["sha256"] == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):
-        prompts.edition(tmp_path)
+        Record(tmp_path).edition()
 
 
 def test_a_replay_without_a_recording_says_so(tmp_path):
@@ -190,18 +188,18 @@ def test_a_replay_without_a_recording_says_so(tmp_path):
 
 
 def test_a_line_cut_off_is_reported_skipped_and_cut_away(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("zwölf"))
-    recorder.ask(request("a"), "question")
-    recorder.ask(request("b"), "question")
+    record = live(tmp_path, reply("1"), reply("zwölf"))
+    record.ask(request("a"), "question")
+    record.ask(request("b"), "question")
     path = tmp_path / "transcript.jsonl"
     whole = path.read_bytes()
     path.write_bytes(whole[: whole.rfind("ö".encode()) + 1])
-    transcript = Transcript(tmp_path)
-    assert transcript.torn == f"{path}: line 2 is cut off and left out"
-    assert [exchange.answer for exchange in transcript.exchanges] == ["1"]
-    Recorder(transcript, Scripted(reply("2")), CONFIG).ask(request("b"), "question")
-    assert [exchange.answer for exchange in Transcript(tmp_path).exchanges] == ["1", "2"]
-    assert Transcript(tmp_path).torn is None
+    torn = Record(tmp_path, Scripted(reply("2")))
+    assert torn.torn == f"{path}: line 2 is cut off and left out"
+    assert [exchange.answer for exchange in torn.exchanges] == ["1"]
+    torn.ask(request("b"), "question")
+    assert [exchange.answer for exchange in Record(tmp_path).exchanges] == ["1", "2"]
+    assert Record(tmp_path).torn is None
 
 
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
@@ -209,7 +207,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     path = tmp_path / "transcript.jsonl"
     path.write_text('{"sha256": "beef"}\n' + path.read_text())
     with pytest.raises(ValueError, match="line 1 is no exchange"):
-        Transcript(tmp_path)
+        Record(tmp_path)
 
 
 def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
@@ -226,7 +224,7 @@ def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
 def test_a_failure_is_recorded_and_raised(tmp_path):
     with pytest.raises(ProviderError, match="down"):
         live(tmp_path, DOWN).ask(request("a"), "question")
-    (exchange,) = Transcript(tmp_path).exchanges
+    (exchange,) = Record(tmp_path).exchanges
     assert (exchange.outcome, exchange.attempts) == ("failed", (503, 503))
     with pytest.raises(MissError):
         replay(tmp_path).ask(request("a"), "question")
@@ -242,7 +240,7 @@ def test_a_transcript_is_of_one_model_and_sampling(tmp_path):
 def test_a_conversation_carries_everything_said(tmp_path):
     first, second = json.dumps(subtasks("a")), json.dumps(subtasks("b"))
     provider = Scripted(reply(first), reply(second))
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    conversation = Conversation(Record(tmp_path, provider), "question", 3)
     conversation.ask(["one?", PICTURE], Subtasks)
     conversation.ask(["two?"], Subtasks)
     assert [(message.role, message.parts) for message in provider.asked[1].messages] == [
@@ -271,27 +269,27 @@ def subtasks(name: str) -> dict:
 )
 def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, reason):
     provider = Scripted(bad, reply(json.dumps(subtasks("a"))))
-    recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
-    assert Conversation(recorder, "question", 3).ask(["?"], Subtasks).first.name == "a"
+    record = Record(tmp_path, provider)
+    assert Conversation(record, "question", 3).ask(["?"], Subtasks).first.name == "a"
     correction = provider.asked[1].messages[-1].parts[0]
     assert reason in correction
     assert provider.asked[1].messages[-2].parts == (bad.answer,)
-    assert totals_of(recorder.used)["question"] == {
+    assert totals_of(record.used)["question"] == {
         "prompts": 2,
         "tokens_in": 20,
         "tokens_out": 6,
         "prompts_without_token_count": 0,
         "invalid_answers": 1,
     }
-    assert len(Transcript(tmp_path).exchanges) == 2
+    assert len(Record(tmp_path).exchanges) == 2
     again = replay(tmp_path)
     assert Conversation(again, "question", 3).ask(["?"], Subtasks).first.name == "a"
-    assert totals_of(again.used) == totals_of(recorder.used)
+    assert totals_of(again.used) == totals_of(record.used)
 
 
 def test_attempts_are_bounded(tmp_path):
     provider = Scripted(*[reply("no")] * 9)
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    conversation = Conversation(Record(tmp_path, provider), "question", 3)
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
@@ -302,15 +300,15 @@ def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     good = json.dumps(subtasks("a"))
     silent = Reply("answered", good, "", "m", None, None)
     script = [reply("no"), reply(good), reply('{"', "truncated"), silent, DOWN]
-    recorder = live(tmp_path, *script, reply("", "refused", "SAFETY"))
-    held = [Conversation(recorder, name, 3) for name in ("question", "rank")]
+    record = live(tmp_path, *script, reply("", "refused", "SAFETY"))
+    held = [Conversation(record, name, 3) for name in ("question", "rank")]
     for conversation in held:
         conversation.ask([conversation.name], Subtasks)
     for error in (ProviderError, RefusalError):
         with pytest.raises(error):
-            recorder.ask(request("else"), "reward/text")
-    found = totals_of(Transcript(tmp_path).exchanges)
-    assert found == totals_of(recorder.transcript.exchanges)
+            record.ask(request("else"), "reward/text")
+    found = totals_of(Record(tmp_path).exchanges)
+    assert found == totals_of(record.exchanges)
     assert list(found) == ["question", "rank", "reward/text", "all"]
     assert found["question"] == {
         "prompts": 2,
@@ -393,9 +391,9 @@ def judge(source: str) -> Verdict:
 
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
-    recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
+    record = Record(tmp_path, provider)
     rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
-    conversation = Conversation(recorder, "reward/text", 3)
+    conversation = Conversation(record, "reward/text", 3)
     found = write_program(conversation, rules, ["write"])
     assert found == ("reward = 9\n", judge("reward = 9\n"))
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]

@@ -1,4 +1,4 @@
-"""The texts that a model is shown, as files, and which edition of them a record was made with.
+"""The texts that a model is shown, as files.
 
 The texts of this folder are general. A task's own words and texts are put into them.
 """
@@ -6,19 +6,11 @@ The texts of this folder are general. A task's own words and texts are put into 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from string import Template
 
-from needlehoop.config import strict
-from needlehoop.runs.machine import commit
-from needlehoop.runs.reading import read_json
-from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task, Telling
-
-EDITION = "prompts.json"
-"""The note beside a transcript that says which prompts were asked there."""
 
 _INTO = ("scene", "signals")
 """Texts of a task that general ones take in."""
@@ -103,44 +95,3 @@ def sha256(task: Task) -> str:
     for name, text in sorted(said.items()):
         digest.update(f"{name}\0{text}\0".encode())
     return digest.hexdigest()
-
-
-def sign(folder: Path, asked: str) -> None:
-    """Note in a record's folder that the prompts of a hash were asked there, and their commit.
-
-    The hash tells editions apart; the commit does not, because most commits change no prompt. The
-    note of an earlier edition is kept under a number.
-    """
-    if edition(folder).get("sha256") != asked:
-        text = json.dumps({"commit": commit(), "sha256": asked}, indent=2)
-        Run(folder).write(EDITION, text + "\n")
-
-
-def edition(folder: Path) -> dict[str, str | None]:
-    """The ``commit`` and ``sha256`` of the prompts that a record was last made with.
-
-    The commit is ``None`` outside git; all is empty where a record has no note.
-
-    Raises:
-        ValueError: the note is damaged.
-    """
-    path = folder / EDITION
-    if not path.is_file():
-        return {}
-    try:
-        return strict.structure(read_json(path), Mapping[str, str | None])
-    except ValueError as error:
-        raise ValueError(f"{path}: not the note of an edition: {error}") from error
-
-
-def other_edition(folder: Path, asked: str) -> str | None:
-    """What to say of a record that was made with other prompts than those of a hash, if it was."""
-    made_with = edition(folder)
-    if made_with.get("sha256") in (None, asked):
-        return None
-    commit, sha256 = made_with.get("commit"), made_with["sha256"]
-    return (
-        "it was recorded with the prompts of"
-        f" {f'commit {commit}' if commit else f'sha256 {sha256}'}, and these are others: replay it"
-        " there, or ask anew into another study="
-    )

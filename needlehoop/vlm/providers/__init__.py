@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from needlehoop.vlm.config import AskingConfig, ManualConfig
 from needlehoop.vlm.messages import Request
@@ -54,6 +55,11 @@ class UnansweredError(RuntimeError):
 
 class Provider(Protocol):
     """Somebody who answers."""
+
+    @property
+    def who(self) -> Mapping[str, Any]:
+        """Provider, model and sampling, for the record."""
+        ...
 
     def ask(self, request: Request) -> Reply:
         """The reply; ``ProviderError`` if there is none."""

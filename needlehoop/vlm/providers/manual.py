@@ -36,7 +36,7 @@ class Manual:
     """
 
     def __init__(self, config: ManualConfig, folder: Path):
-        self._config, self._folder = config, folder
+        self._config, self._folder, self.who = config, folder, config.who
         self._done: Path | None = None
 
     def ask(self, request: Request) -> Reply:

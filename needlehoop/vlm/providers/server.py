@@ -52,7 +52,7 @@ class Server:
     def __init__(self, config: LiveConfig):
         if config.kind == "gemini":
             check_names("vlm.sampling", tuple(config.sent), _GEMINI_SAMPLING)
-        self._config, self._key = config, config.read_key()
+        self._config, self._key, self.who = config, config.read_key(), config.who
 
     def ask(self, request: Request) -> Reply:
         """See ``Provider``. A try that failed is followed by another where that may help."""
