@@ -13,8 +13,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.conversation import Conversation, Verdict
-from needlehoop.vlm.forms import Guess, ProgramAnswer
+from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.prompts import stages_of
 from needlehoop.vlm.providers import Reply

@@ -101,8 +101,7 @@ def _values(overrides: list[str]) -> dict[str, Any]:
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
     from needlehoop.learning.encoder import EncoderConfig
     from needlehoop.learning.hyperparameters import PpoConfig
-    from needlehoop.probe.plan import Effort, Episodes, Plan, camera_sets
-    from needlehoop.probe.reader import Fit
+    from needlehoop.probe.plan import Effort, Episodes, Fit, Plan, camera_sets
 
     settings, given = standing, values["cams"]
     if grid:

@@ -221,7 +221,7 @@ def _open(values: dict[str, Any]) -> Inquiry:
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
     """Print where the answers are, what they cost, and what the whole transcript cost."""
-    from needlehoop.vlm.tables import in_words, papers_totals
+    from needlehoop.vlm.conversation import in_words, papers_totals
 
     for name in written:
         print(inquiry.folder / name)

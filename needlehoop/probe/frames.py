@@ -119,6 +119,14 @@ class Frames:
         return len(self.phase)
 
 
+@dataclass(frozen=True)
+class Reading:
+    """The answers for ``m`` frames: ``points`` and ``fact`` as in ``Frames``."""
+
+    points: Tensor
+    fact: Tensor
+
+
 def collect(
     settings: Settings, episodes: int, per_phase: int, tick: Callable[[int], object]
 ) -> Frames:

@@ -15,7 +15,6 @@ from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe.frames import Quantities, quantities
-from needlehoop.probe.reader import Fit
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import View, parse_cameras
 
@@ -34,6 +33,16 @@ class Episodes:
     held_out: Annotated[int, Range(4, 1_000_000)]
     per_phase: Count
     """Most frames of one phase of one episode."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the network is trained; values in ``conf/probe.yaml``."""
+
+    updates: Count
+    minibatch: Count
+    learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
+    """Of Adam at the start; falls to zero in a straight line."""
 
 
 @dataclass(frozen=True)

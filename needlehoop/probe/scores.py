@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from needlehoop.probe.frames import Frames, Quantities
+from needlehoop.probe.frames import Frames, Quantities, Reading
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.reader import Reading
 
 _RESAMPLES = 2_000
 _LIMITS = (2.5, 97.5)

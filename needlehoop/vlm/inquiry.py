@@ -12,12 +12,14 @@ from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
+from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
+from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.study.render.table import Table
-from needlehoop.vlm import description, prompts, tables
+from needlehoop.vlm import description, prompts
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
-from needlehoop.vlm.conversation import Conversation, NoAnswerError
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_csv, totals_of
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.questions import (
@@ -29,18 +31,20 @@ from needlehoop.vlm.questions import (
     question,
     seen_by,
 )
-from needlehoop.vlm.rankings import deal, of_groups, of_samples
+from needlehoop.vlm.rankings import agreement_csv, deal, of_groups, of_samples, rankings_csv
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.revision import DESCENT, Trained
 from needlehoop.vlm.writing import (
+    Accepted,
     ProgramRules,
+    compared,
     guess_prompt,
     reward_prompt,
     rows_of,
     write_program,
 )
 
-QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
+TOTALS = "totals.csv"
 
 FULL = "full"
 """Told all of the task, as the questions on cameras are."""
@@ -83,7 +87,7 @@ class Inquiry(AbstractContextManager):
         self.record.close()
         if self._files.folder.exists():
             # Also after a failure, because that cost something too.
-            self._files.replace(TOTALS, tables.totals_csv(self.totals()))
+            self._files.replace(TOTALS, totals_csv(self.totals()))
 
     @property
     def folder(self) -> Path:
@@ -92,11 +96,11 @@ class Inquiry(AbstractContextManager):
 
     def totals(self) -> dict[str, dict[str, int]]:
         """What the transcript cost so far, as in ``totals_of``."""
-        return tables.totals_of(self.record.exchanges)
+        return totals_of(self.record.exchanges)
 
     def spent(self) -> dict[str, int]:
         """What this inquiry cost so far."""
-        return tables.totals_of(self.record.used)["all"]
+        return totals_of(self.record.used)["all"]
 
     def question(self, questions: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
@@ -116,7 +120,9 @@ class Inquiry(AbstractContextManager):
         answers = question(conversation, self._settings, album, questions)
         asked = prompts.questioned(self._settings.definition)
         found = self._write(QUESTIONS, {"answers": answers, "asked": asked})
-        self._files.write("questions.csv", tables.questions_csv(answers, asked))
+        rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, asked)]
+        text = csv_text(("question", "answer", "reason"), rows)
+        self._files.write("questions.csv", text)
         return found
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
@@ -175,8 +181,8 @@ class Inquiry(AbstractContextManager):
 
     def _write_rankings(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
         found = self._write(f"rankings{how}.json", {"lists": ranked})
-        self._files.write(f"rankings{how}.csv", tables.rankings_csv(ranked))
-        self._files.write(f"agreement{how}.csv", tables.agreement_csv(ranked))
+        self._files.write(f"rankings{how}.csv", rankings_csv(ranked))
+        self._files.write(f"agreement{how}.csv", agreement_csv(ranked))
         return found
 
     def ranked(self, lists: Lists) -> str:
@@ -251,12 +257,12 @@ class Inquiry(AbstractContextManager):
                     attempts = str(file.with_suffix(".attempts.jsonl"))
                     self._files.write(attempts, "\n".join([*rows, ""]))
             paths.append(self._files.write(str(file), source))
-            accepted[sample] = tables.Accepted(verdict.card, rules.values(source))
+            accepted[sample] = Accepted(verdict.card, rules.values(source))
             if trained is not None:
                 self._files.write(str(file.with_suffix(DESCENT)), trained.descent())
         table = None
         if len(accepted) > 1:
-            table = tables.compared(f"{flavour}.samples", accepted)
+            table = compared(f"{flavour}.samples", accepted)
             self._files.write(f"rewards/{cameras}/{table.name}.csv", table.csv())
         if failed:
             raise NoAnswerError("; ".join(map(str, failed)))

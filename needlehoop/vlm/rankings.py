@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
 from scipy.stats import kendalltau
+
+from needlehoop.runs.files import csv_text
 
 Ranked = dict[str, Any]
 """An answer: the ``places``, best first, and how ``sure`` they are; see ``forms.ranking``."""
@@ -119,3 +121,28 @@ def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
     taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
     top = Counter(order[0] for order in orders).most_common(1)[0][1]
     return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}
+
+
+def rankings_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``sample``, ``place`` (all from 1), ``cameras``, ``sure``, ``reason``.
+
+    ``sure``: the stated probability that the set is better than the next; empty for the last.
+    """
+    rows = [
+        (number, sample, place, entry["name"], sure, entry["reason"])
+        for number, ranked in enumerate(lists, 1)
+        for sample, (places, own) in enumerate(
+            zip(ranked["rankings"], ranked["sure"], strict=True), 1
+        )
+        for place, (entry, sure) in enumerate(zip(places, (*own, ""), strict=True), 1)
+    ]
+    return csv_text(("list", "sample", "place", "cameras", "sure", "reason"), rows)
+
+
+def agreement_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``samples``, ``tau_b``, ``same_top``; empty cells where there is one sample."""
+    rows = []
+    for number, ranked in enumerate(lists, 1):
+        agreed = ranked["agreement"] or {"tau_b": "", "same_top": ""}
+        rows.append((number, len(ranked["rankings"]), agreed["tau_b"], agreed["same_top"]))
+    return csv_text(("list", "samples", "tau_b", "same_top"), rows)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
+
+from scipy.stats import rankdata
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
+from needlehoop.rewards.written import FIRST
+from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.conversation import Conversation, Verdict
-from needlehoop.vlm.forms import Guess, ProgramAnswer
+from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.messages import Part
 from needlehoop.vlm.moments import collect
 from needlehoop.vlm.prompts import fill, telling_of
@@ -101,6 +105,52 @@ def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
             }
         )
     return rows
+
+
+class Accepted(NamedTuple):
+    """A program's figures at the gates, and its values at the recorded moments."""
+
+    card: Mapping[str, Any]
+    values: Sequence[float]
+
+
+def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
+    """How several programs for the same cameras differ: one row each.
+
+    Args:
+        name: of the table's file.
+        programs: by the number of the sample.
+    """
+    # A task without a cheat has no such figure.
+    figures = [own.card for own in programs.values()]
+    others = [to for to in ("random", "cheat") if figures[0][to] is not None]
+    rows = [
+        (
+            number,
+            *(own.card["expert"] - own.card[to] for to in others),
+            own.card["paid"],
+            *(_rho(own.values, other.values) for other in programs.values()),
+        )
+        for number, own in programs.items()
+    ]
+    columns = (
+        Column("sample"),
+        *(Column(f"expert - {to}", form=".3f") for to in others),
+        Column("paid", "%", ".1f", 100.0),
+        *(Column(f"rho with {number}", form=".3f") for number in programs),
+    )
+    note = (
+        "rho: Spearman's, of the values over the recorded trajectories. Trained on: sample"
+        f" {FIRST}, or that of reward.sample=."
+    )
+    return Table(name, "Samples compared", columns, tuple(rows), note)
+
+
+def _rho(a: Sequence[float], b: Sequence[float]) -> float | None:
+    """Spearman's rank correlation; ``None`` where one side is constant."""
+    x, y = (rankdata(side) - (len(side) + 1) / 2 for side in (a, b))
+    size = math.sqrt(float((x**2).sum() * (y**2).sum()))
+    return float((x * y).sum()) / size if size else None
 
 
 def reward_prompt(

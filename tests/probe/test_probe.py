@@ -21,9 +21,8 @@ from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
 from needlehoop.probe.folder import Folder
-from needlehoop.probe.frames import KINDS, Frames, collect, phase_of, quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Grid, Plan, camera_sets
-from needlehoop.probe.reader import Fit, Reading
+from needlehoop.probe.frames import KINDS, Frames, Reading, collect, phase_of, quantities
+from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import Mean, ProbeResults, constant, errors, places
 from needlehoop.scene.cameras import View

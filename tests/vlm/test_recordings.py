@@ -21,9 +21,9 @@ from needlehoop.tasks.registry import find as task
 from needlehoop.training import missing_reward
 from needlehoop.vlm import prompts
 from needlehoop.vlm.config import transcripts
+from needlehoop.vlm.conversation import totals_of
 from needlehoop.vlm.messages import Message, Request
 from needlehoop.vlm.record import Exchange, Record
-from needlehoop.vlm.tables import totals_of
 from needlehoop.vlm.writing import ProgramRules
 
 CLAUDE = RECORDINGS / "claude"

@@ -9,13 +9,22 @@ import pytest
 from pydantic import ValidationError
 
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, Verdict, schema_of
-from needlehoop.vlm.forms import ProgramAnswer, Subtasks, choice, ranking
+from needlehoop.vlm.conversation import (
+    Conversation,
+    NoAnswerError,
+    ProgramAnswer,
+    Subtasks,
+    Verdict,
+    choice,
+    in_words,
+    papers_totals,
+    ranking,
+    totals_of,
+)
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers import ProviderError, Reply
 from needlehoop.vlm.rankings import agreement
 from needlehoop.vlm.record import MissError, Record, RefusalError
-from needlehoop.vlm.tables import in_words, papers_totals, totals_of
 from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
 CONFIG = LiveConfig(
@@ -248,7 +257,7 @@ def test_a_conversation_carries_everything_said(tmp_path):
         ("assistant", (first,)),
         ("user", ("two?",)),
     ]
-    assert provider.asked[1].schema == schema_of(Subtasks)
+    assert provider.asked[1].schema == Subtasks.model_json_schema()
     assert len(conversation.attempts) == 2
 
 
@@ -358,10 +367,10 @@ def test_a_ranking_says_how_sure_each_place_is():
 
 def test_a_choice_is_among_what_was_shown():
     form = choice(["front", "side"], ["rgb", "dep"])
-    names = schema_of(form)["properties"]
+    names = form.model_json_schema()["properties"]
     assert names["view"] == {"type": "string", "enum": ["front", "side"]}
-    assert "title" not in json.dumps(schema_of(form))
-    part = schema_of(Subtasks)["$defs"]["Subtask"]
+    assert "title" not in json.dumps(form.model_json_schema())
+    part = Subtasks.model_json_schema()["$defs"]["Subtask"]
     assert part["required"] == ["name", "description"]
     assert part["properties"]["description"] == {"type": "string"}
     assert "description" not in part
@@ -402,4 +411,4 @@ def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
     assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
     assert "Field required" in rows[1]["reason"]
-    assert schema_of(ProgramAnswer)["required"] == ["explanation", "program"]
+    assert ProgramAnswer.model_json_schema()["required"] == ["explanation", "program"]
