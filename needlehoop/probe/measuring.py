@@ -6,7 +6,7 @@ A reader is the agent's encoders and trunk, trained to read facts off frames.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
@@ -17,11 +17,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 from tqdm import tqdm
 
-from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
-from needlehoop.learning.networks import HeadConfig, Trunk
+from needlehoop.learning.encoder import Fold, convolution_dtype
+from needlehoop.learning.networks import Trunk
 from needlehoop.probe.folder import Folder, errors_of
 from needlehoop.probe.frames import Frames, Reading, collect
-from needlehoop.probe.plan import CONSTANT, TRUTH, Fit, Plan
+from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.scores import constant, errors
 from needlehoop.runs.files import seen
 from needlehoop.runs.machine import available_cpus
@@ -60,28 +60,45 @@ def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
 def _probe_seed(
     plan: Plan, folder: Folder, seed: int, lacking: Mapping[str, tuple[str, ...]], bar: tqdm
 ) -> None:
-    learnt, held_out = _frames(plan, seed, lacking.values(), bar)
-    episodes, asked = plan.episodes.held_out, folder.asked
-    blind = constant(asked, learnt, held_out)
-    folder.save(seed, CONSTANT, *errors(asked, held_out, blind, episodes))
+    cameras = tuple(dict.fromkeys(camera for one in lacking.values() for camera in one))
+    sizes, done, found, fold = plan.episodes, 0, [], Fold(plan.encoder.stem)
+    total = sizes.train + sizes.held_out
+
+    def collected(more: int) -> None:
+        nonlocal done
+        done += more
+        bar.set_description(f"seed {seed}: episode {done} of {total}")
+
+    for episodes, own in zip((sizes.train, sizes.held_out), plan.episode_seeds(seed), strict=True):
+        settings = replace(plan.env, cams=cameras, seed=own)
+        frames = collect(settings, episodes, sizes.per_phase, collected)
+        # Once, for all readers.
+        images = {name: fold(image) for name, image in frames.images.items()}
+        found.append(replace(frames, images=images))
+    learnt, held_out = found
+
+    def save(name: str, reading: Reading) -> None:
+        means = errors(folder.asked, held_out, reading, sizes.held_out)
+        folder.save(seed, name, *means)
+
+    save(CONSTANT, constant(folder.asked, learnt, held_out))
     bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
     stop = threading.Event()
 
-    def tick() -> None:
+    def updated() -> None:
         bar.update()
         if stop.is_set():
             raise KeyboardInterrupt
 
     def measure(name: str, reader: Reader) -> None:
-        reader.learn(learnt, plan.fit, seed, tick)
-        folder.save(seed, name, *errors(asked, held_out, reader.read(held_out), episodes))
+        reader.learn(updated)
+        save(name, reader.read(held_out))
 
-    threads = plan.env.engine.threads or available_cpus()
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
         try:
             jobs = [
-                pool.submit(measure, name, _reader(plan, learnt, cameras, seed))
-                for name, cameras in lacking.items()
+                pool.submit(measure, name, Reader(plan, learnt, own, seed))
+                for name, own in lacking.items()
             ]
             for job in as_completed(jobs):
                 job.result()
@@ -91,80 +108,47 @@ def _probe_seed(
             pool.shutdown(cancel_futures=True)
 
 
-def _frames(
-    plan: Plan, seed: int, camera_sets: Iterable[tuple[str, ...]], bar: tqdm
-) -> tuple[Frames, Frames]:
-    """Frames to learn from and held-out ones, folded."""
-    cameras = tuple(dict.fromkeys(camera for one in camera_sets for camera in one))
-    sizes = (plan.episodes.train, plan.episodes.held_out)
-    done, found = 0, []
-
-    def tick(more: int) -> None:
-        nonlocal done
-        done += more
-        bar.set_description(f"seed {seed}: episode {done} of {sum(sizes)}")
-
-    for episodes, own in zip(sizes, plan.episode_seeds(seed), strict=True):
-        settings = replace(plan.env, cams=cameras, seed=own)
-        frames = collect(settings, episodes, plan.episodes.per_phase, tick)
-        found.append(fold(frames, plan.encoder.stem))
-    return found[0], found[1]
-
-
-def _reader(plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int) -> Reader:
-    """A seed gives the same weights, whatever other camera sets are missing."""
-    device = plan.effort.torch_device
-    torch.manual_seed(seed)
-    dtype = convolution_dtype(plan.effort.precision, device)
-    return Reader(learnt, cameras, plan.encoder, plan.heads, dtype, device)
-
-
-_STATE = "signals"
-
-
 class Reader:
     """The agent's encoders and trunk, with a linear layer that gives the answers.
 
-    Weights are drawn here, from torch's global generator; ``learn`` draws from its own.
+    A seed gives the same weights, whatever other camera sets are missing. They are drawn here,
+    from torch's global generator; ``learn`` draws from its own.
 
     Args:
-        frames: to learn from, folded by ``fold``.
+        plan: the networks, and how they are trained.
+        learnt: frames to learn from, folded for the encoder.
         cameras: whose images are read; none: the true state is.
-        encoder: of every camera.
-        heads: width and layers of the trunk.
-        dtype: of the convolutions.
-        device: where it is trained.
+        seed: of weights and minibatches.
     """
 
-    def __init__(
-        self,
-        frames: Frames,
-        cameras: Sequence[str],
-        encoder: EncoderConfig,
-        heads: HeadConfig,
-        dtype: torch.dtype,
-        device: torch.device,
-    ):
-        self._cameras, self._device = tuple(cameras), device
-        # Trunk takes unfolded shapes: (c, h, w).
-        images = {name: _unfolded(frames.images[name].shape[1:], encoder.stem) for name in cameras}
-        vectors = {} if cameras else {_STATE: frames.state.shape[-1]}
-        trunk = Trunk(images, vectors, encoder, heads, dtype)
-        self._trunk = trunk.to(device)
-        self._mean = frames.points.mean(0)
-        self._answers = nn.Linear(heads.hidden, self._mean.numel() + 1).to(device)
+    def __init__(self, plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int):
+        self._fit, self._learnt, self._cameras, self._seed = plan.fit, learnt, cameras, seed
+        self._device, stem = plan.effort.torch_device, plan.encoder.stem
+        torch.manual_seed(seed)
+        shapes = {}
+        for name in cameras:
+            height, width, channels = learnt.images[name].shape[1:]
+            # Trunk takes unfolded shapes.
+            shapes[name] = torch.Size((channels // stem**2, height * stem, width * stem))
+        vectors = {} if cameras else {TRUTH: learnt.state.shape[-1]}
+        dtype = convolution_dtype(plan.effort.precision, self._device)
+        trunk = Trunk(shapes, vectors, plan.encoder, plan.heads, dtype)
+        self._trunk = trunk.to(self._device)
+        self._mean = learnt.points.mean(0)
+        self._answers = nn.Linear(plan.heads.hidden, self._mean.numel() + 1).to(self._device)
         self._normalizers: list[Any] = list(trunk.normalizers.values())
-        self._deviation = frames.points.std(0).clamp(min=1e-3)
+        self._deviation = learnt.points.std(0).clamp(min=1e-3)
 
-    def learn(self, frames: Frames, fit: Fit, seed: int, tick: Callable[[], object]) -> None:
-        """Train on frames, in minibatches drawn by ``seed``; ``tick`` is called after each."""
+    def learn(self, updated: Callable[[], object]) -> None:
+        """Train in minibatches; ``updated`` is called after each."""
+        frames, fit = self._learnt, self._fit
         for normalizer in self._normalizers:
             normalizer.learn(frames.state.to(self._device))
         wanted = ((frames.points - self._mean) / self._deviation).flatten(1)
         weights = [*self._trunk.parameters(), *self._answers.parameters()]
         optimizer = torch.optim.Adam(weights, lr=fit.learning_rate)
         falling = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.0, fit.updates)
-        generator = torch.Generator().manual_seed(seed)
+        generator = torch.Generator().manual_seed(self._seed)
         for _ in range(fit.updates):
             rows = torch.randint(len(frames), (fit.minibatch,), generator=generator)
             said = self._say(frames, rows)
@@ -176,7 +160,7 @@ class Reader:
             loss.backward()
             optimizer.step()
             falling.step()
-            tick()
+            updated()
 
     @torch.no_grad()
     def read(self, frames: Frames) -> Reading:
@@ -190,15 +174,3 @@ class Reader:
         """Standardised points and, last, the logit of the fact, of chosen frames."""
         values = [frames.images[name] for name in self._cameras] or [frames.state]
         return self._answers(self._trunk(*(value[rows].to(self._device) for value in values)))
-
-
-def fold(frames: Frames, stem: int) -> Frames:
-    """Frames with their images folded for an encoder: once, for all readers."""
-    folder = Fold(stem)
-    images = {name: folder(image) for name, image in frames.images.items()}
-    return replace(frames, images=images)
-
-
-def _unfolded(shape: torch.Size, stem: int) -> torch.Size:
-    height, width, channels = shape
-    return torch.Size((channels // stem**2, height * stem, width * stem))

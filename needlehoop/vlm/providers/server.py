@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import re
-import threading
 import time
 from dataclasses import replace
 from time import sleep
@@ -59,7 +58,7 @@ class Server:
         c, attempts = self._config, ()
         while True:
             try:
-                return replace(self._try(request), attempts=(*attempts, _ARRIVED))
+                return replace(self._post(request), attempts=(*attempts, _ARRIVED))
             except ProviderError as error:
                 attempts = (*attempts, error.status)
                 if not error.passing or len(attempts) == c.tries:
@@ -72,39 +71,18 @@ class Server:
     def close(self) -> None:
         """See ``Provider``: each try has a connection of its own, so there is nothing to do."""
 
-    def _try(self, request: Request) -> Reply:
-        """One try.
-
-        It is made on a thread, which bounds all of it: a server that sends a byte now and then
-        never exceeds the limit of a single wait.
-        """
-        came: list[Reply | Exception] = []
-
-        def attempt() -> None:
-            try:
-                came.append(self._post(request))
-            except Exception as error:
-                came.append(error)
-
-        thread = threading.Thread(target=attempt, daemon=True)
-        thread.start()
-        thread.join(self._config.timeout)
-        found = came[0] if came else self._late()
-        if isinstance(found, Exception):
-            raise found
-        return found
-
     def _late(self) -> ProviderError:
         return ProviderError(f"no answer within {self._config.timeout:g} s", "timeout")
 
     def _post(self, request: Request) -> Reply:
-        """One try without a limit on all of it.
+        """One try.
 
         No redirect is followed, because the headers carry the key. No compression is accepted,
         because a few compressed bytes can hold gigabytes.
         """
         config, protocol = self._config, _PROTOCOLS[self._config.kind]
         address, header, body = protocol.request(config, request)
+        until = time.monotonic() + config.timeout
         own = {} if self._key is None else {header[0]: header[1] + self._key}
         try:
             with requests.post(
@@ -117,7 +95,7 @@ class Server:
                 allow_redirects=False,
                 stream=True,
             ) as response:
-                found = self._body(response, time.monotonic() + config.timeout)
+                found = self._body(response, until)
         except (requests.RequestException, HTTPError) as error:
             raise self._no_reply(error) from error
         if response.status_code != _ARRIVED:
@@ -131,7 +109,7 @@ class Server:
             raise ProviderError(f"the reply is of another form: {said}", "unreadable") from error
 
     def _body(self, response: requests.Response, until: float) -> bytes:
-        """What arrives, piece by piece. It ends the connection of a try that was given up."""
+        """What arrives until then, piece by piece: a byte now and then keeps each wait short."""
         if response.headers.get("Content-Encoding", "identity") != "identity":
             raise ProviderError("the reply is compressed, unasked", "unreadable")
         found = bytearray()
