@@ -14,8 +14,8 @@ from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
+from needlehoop.vlm.description import stages_of
 from needlehoop.vlm.messages import Png, Request
-from needlehoop.vlm.prompts import stages_of
 from needlehoop.vlm.providers import Reply
 from needlehoop.vlm.questions import (
     Lists,
@@ -26,8 +26,7 @@ from needlehoop.vlm.questions import (
     question,
 )
 from needlehoop.vlm.record import Record
-from needlehoop.vlm.revision import Trained
-from needlehoop.vlm.writing import ProgramRules, guess_prompt, reward_prompt
+from needlehoop.vlm.writing import ProgramRules, Trained, guess_prompt, reward_prompt
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)

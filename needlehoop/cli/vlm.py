@@ -147,7 +147,7 @@ def _reward(options: argparse.Namespace) -> None:
     from needlehoop.training.missing_reward import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.record import RefusalError
-    from needlehoop.vlm.revision import read_run
+    from needlehoop.vlm.writing import read_run
 
     if revised is not None and (samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")

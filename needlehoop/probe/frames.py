@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
-from needlehoop.envs.rollout import Step, batches, rollout
+from needlehoop.envs.rollout import batches, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals, columns
 from needlehoop.tasks.contract import Task
@@ -144,7 +144,9 @@ def collect(
     Raises:
         ValueError: the task's phases give nothing to read off.
     """
-    asked, parts = quantities(settings.definition), []
+    task = settings.definition
+    asked = quantities(task)
+    images, moments, numbers = [], [], []
     for batch in batches(settings, episodes, _BATCH):
         phases = [
             torch.where(step.alive, phase_of(asked, step.signals), -1)
@@ -153,9 +155,23 @@ def collect(
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
         batch.simulation.reseed(settings.seed)
         steps = batch.rollout(lambda own, *_, first=batch.first: _Cast(own, first))
-        parts += _look(asked, steps, chosen, batch.first)
+        for step, wanted in zip(steps, chosen, strict=True):
+            ids = torch.from_numpy(np.flatnonzero(wanted))
+            if len(ids):
+                images.append(step.images(ids))
+                moments.append(step.signals[ids])
+                numbers.append(batch.first + ids)
         tick(batch.settings.num_envs)
-    return _join(parts)
+    signals: Any = torch.cat(moments)
+    places = [getattr(signals, name) for name in asked.points]
+    return Frames(
+        {name: torch.cat([shown[name] for shown in images]) for name in images[0]},
+        columns(task.state, signals),
+        1e3 * (torch.stack(places, 1) - getattr(signals, asked.origin)[:, None]).float(),
+        getattr(signals, asked.fact),
+        phase_of(asked, signals),
+        torch.cat(numbers),
+    )
 
 
 def phase_of(asked: Quantities, signals: Signals) -> Tensor:
@@ -209,37 +225,3 @@ def _spread(phases: np.ndarray, number: int, most: int) -> np.ndarray:
             picks = np.linspace(0, len(at) - 1, min(most, len(at))).round().astype(int)
             chosen[at[picks], env] = True
     return chosen
-
-
-def _look(
-    asked: Quantities, steps: Iterator[Step], chosen: np.ndarray, first: int
-) -> Iterator[Frames]:
-    """The chosen frames of a rollout, step by step."""
-    for step, wanted in zip(steps, chosen, strict=True):
-        ids = torch.from_numpy(np.flatnonzero(wanted))
-        if len(ids):
-            signals: Any = step.signals[ids]
-            yield Frames(
-                step.images(ids),
-                columns(step.task.state, signals),
-                _points(asked, signals),
-                getattr(signals, asked.fact),
-                phase_of(asked, signals),
-                first + ids,
-            )
-
-
-def _points(asked: Quantities, signals: Signals) -> Tensor:
-    origin = getattr(signals, asked.origin)
-    places = [getattr(signals, name) - origin for name in asked.points]
-    return 1e3 * torch.stack(places, 1).float()
-
-
-def _join(parts: list[Frames]) -> Frames:
-    return Frames(
-        {name: torch.cat([part.images[name] for part in parts]) for name in parts[0].images},
-        *(
-            torch.cat([getattr(part, name) for part in parts])
-            for name in ("state", "points", "fact", "phase", "episode")
-        ),
-    )

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from needlehoop.probe.frames import Quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.scores import Mean, ProbeResults
+from needlehoop.probe.scores import ProbeResults
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
@@ -44,7 +44,7 @@ def _ranking(results: ProbeResults) -> Table:
         }
         for phase in asked.phases:
             error = results.error(name, phase, asked.needed[phase])
-            row[Column(phase, "mm", ".2f")] = Estimated(error.value, _interval(error))
+            row[Column(phase, "mm", ".2f")] = error
         for seed, score in enumerate(results.scores_by_seed(name)):
             row[Column(f"seed {seed}", form=".3f")] = score
         rows.append(row)
@@ -56,9 +56,9 @@ def _ranking(results: ProbeResults) -> Table:
     return Table.of("ranking", title, rows, note)
 
 
-def _estimated(name: str, found: Mean) -> Row:
+def _estimated(name: str, found: Estimated) -> Row:
     column = Column(name, form=".3f")
-    return {column: found.value, replace(column, name="95 %"): _interval(found)}
+    return {column: found.value, replace(column, name="95 %"): found.interval}
 
 
 def _phases(results: ProbeResults) -> Table:
@@ -133,10 +133,6 @@ def _place(best: int, worst: int) -> Cell:
     return best if best == worst else Interval(best, worst)
 
 
-def _interval(found: Mean) -> Interval:
-    return Interval(found.low, found.high)
-
-
 _ROW = 4.2
 """Height of a row, mm."""
 
@@ -150,7 +146,9 @@ def ranking_figure(results: ProbeResults) -> Figure:
     left, right = grid[0]
     for y, name in enumerate(names):
         found = results.score(name)
-        left.plot([found.low, found.high], [y, y], color=COLOURS[0], linewidth=1.6)
+        assert found.interval is not None
+        ends = [found.interval.low, found.interval.high]
+        left.plot(ends, [y, y], color=COLOURS[0], linewidth=1.6)
         left.plot(found.value, y, "o", color=COLOURS[0], markersize=3)
     left.set_yticks(range(len(names)), names)
     left.set_ylim(len(names) - 0.4, -0.6)

@@ -8,26 +8,17 @@ A score of 1 means no error; 0 means no better than the constant.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from needlehoop.probe.frames import Frames, Quantities, Reading
 from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.study.stats.statistics import Estimated, Interval
 
 _RESAMPLES = 2_000
 _LIMITS = (2.5, 97.5)
 """Percentiles of a 95 % interval."""
-
-
-@dataclass(frozen=True)
-class Mean:
-    """A mean over seeds and its 95 % interval over held-out episodes."""
-
-    value: float
-    low: float
-    high: float
 
 
 def errors(
@@ -105,33 +96,33 @@ class ProbeResults:
         """Camera sets, the best score first; without the baselines."""
         return tuple(sorted(self.places, key=lambda name: (-self.score(name).value, name)))
 
-    def score(self, name: str) -> Mean:
-        """Mean over seeds."""
+    def score(self, name: str) -> Estimated:
+        """Mean over seeds, and its 95 % interval over held-out episodes."""
         return _mean(self._scores[name])
 
     def scores_by_seed(self, name: str) -> list[float]:
         """Without intervals."""
         return self._scores[name][:, 0].tolist()
 
-    def error(self, name: str, phase: str, quantity: str) -> Mean:
-        """Mean error in mm (of the fact: a share); mean over seeds."""
+    def error(self, name: str, phase: str, quantity: str) -> Estimated:
+        """Mean error in mm (of the fact: a share), as ``score``."""
         at = self.asked.phases.index(phase), self.asked.names.index(quantity)
         return _mean(self._errors[name][..., *at])
 
 
-def places(scores: Mapping[str, Mean]) -> dict[str, tuple[int, int]]:
+def places(scores: Mapping[str, Estimated]) -> dict[str, tuple[int, int]]:
     """The best and the worst place that each camera set may have, counted from 1.
 
     One is before another only where its whole interval is above the other's. Two whose
     intervals overlap always share a place.
     """
-    n = len(scores)
+    ends = {name: found.interval for name, found in scores.items() if found.interval}
     return {
         name: (
-            1 + sum(other.low > own.high for other in scores.values()),
-            n - sum(other.high < own.low for other in scores.values()),
+            1 + sum(other.low > own.high for other in ends.values()),
+            len(ends) - sum(other.high < own.low for other in ends.values()),
         )
-        for name, own in scores.items()
+        for name, own in ends.items()
     }
 
 
@@ -151,8 +142,8 @@ def _weighted(means: np.ndarray, counts: np.ndarray) -> np.ndarray:
         )
 
 
-def _mean(samples: np.ndarray) -> Mean:
+def _mean(samples: np.ndarray) -> Estimated:
     """Mean over seeds and its ends, of ``(seeds, samples)``; the first has all episodes."""
     over_seeds = samples.mean(0)
     low, high = np.nanpercentile(over_seeds[1:], _LIMITS)
-    return Mean(float(over_seeds[0]), float(low), float(high))
+    return Estimated(float(over_seeds[0]), Interval(float(low), float(high)))

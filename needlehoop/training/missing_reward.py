@@ -27,7 +27,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
 
     Raises:
         ValueError: no key, or a value that is not valid.
-        RewardError: no package for the provider, no reply, or no program that was accepted.
+        RewardError: no reply, or no program that was accepted.
     """
     reward: Mapping[str, Any] = values["reward"]
     if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):

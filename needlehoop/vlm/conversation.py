@@ -11,8 +11,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
-from needlehoop.vlm.prompts import fill
 from needlehoop.vlm.record import Exchange, Record
 
 _SENT_BACK = fill("again", reason="\n").partition("\n")[0]
@@ -82,8 +82,17 @@ class Conversation:
         for _ in range(self._attempts):
             exchange = self._record.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
-            answer, reason = _read(exchange, form)
-            verdict = Verdict(reason) if answer is None else judge(answer)
+            answer = None
+            try:
+                if exchange.outcome == "truncated":
+                    cut = "it was cut off at the limit of length; answer more briefly"
+                    verdict = Verdict(cut)
+                else:
+                    answer = form.model_validate_json(exchange.answer)
+                    verdict = judge(answer)
+            except ValidationError as error:
+                wrong = "; ".join(mistakes(error, "answer", 5))
+                verdict = Verdict(f"it is not of the form that was asked for: {wrong}")
             self.attempts.append(Attempt(exchange, answer, verdict))
             reason = verdict.reason
             if answer is not None and reason is None:
@@ -96,17 +105,6 @@ class Conversation:
 
     def _say(self, role: str, *parts: Part) -> None:
         self._messages = (*self._messages, Message(role, parts))
-
-
-def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
-    """The answer, or the reason why it can't be used."""
-    if exchange.outcome == "truncated":
-        return None, "it was cut off at the limit of length; answer more briefly"
-    try:
-        return form.model_validate_json(exchange.answer), None
-    except ValidationError as error:
-        reasons = "; ".join(mistakes(error, "answer", 5))
-        return None, f"it is not of the form that was asked for: {reasons}"
 
 
 def totals_csv(found: Mapping[str, Mapping[str, int]]) -> str:

@@ -16,7 +16,7 @@ from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.study.render.table import Table
-from needlehoop.vlm import description, prompts
+from needlehoop.vlm import description
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_csv, totals_of
@@ -33,10 +33,11 @@ from needlehoop.vlm.questions import (
 )
 from needlehoop.vlm.rankings import agreement_csv, deal, of_groups, of_samples, rankings_csv
 from needlehoop.vlm.record import Record
-from needlehoop.vlm.revision import DESCENT, Trained
 from needlehoop.vlm.writing import (
+    DESCENT,
     Accepted,
     ProgramRules,
+    Trained,
     compared,
     guess_prompt,
     reward_prompt,
@@ -64,11 +65,10 @@ class Inquiry(AbstractContextManager):
     Raises:
         ValueError: a task that is told to no model, no key, no recording, or a recording of
             another model.
-        RuntimeError: the provider's package is not installed.
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
-        asked = prompts.sha256(settings.definition)
+        asked = description.edition_of(settings.definition)
         self._settings, self._config, self._told = settings, config, vlm.told
         self._files = Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
@@ -118,7 +118,7 @@ class Inquiry(AbstractContextManager):
         self, conversation: Conversation, album: Album, questions: Questions
     ) -> dict[str, Any]:
         answers = question(conversation, self._settings, album, questions)
-        asked = prompts.questioned(self._settings.definition)
+        asked = description.questioned(self._settings.definition)
         found = self._write(QUESTIONS, {"answers": answers, "asked": asked})
         rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, asked)]
         text = csv_text(("question", "answer", "reason"), rows)

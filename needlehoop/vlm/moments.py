@@ -228,21 +228,18 @@ def random_signals(task: Task, count: int, seed: int) -> Signals:
 
     fields = {}
     for name, signal in task.signals.items():
-        shape = (count, *signal.shape)
+        share = uniform(count, *signal.shape)
+        either_way = 2 * share - 1
         if signal.unit == "bool":
-            fields[name] = uniform(*shape) < 0.5
+            fields[name] = share < 0.5
         elif signal.unit == "m":
-            fields[name] = _REACH * (2 * uniform(*shape) - 1)
+            fields[name] = _REACH * either_way
+        elif signal.unit != "1":
+            fields[name] = _TURN * either_way
         elif signal.shape:
-            fields[name] = 2 * uniform(*shape) - 1
-            if signal.unit == "1":
-                fields[name] /= torch.linalg.vector_norm(fields[name], dim=-1, keepdim=True)
-            else:
-                fields[name] *= _TURN
+            fields[name] = either_way / torch.linalg.vector_norm(either_way, dim=-1, keepdim=True)
         else:
-            fields[name] = (
-                uniform(*shape) if signal.unit == "1" else _TURN * (2 * uniform(count) - 1)
-            )
+            fields[name] = share
     if task.signals.get("joints") == JOINT_SIGNALS["joints"]:
         # The PSM's; the insertion is a length.
         fields["joints"][:, 2] = 0.24 * uniform(count)

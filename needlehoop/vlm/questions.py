@@ -14,8 +14,8 @@ from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation, Subtasks, choice, choices, ranking
+from needlehoop.vlm.description import fill, questioned
 from needlehoop.vlm.messages import Part, Png
-from needlehoop.vlm.prompts import fill, questioned
 from needlehoop.vlm.rankings import Ranked, deal
 
 

@@ -132,12 +132,13 @@ class Record:
         if self._provider is not None:
             self._provider.close()
 
-    def save(self, picture: Png) -> None:
-        """Keep a picture as ``images/<hash>.png``, once."""
+    def save(self, picture: Png) -> str:
+        """Keep a picture as ``images/<hash>.png``, once; its hash."""
         path = self.folder / IMAGES / f"{picture.sha256}.png"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, picture.png)
+        return path.stem
 
     def picture(self, sha256: str) -> Png:
         """A saved picture.

@@ -1,28 +1,37 @@
-"""Reward programs: asked for, judged, and sent back with the reason until one is accepted."""
+"""Reward programs: asked for, judged, sent back until one is accepted; revised after a training."""
 
 from __future__ import annotations
 
-import math
+import hashlib
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import imageio.v2 as imageio
+import numpy as np
+from PIL import Image
 from scipy.stats import rankdata
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.rewards.written import FIRST
+from needlehoop.rewards.written import FIRST, KINDS
+from needlehoop.runs.files import METRICS, VIDEO
+from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.run import Run
+from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
 from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
-from needlehoop.vlm.messages import Part
+from needlehoop.vlm.description import fill, telling_of
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.moments import collect
-from needlehoop.vlm.prompts import fill, telling_of
 
 
 @dataclass(frozen=True)
@@ -124,14 +133,17 @@ def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
     # A task without a cheat has no such figure.
     figures = [own.card for own in programs.values()]
     others = [to for to in ("random", "cheat") if figures[0][to] is not None]
+    # Undefined for one whose values are all the same.
+    with np.errstate(invalid="ignore"):
+        rho = np.corrcoef(rankdata([own.values for own in programs.values()], axis=1))
     rows = [
         (
             number,
             *(own.card["expert"] - own.card[to] for to in others),
             own.card["paid"],
-            *(_rho(own.values, other.values) for other in programs.values()),
+            *(None if np.isnan(one) else float(one) for one in correlations),
         )
-        for number, own in programs.items()
+        for (number, own), correlations in zip(programs.items(), rho, strict=True)
     ]
     columns = (
         Column("sample"),
@@ -144,13 +156,6 @@ def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
         f" {FIRST}, or that of reward.sample=."
     )
     return Table(name, "Samples compared", columns, tuple(rows), note)
-
-
-def _rho(a: Sequence[float], b: Sequence[float]) -> float | None:
-    """Spearman's rank correlation; ``None`` where one side is constant."""
-    x, y = (rankdata(side) - (len(side) + 1) / 2 for side in (a, b))
-    size = math.sqrt(float((x**2).sum() * (y**2).sum()))
-    return float((x * y).sum()) / size if size else None
 
 
 def reward_prompt(
@@ -207,3 +212,111 @@ def _bare(program: str) -> str:
     """The program without the fence that models put around code; one newline at its end."""
     fenced = re.fullmatch(r"\s*```[a-zA-Z]*\n(.*?)\n?```\s*", program, re.DOTALL)
     return (fenced.group(1) if fenced else program).strip() + "\n"
+
+
+DESCENT = ".descent.json"
+"""Ending of the file that says which run and program a revised one descends from."""
+
+_ROWS, _STILLS = 10, 6
+
+_RANGES = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
+"""Columns that rows of the metrics must have; they are empty before any episode has ended."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A program, and what came of a training on it."""
+
+    folder: str
+    program: str
+    origin: str
+    """The file that the program came from."""
+    curves: str
+    """A table: step, return, terms, and the share of episodes in which the task was done."""
+    steps: int
+    stills: tuple[Png, ...]
+    """Of the run's film, from its beginning to its end; none: there is no film."""
+
+    @property
+    def sha256(self) -> str:
+        """Of the program."""
+        return hashlib.sha256(self.program.encode()).hexdigest()
+
+    def descent(self) -> str:
+        """A note for a program that descends from this one: runs and programs, the latest last."""
+        note = Path(self.origin).with_suffix(DESCENT)
+        before = read_json(note)["line"] if note.is_file() else []
+        own = {"run": self.folder, "program": self.origin, "sha256": self.sha256}
+        return json.dumps({"line": [*before, own]}, indent=2) + "\n"
+
+    def prompt(self, reward: Sequence[Part]) -> list[Part]:
+        """The question for a better program, after the one that asked for the first."""
+        (text, *pictures) = reward
+        film = "Below the other pictures: stills of a film of the trained agent, in order."
+        said = fill(
+            "revise",
+            reward=text,
+            program=self.program.strip(),
+            curves=self.curves,
+            steps=f"{self.steps:,}",
+            stills=film if self.stills else "There is no film of the trained agent.",
+        )
+        shown: list[Part] = [
+            part
+            for number, still in enumerate(self.stills, 1)
+            for part in (f"trained agent, still {number} of {len(self.stills)}:", still)
+        ]
+        return [said, *pictures, *shown]
+
+
+def read_run(folder: Path, size: int) -> Trained:
+    """What a run's files say of its training.
+
+    Args:
+        folder: of the run.
+        size: of a still's longer side, pixels, at most.
+
+    Raises:
+        ValueError: no run, one that was not paid by a program, or damaged files.
+    """
+    reward = Run.open(folder).config().get("reward")
+    program = reward.get("program") if isinstance(reward, Mapping) else None
+    kind = reward.get("kind") if isinstance(reward, Mapping) else None
+    if not isinstance(program, Mapping) or kind not in KINDS:
+        raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
+    try:
+        rows, _ = read_rows(folder / METRICS, _RANGES, folder)
+    except UnreadableError as error:
+        raise ValueError(f"revise: {folder / METRICS} {error}") from error
+    film = folder / VIDEO
+    return Trained(
+        str(folder),
+        program["text"],
+        program["origin"],
+        _curves(rows),
+        int(rows["step"][-1]),
+        _stills(film, size) if film.is_file() else (),
+    )
+
+
+def _curves(rows: Rows) -> str:
+    """Some rows of the metrics, evenly over the training; terms by their names in the program."""
+    # Facts would tell what success is.
+    columns = ["return", *(c for c in rows.columns if c.startswith("term_")), "success"]
+    names = (column.removeprefix("term_") for column in columns[:-1])
+    lines = [", ".join(("step", *names, "done"))]
+    for row in sorted({round(i * (len(rows) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
+        values = (f"{rows[column][row]:.3g}" for column in columns)
+        lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
+    return "\n".join(lines)
+
+
+def _stills(film: Path, size: int) -> tuple[Png, ...]:
+    try:
+        with imageio.get_reader(film) as opened:
+            reader: Any = opened
+            frames = [np.asarray(frame) for frame in reader]
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ValueError(f"revise: {film}: no film ({str(error).splitlines()[0]})") from error
+    chosen = [round(i * (len(frames) - 1) / (_STILLS - 1)) for i in range(_STILLS)]
+    return tuple(Png.of(Image.fromarray(frames[number]), size) for number in chosen)

@@ -24,8 +24,9 @@ from needlehoop.probe.folder import Folder
 from needlehoop.probe.frames import KINDS, Frames, Reading, collect, phase_of, quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
-from needlehoop.probe.scores import Mean, ProbeResults, constant, errors, places
+from needlehoop.probe.scores import ProbeResults, constant, errors, places
 from needlehoop.scene.cameras import View
+from needlehoop.study.stats.statistics import Estimated, Interval
 from needlehoop.tasks.contract import Phase
 from needlehoop.tasks.registry import built_in, find
 
@@ -211,7 +212,7 @@ def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     results = _results([_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
     found = results.score("rgb")
     assert found.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
-    assert (found.low, found.high) == pytest.approx((found.value, found.value))
+    assert (found.interval.low, found.interval.high) == pytest.approx((found.value,) * 2)
     assert results.score(CONSTANT).value == 0
     two = _results([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
     assert two.score("rgb").value == pytest.approx(0.5)
@@ -220,7 +221,7 @@ def test_the_score_is_the_mean_over_phases_of_what_each_needs():
 
 def test_intervals_narrow_with_episodes_and_hold_the_truth():
     few, many = (
-        _results([own], [own]).error("rgb", "reach", ASKED.needed["reach"])
+        _results([own], [own]).error("rgb", "reach", ASKED.needed["reach"]).interval
         for own in (_errors([5.0] * 3, n, 2.0, 1) for n in (8, 800))
     )
     assert many.high - many.low < 0.3 < few.high - few.low
@@ -228,7 +229,7 @@ def test_intervals_narrow_with_episodes_and_hold_the_truth():
     held = 0
     for seed in range(60):
         own = _errors([5.0] * 3, 30, 2.0, seed)
-        found = _results([own], [own]).error("rgb", "lift", ASKED.needed["lift"])
+        found = _results([own], [own]).error("rgb", "lift", ASKED.needed["lift"]).interval
         held += found.low < 5 < found.high
     assert 49 <= held <= 60, "95 % intervals, less what a bootstrap of 30 falls short"
 
@@ -244,10 +245,10 @@ def test_an_episode_without_a_phase_counts_in_the_others():
 
 def test_what_cannot_be_separated_shares_a_place():
     scores = {
-        "a": Mean(0.9, 0.85, 0.95),
-        "b": Mean(0.8, 0.75, 0.86),
-        "c": Mean(0.74, 0.70, 0.78),
-        "d": Mean(0.1, 0.0, 0.2),
+        "a": Estimated(0.9, Interval(0.85, 0.95)),
+        "b": Estimated(0.8, Interval(0.75, 0.86)),
+        "c": Estimated(0.74, Interval(0.70, 0.78)),
+        "d": Estimated(0.1, Interval(0.0, 0.2)),
     }
     assert places(scores) == {"a": (1, 2), "b": (1, 3), "c": (2, 3), "d": (4, 4)}
 
@@ -298,10 +299,10 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     found = folder.results(1)
     assert found.ranked == ("seg_default", "seg_away")
     assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
-    assert found.score("seg_default").low > 0.15
+    assert found.score("seg_default").interval.low > 0.15
     # The frames of one phase look alike to it: it can't be better than a constant.
-    assert found.score("seg_away").high < 0.1
-    assert found.score(CONSTANT) == Mean(0.0, 0.0, 0.0)
+    assert found.score("seg_away").interval.high < 0.1
+    assert found.score(CONSTANT) == Estimated(0.0, Interval(0.0, 0.0))
     assert found.score(TRUTH).value > found.score("seg_default").value
 
 

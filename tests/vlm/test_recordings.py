@@ -19,7 +19,7 @@ from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task
 from needlehoop.training import missing_reward
-from needlehoop.vlm import prompts
+from needlehoop.vlm import description
 from needlehoop.vlm.config import transcripts
 from needlehoop.vlm.conversation import totals_of
 from needlehoop.vlm.messages import Message, Request
@@ -126,7 +126,7 @@ def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcr
 
 
 def test_it_says_with_which_prompts_it_was_made():
-    assert Record(CLAUDE).edition()["sha256"] == prompts.sha256(task("needle_hoop"))
+    assert Record(CLAUDE).edition()["sha256"] == description.edition_of(task("needle_hoop"))
 
 
 @pytest.mark.parametrize("name", [name for name in TASKS if PROGRAMS[name]])

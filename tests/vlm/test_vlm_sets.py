@@ -125,7 +125,7 @@ def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_p
     [
         (["pictures=nowhere"], "pictures: nowhere is no folder"),
         (["pictures=empty"], "two or more pictures"),
-        (["pictures=broken"], "a.png: no picture"),
+        (["pictures=broken"], "broken/a.png: no picture or text"),
         (["sets=[rgb_front]"], "sets: ['rgb_front'] must be two or more"),
         (["sets=[rgb_front,rgb_top]"], "sets: rgb_top: "),
         (["sets=[rgb_front,dep_front]", "group=1"], "group: 1 must be at least 2"),
