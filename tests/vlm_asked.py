@@ -15,8 +15,7 @@ from needlehoop.vlm.album import SEEN, Album
 from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.description import stages_of
-from needlehoop.vlm.messages import Png, Request
-from needlehoop.vlm.providers import Reply
+from needlehoop.vlm.messages import Png, Reply, Request
 from needlehoop.vlm.questions import (
     Lists,
     Questions,

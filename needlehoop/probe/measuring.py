@@ -53,7 +53,7 @@ def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
         seed: {
             name: one for name, one in wanted.items() if not errors_of(place, seed, name).exists()
         }
-        for seed in range(plan.effort.seeds)
+        for seed in range(plan.seeds)
     }
 
 
@@ -123,7 +123,7 @@ class Reader:
 
     def __init__(self, plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int):
         self._fit, self._learnt, self._cameras, self._seed = plan.fit, learnt, cameras, seed
-        self._device, stem = plan.effort.torch_device, plan.encoder.stem
+        self._device, stem = plan.torch_device, plan.encoder.stem
         torch.manual_seed(seed)
         shapes = {}
         for name in cameras:
@@ -131,7 +131,7 @@ class Reader:
             # Trunk takes unfolded shapes.
             shapes[name] = torch.Size((channels // stem**2, height * stem, width * stem))
         vectors = {} if cameras else {TRUTH: learnt.state.shape[-1]}
-        dtype = convolution_dtype(plan.effort.precision, self._device)
+        dtype = convolution_dtype(plan.precision, self._device)
         trunk = Trunk(shapes, vectors, plan.encoder, plan.heads, dtype)
         self._trunk = trunk.to(self._device)
         self._mean = learnt.points.mean(0)

@@ -46,29 +46,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How often it is repeated, on what device, and where the results go."""
-
-    seeds: Annotated[int, Range(1, 1000)]
-    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
-    results: str
-    study: str
-    overwrite: bool
-    device: str
-    precision: str
-
-    def __post_init__(self) -> None:
-        check_folder("results", self.results)
-        check_name("study", self.study)
-        convolution_dtype(self.precision, self.torch_device)
-
-    @property
-    def torch_device(self) -> torch.device:
-        """Where networks are trained; errors as in ``pick_device``."""
-        return pick_device(self.device)
-
-
-@dataclass(frozen=True)
 class Grid:
     """Values in ``conf/probe.yaml``; angles in degrees, as in ``View``."""
 
@@ -120,10 +97,24 @@ class Plan:
     heads: HeadConfig
     episodes: Episodes
     fit: Fit
-    effort: Effort
+    seeds: Annotated[int, Range(1, 1000)]
+    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
+    results: str
+    study: str
+    overwrite: bool
+    device: str
+    precision: str
 
     def __post_init__(self) -> None:
+        check_folder("results", self.results)
+        check_name("study", self.study)
+        convolution_dtype(self.precision, self.torch_device)
         self.encoder.check_fit(self.env.image_size)
+
+    @property
+    def torch_device(self) -> torch.device:
+        """Where networks are trained; errors as in ``pick_device``."""
+        return pick_device(self.device)
 
     @property
     def asked(self) -> Quantities:

@@ -144,10 +144,7 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
         "episode": asdict(s.episode),
         "psm": s.psm,
         "views": {name: asdict(view) for name, view in s.views.items()},
-        "renderings": {
-            name: {"colour": r.colour, "depth": r.depth, "colours": dict(r.colours)}
-            for name, r in s.renderings.items()
-        },
+        "renderings": {name: asdict(rendering) for name, rendering in s.renderings.items()},
         "seed": s.seed,
         "quality": s.quality,
         "image_size": s.image_size,

@@ -19,8 +19,16 @@ from needlehoop.runs.machine import commit
 from needlehoop.runs.reading import RECORD, UnreadableError, read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.vlm.config import TRANSCRIPT
-from needlehoop.vlm.messages import PICTURE, Canonical, Png, Request, mistakes
-from needlehoop.vlm.providers import Provider, ProviderError, Reply
+from needlehoop.vlm.messages import (
+    PICTURE,
+    Canonical,
+    Png,
+    Provider,
+    ProviderError,
+    Reply,
+    Request,
+    mistakes,
+)
 
 IMAGES = "images"
 

@@ -22,7 +22,7 @@ from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
 from needlehoop.probe.folder import Folder
 from needlehoop.probe.frames import KINDS, Frames, Reading, collect, phase_of, quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Fit, Grid, Plan, camera_sets
+from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import ProbeResults, constant, errors, places
 from needlehoop.scene.cameras import View
@@ -284,7 +284,12 @@ def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **mo
         heads=HeadConfig(64, 1, 1.0, True, ()),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
-        effort=Effort(1, str(folder), "probe", False, "cpu", "fp32"),
+        seeds=1,
+        results=str(folder),
+        study="probe",
+        overwrite=False,
+        device="cpu",
+        precision="fp32",
     )
 
 

@@ -15,8 +15,8 @@ from vlm_server import KEY, by_schema, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
 from needlehoop.vlm.config import TRANSCRIPT
-from needlehoop.vlm.messages import Message, Request
-from needlehoop.vlm.providers import Provider, ProviderError, build_provider
+from needlehoop.vlm.messages import Message, Provider, ProviderError, Request
+from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.server import LARGEST
 from needlehoop.vlm.record import Record, RefusalError
 

@@ -16,8 +16,8 @@ from vlm_server import KEY, Server, by_schema
 from needlehoop.config import strict
 from needlehoop.vlm import config
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers import Provider, ProviderError, Reply, build_provider
+from needlehoop.vlm.messages import Message, Png, Provider, ProviderError, Reply, Request
+from needlehoop.vlm.providers import build_provider
 
 PICTURE = Png(b"\x89PNG not really")
 SCHEMA = {

@@ -21,8 +21,7 @@ from needlehoop.vlm.conversation import (
     ranking,
     totals_of,
 )
-from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers import ProviderError, Reply
+from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
 from needlehoop.vlm.rankings import agreement
 from needlehoop.vlm.record import MissError, Record, RefusalError
 from needlehoop.vlm.writing import ProgramRules, rows_of, write_program

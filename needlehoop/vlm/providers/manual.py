@@ -12,8 +12,7 @@ from pathlib import Path
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
 from needlehoop.vlm.config import ManualConfig
-from needlehoop.vlm.messages import Png, Request
-from needlehoop.vlm.providers import Reply, UnansweredError
+from needlehoop.vlm.messages import Png, Reply, Request, UnansweredError
 
 ASKED, ANSWERED = "asked", "answered"
 """Folders of questions: the one that waits for its answer, and those that are answered."""

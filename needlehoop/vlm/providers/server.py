@@ -20,8 +20,7 @@ from urllib3.exceptions import HTTPError, ProtocolError, ReadTimeoutError
 from needlehoop.config.strict import check_names
 from needlehoop.runs.reading import UnreadableError, parse_json, printable
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.messages import Part, Png, Request, mistakes
-from needlehoop.vlm.providers import ProviderError, Reply
+from needlehoop.vlm.messages import Part, Png, ProviderError, Reply, Request, mistakes
 
 LARGEST = 1_000_000
 """Bytes of a reply, at most; a usual one has about 5,000. Reading stops there."""
