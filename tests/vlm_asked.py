@@ -12,11 +12,10 @@ from vlm_server import by_schema
 from needlehoop.envs.settings import Settings
 from needlehoop.vlm import description, moments
 from needlehoop.vlm.album import SEEN, Album
-from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import Guess, ProgramAnswer
-from needlehoop.vlm.messages import Png, Request
-from needlehoop.vlm.prompts import stages_of
-from needlehoop.vlm.providers.contract import LiveConfig, Reply
+from needlehoop.vlm.config import LiveConfig
+from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
+from needlehoop.vlm.description import stages_of
+from needlehoop.vlm.messages import Png, Reply, Request
 from needlehoop.vlm.questions import (
     Lists,
     Questions,
@@ -25,10 +24,8 @@ from needlehoop.vlm.questions import (
     order_pictures,
     question,
 )
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.revision import Trained
-from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramRules, Verdict, guess_prompt, reward_prompt
+from needlehoop.vlm.record import Record
+from needlehoop.vlm.writing import ProgramRules, Trained, guess_prompt, reward_prompt
 
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)
@@ -40,7 +37,7 @@ class Obliging:
     """Answers as told, then anything in the right form; ranks in the order of the list."""
 
     def __init__(self, answers: Iterable[str] = ()):
-        self.answers = list(answers)
+        self.answers, self.who = list(answers), CONFIG.who
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
@@ -65,7 +62,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     The last two are about a bench of one's own, and of a program revised.
     """
     provider = Obliging()
-    recorder = Recorder(Transcript(folder), provider, CONFIG)
+    record = Record(folder, provider)
     shown = album(settings)
     patch = pytest.MonkeyPatch()
     # Flown once, not for each that is told of them.
@@ -73,7 +70,7 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     patch.setattr(description, "ranges", lambda _: flown)
 
     def begin() -> Conversation:
-        return Conversation(recorder, "any", 1)
+        return Conversation(record, "any", 1)
 
     (sets,) = LISTS.lists
     conversation = begin()

@@ -30,11 +30,13 @@ class Server:
     otherwise: Callable[[dict[str, Any], str], str] | None = None
     requests: list[dict[str, Any]] = field(default_factory=list)
     headers: list[dict[str, str]] = field(default_factory=list)
+    paths: list[str] = field(default_factory=list)
     url: str = ""
     sent: int = 0
 
     def answer(self, path: str, body: dict[str, Any]) -> tuple[int, Any, dict[str, Any]]:
         self.requests.append(body)
+        self.paths.append(path)
         schema = schema_of(body)
         entry = self.script.pop(0) if self.script else None
         if entry is None:

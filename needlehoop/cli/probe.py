@@ -16,8 +16,8 @@ from needlehoop.config import strict
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
-    from needlehoop.probe.folder import ProbeResults
     from needlehoop.probe.plan import Grid, Plan
+    from needlehoop.probe.scores import ProbeResults
     from needlehoop.scene.cameras import View
 
 
@@ -42,7 +42,7 @@ def _probe(options: argparse.Namespace) -> int:
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})
-    from needlehoop.probe.folder import Folder, read_results
+    from needlehoop.probe.folder import Folder
     from needlehoop.probe.measuring import missing, probe
     from needlehoop.probe.plan import Grid
     from needlehoop.probe.report import PHASES_TABLE, all_tables
@@ -50,7 +50,7 @@ def _probe(options: argparse.Namespace) -> int:
     views = strict.as_type(values["grid"], Grid, "grid")
     grid = views if options.grid else None
     plan = _plan(values, standing, grid)
-    asked, place = plan.asked, Path(plan.effort.results) / plan.effort.study
+    asked, place = plan.asked, Path(plan.results) / plan.study
     if grid:
         place /= f"views_{grid.rendering}"
     flags = ["--grid", options.grid] if options.grid else []
@@ -62,13 +62,13 @@ def _probe(options: argparse.Namespace) -> int:
             f" compute=true` makes them, in about {_minutes(plan, lacking)} on two cores"
         )
     command = ["needlehoop", "probe", *flags, *options.overrides]
-    folder = Folder(place, asked, _noted(values, standing, grid), plan.effort.overwrite, command)
+    folder = Folder(place, asked, _noted(values, standing, grid), plan.overwrite, command)
     try:
         probe(plan, folder)
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    results = read_results(folder, plan.effort.seeds)
+    results = folder.results(plan.seeds)
     for table in all_tables(results):
         table.write(folder.path)
         # Hundreds of rows are for files.
@@ -99,25 +99,16 @@ def _values(overrides: list[str]) -> dict[str, Any]:
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
-    from needlehoop.learning.encoder import EncoderConfig
     from needlehoop.learning.job import PpoConfig
-    from needlehoop.probe.plan import Effort, Episodes, Plan, camera_sets
-    from needlehoop.probe.reader import Fit
+    from needlehoop.probe.plan import Plan, camera_sets
 
     settings, given = standing, values["cams"]
     if grid:
         settings = replace(standing, views=grid.views(standing.views))
         given = [f"{grid.rendering}_{name}" for name in grid.names().values()]
-    asked = camera_sets(given, settings)
-    return Plan(
-        env=settings,
-        camera_sets=asked,
-        encoder=strict.as_type(values["encoder"], EncoderConfig, "encoder"),
-        heads=strict.as_type(values["algo"], PpoConfig, "algo").network,
-        episodes=strict.as_type(values["episodes"], Episodes, "episodes"),
-        fit=strict.as_type(values["fit"], Fit, "fit"),
-        effort=strict.as_type(values, Effort),
-    )
+    heads = strict.as_type(values["algo"], PpoConfig, "algo").network
+    sets = camera_sets(given, settings)
+    return strict.as_type({**values, "env": settings, "camera_sets": sets, "heads": heads}, Plan)
 
 
 def _noted(values: dict[str, Any], standing: Settings, grid: Grid | None) -> dict[str, Any]:
@@ -146,8 +137,7 @@ def _draw(
             save(ranking_figure(results), folder / "ranking")
             return
         scores = {
-            at: results.scores[f"{grid.rendering}_{name}"].value
-            for at, name in grid.names().items()
+            at: results.score(f"{grid.rendering}_{name}").value for at, name in grid.names().items()
         }
         what = f"score of one {grid.rendering} camera"
         figure = view_map(scores, grid.azimuths, grid.elevations, standing, what)

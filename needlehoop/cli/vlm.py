@@ -96,7 +96,7 @@ def _question(options: argparse.Namespace) -> None:
         if "rendering" in shown:
             print(f"{what}: best shown by {shown['rendering']}, {shown['view']} view")
     print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
-    _report(inquiry, found["totals"], "questions.csv")
+    _report(inquiry, "questions.csv")
 
 
 def _rank(options: argparse.Namespace) -> None:
@@ -129,7 +129,7 @@ def _rank(options: argparse.Namespace) -> None:
         if entry["agreement"]:
             agreed = entry["agreement"]
             print(f"  tau_b {agreed['tau_b']:.3f}, same top {agreed['same_top']:.2f}")
-    _report(inquiry, found["totals"], f"rankings{how}.csv", f"agreement{how}.csv")
+    _report(inquiry, f"rankings{how}.csv", f"agreement{how}.csv")
 
 
 def _reward(options: argparse.Namespace) -> None:
@@ -146,8 +146,8 @@ def _reward(options: argparse.Namespace) -> None:
         _understood(values)
     from needlehoop.training.missing_reward import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
-    from needlehoop.vlm.recorder import RefusalError
-    from needlehoop.vlm.revision import read_run
+    from needlehoop.vlm.record import RefusalError
+    from needlehoop.vlm.writing import read_run
 
     if revised is not None and (samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
@@ -163,16 +163,16 @@ def _reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                found = inquiry.reward(flavour, rules, samples, trained)
+                paths, comparison = inquiry.reward(flavour, rules, samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
                 print(f"  {error}", file=sys.stderr)
                 failed.append("+".join(values["cams"]))
                 continue
-        if found.comparison is not None:
-            print(found.comparison.text())
-        _report(inquiry, found.totals, *(path.relative_to(inquiry.folder) for path in found.paths))
+        if comparison is not None:
+            print(comparison.text())
+        _report(inquiry, *(path.relative_to(inquiry.folder) for path in paths))
     if failed:
         raise NoAnswerError(
             f"{len(failed)} of {len(several)} sets have no program: {', '.join(failed)}; the same"
@@ -214,18 +214,18 @@ def _open(values: dict[str, Any]) -> Inquiry:
     from needlehoop.vlm.inquiry import Inquiry
 
     inquiry = Inquiry(*understood)
-    if inquiry.transcript.torn is not None:
-        print(f"needlehoop vlm: {inquiry.transcript.torn}", file=sys.stderr)
+    if inquiry.record.torn is not None:
+        print(f"needlehoop vlm: {inquiry.record.torn}", file=sys.stderr)
     return inquiry
 
 
-def _report(inquiry: Inquiry, found: dict[str, int], *written: str | Path) -> None:
+def _report(inquiry: Inquiry, *written: str | Path) -> None:
     """Print where the answers are, what they cost, and what the whole transcript cost."""
-    from needlehoop.vlm.tables import in_words, papers_totals
+    from needlehoop.vlm.conversation import in_words, papers_totals
 
     for name in written:
         print(inquiry.folder / name)
-    print(f"this:       {in_words(found)}")
+    print(f"this:       {in_words(inquiry.spent())}")
     print(f"transcript: {in_words(inquiry.totals()['all'])}")
     print(f"the paper:  {papers_totals()}")
 

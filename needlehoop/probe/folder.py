@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import re
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from needlehoop.probe.frames import KINDS
-from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.quantities import Quantities
-from needlehoop.probe.scores import Errors, Interval, error, places, score
+from needlehoop.probe.frames import KINDS, Quantities
+from needlehoop.probe.scores import ProbeResults
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.machine import peak_memory, provenance
-from needlehoop.runs.reading import TABLE, UnreadableError, read_json, read_text, read_yaml
+from needlehoop.runs.reading import TABLE, UnreadableError, read_text, read_yaml
+from needlehoop.runs.run import Run
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 """Settings that may change from one call to the next. The results only grow."""
@@ -53,7 +48,11 @@ class Folder:
         command: Sequence[str] = (),
     ):
         self.path, self.asked = path, asked
-        self._columns = _columns(asked)
+        self._columns = [
+            *("episode", "kind", *(f"{phase}_frames" for phase in asked.phases)),
+            *(f"{phase}_{name}" for phase in asked.phases for name in asked.names),
+        ]
+        self._run = Run(path)
         self._began, self._lock = time.perf_counter(), threading.Lock()
         self._origin = {**provenance(), "command": list(command)}
         own, held = dict(config), path / CONFIG
@@ -78,7 +77,7 @@ class Folder:
                     if _SEED.fullmatch(old.name):
                         set_aside(old)
                 (path / MANIFEST).unlink(missing_ok=True)
-        self._before = _manifest(path / MANIFEST)
+        self._before = self._run.manifest()
         path.mkdir(parents=True, exist_ok=True)
         # A call that only shows results changes nothing.
         if overwrite or any(before.get(key) != own.get(key) for key in ("fit", "cams", "seeds")):
@@ -95,115 +94,52 @@ class Folder:
         ]
         return sorted(set.intersection(*found))
 
-    def save(self, seed: int, name: str, found: Errors) -> None:
-        """Write a camera set's errors, whole or not at all, and what it took."""
+    def save(self, seed: int, name: str, means: np.ndarray, frames: np.ndarray) -> None:
+        """Write a camera set's errors, whole or not at all, and what it took; see ``errors``."""
         rows = []
-        for episode, (mean, frames) in enumerate(zip(found.mean, found.frames, strict=True)):
-            cells = ["" if np.isnan(value) else f"{value:.4g}" for value in mean.flatten()]
-            rows.append((episode, KINDS[episode % len(KINDS)], *frames, *cells))
+        for episode, (own, seen) in enumerate(zip(means, frames, strict=True)):
+            cells = ["" if np.isnan(value) else f"{value:.4g}" for value in own.flatten()]
+            rows.append((episode, KINDS[episode % len(KINDS)], *seen, *cells))
         path = errors_of(self.path, seed, name)
         path.parent.mkdir(exist_ok=True)
         write_whole(path, csv_text(self._columns, rows))
-        self._note()
-
-    def load(self, seed: int, name: str) -> Errors:
-        """A camera set's errors.
-
-        Raises:
-            ValueError: the file is not one that ``save`` wrote.
-        """
-        path = errors_of(self.path, seed, name)
-        try:
-            header, *rows = csv.reader(io.StringIO(read_text(path, TABLE)))
-        except (UnreadableError, csv.Error) as error:
-            raise ValueError(f"{path} {error}; delete it to have it made again") from error
-        if header != self._columns or any(len(row) != len(header) for row in rows):
-            raise ValueError(f"{path} is not a probe's; delete it to have it made again")
-        phases, names = len(self.asked.phases), len(self.asked.names)
-        first = 2 + phases
-        values = [[float(cell) if cell else np.nan for cell in row[first:]] for row in rows]
-        frames = [[int(cell) for cell in row[2:first]] for row in rows]
-        return Errors(np.array(values).reshape(len(rows), phases, names), np.array(frames))
-
-    def _note(self) -> None:
-        """Bring the manifest up to date: time and memory of all calls that measured something."""
+        # Time and memory of all calls that measured something.
         with self._lock:
             spent = self._before.get("wall_time", 0.0) + time.perf_counter() - self._began
             memory = max(self._before.get("memory_gb", 0.0), peak_memory())
             facts = {"wall_time": round(spent, 1), "memory_gb": round(memory, 2)}
-            text = json.dumps({**self._origin, **facts}, indent=2)
-            write_whole(self.path / MANIFEST, text + "\n")
+            self._run.note(**self._origin, **facts)
+
+    def load(self, seed: int, name: str) -> np.ndarray:
+        """A camera set's mean errors ``(episodes, phases, quantities)``.
+
+        Raises:
+            ValueError: the file is not one that ``save`` wrote.
+        """
+        path, asked = errors_of(self.path, seed, name), self.asked
+        try:
+            header, *rows = read_text(path, TABLE).splitlines()
+            if header != ",".join(self._columns) or any(
+                row.count(",") != header.count(",") for row in rows
+            ):
+                raise UnreadableError("is not a probe's")
+        except UnreadableError as error:
+            raise ValueError(f"{path} {error}; delete it to have it made again") from error
+        # What is no number, such as an empty cell, becomes NaN.
+        cells = np.genfromtxt(rows, delimiter=",", ndmin=2)[:, 2 + len(asked.phases) :]
+        return cells.reshape(len(rows), len(asked.phases), len(asked.names))
+
+    def results(self, seeds: int) -> ProbeResults:
+        """All that was probed with every seed; errors as in ``load``."""
+        return ProbeResults(
+            self.asked,
+            {
+                name: np.stack([self.load(seed, name) for seed in range(seeds)])
+                for name in self.names(seeds)
+            },
+        )
 
 
 def errors_of(place: Path, seed: int, name: str) -> Path:
     """The file of a camera set's errors in a probe's folder."""
     return place / f"seed{seed}" / f"{name}.csv"
-
-
-def _columns(asked: Quantities) -> list[str]:
-    return [
-        "episode",
-        "kind",
-        *(f"{phase}_frames" for phase in asked.phases),
-        *(f"{phase}_{name}" for phase in asked.phases for name in asked.names),
-    ]
-
-
-def _manifest(path: Path) -> dict[str, Any]:
-    """What an earlier call noted; empty if there was none."""
-    if not path.exists():
-        return {}
-    try:
-        found = read_json(path)
-        for key in ("wall_time", "memory_gb"):
-            if isinstance(found.get(key, 0.0), bool | str | list | dict | None):
-                raise UnreadableError(f"has no usable {key}")
-    except UnreadableError as error:
-        raise ValueError(f"{path} {error}; delete it, and time is counted anew") from error
-    return found
-
-
-@dataclass(frozen=True)
-class ProbeResults:
-    """Scores of camera sets and baselines, by name."""
-
-    asked: Quantities
-    errors: dict[str, list[Errors]]
-    """By seed."""
-    scores: dict[str, Interval]
-    by_seed: dict[str, list[float]]
-    places: dict[str, tuple[int, int]]
-    """Of camera sets: the best and the worst place that the intervals leave open."""
-
-    @property
-    def ranked(self) -> tuple[str, ...]:
-        """Camera sets, the best score first; without the baselines."""
-        return tuple(sorted(self.places, key=lambda name: (-self.scores[name].value, name)))
-
-    @property
-    def seeds(self) -> int:
-        """Probes that each value is a mean of."""
-        return len(self.errors[CONSTANT])
-
-    def error(self, name: str, phase: str, quantity: str) -> Interval:
-        """Mean error in mm (of the fact: a share) over held-out episodes."""
-        return error(self.asked, self.errors[name], phase, quantity)
-
-
-def read_results(folder: Folder, seeds: int) -> ProbeResults:
-    """Everything in a folder that has been probed with every seed.
-
-    Raises:
-        ValueError: a file that is not a probe's.
-    """
-    found = {
-        name: [folder.load(seed, name) for seed in range(seeds)] for name in folder.names(seeds)
-    }
-    asked, blind = folder.asked, found[CONSTANT]
-    scores = {name: score(asked, own, blind) for name, own in found.items()}
-    by_seed = {
-        name: [score(asked, [one], [other]).value for one, other in zip(own, blind, strict=True)]
-        for name, own in found.items()
-    }
-    cameras = {name: value for name, value in scores.items() if name not in (TRUTH, CONSTANT)}
-    return ProbeResults(asked, found, scores, by_seed, places(cameras))

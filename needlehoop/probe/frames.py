@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
-from needlehoop.envs.rollout import Step, batches, rollout
+from needlehoop.envs.rollout import batches, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.probe.quantities import Quantities, quantities
 from needlehoop.scene.signals import Signals, columns
+from needlehoop.tasks.contract import Task
 
 KINDS = ("expert", "perturbed", "random", "perturbed")
 """Who acts in episode ``i``: entry ``i % 4``."""
@@ -23,6 +23,79 @@ _NOISE = (0.1, 0.8)
 """Range of a perturbed episode's noise, in units of the action."""
 
 _BATCH = 60
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """Names, as tables and files have them. Made by ``quantities``."""
+
+    task: str
+    ends: Mapping[str, str]
+    """By phase, in order: the fact that ends it."""
+    origin: str
+    """The signal that places are relative to: the second point of the last phase."""
+    points: tuple[str, ...]
+    """Signals whose places relative to the origin are read off: those of the last phase first."""
+    gaps: Mapping[str, tuple[str, str]]
+    """Ways between two of the points, by name."""
+    needed: Mapping[str, str]
+    """By phase: the point or the gap that has to be known in it."""
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """In order."""
+        return tuple(self.ends)
+
+    @property
+    def fact(self) -> str:
+        """The one that is read off: it ends the first phase."""
+        return self.ends[self.phases[0]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all errors: in mm, but of ``fact`` the share of frames in which it is wrong."""
+        return (*self.points, *self.gaps, self.fact)
+
+
+def quantities(task: Task) -> Quantities:
+    """What can be read off a task's frames.
+
+    Raises:
+        ValueError: a task without phases, or a phase whose points are not two places.
+    """
+    if not task.phases:
+        raise ValueError(f"task {task.name} has no phases, so there is nothing to probe")
+    for phase in task.phases:
+        places = {name for name in phase.points if task.signals[name].shape == (3,)}
+        if len(places) < 2:
+            found = ", ".join(phase.points)
+            raise ValueError(f"task {task.name}: phase {phase.name}: no two places: {found}")
+    origin = task.phases[-1].points[1]
+    points = (name for phase in reversed(task.phases) for name in phase.points)
+    gaps: dict[str, tuple[str, str]] = {}
+    needed = {}
+    for phase in task.phases:
+        ends = [name for name in phase.points if name != origin]
+        if len(ends) == 1:
+            needed[phase.name] = ends[0]
+            continue
+        name = _gap(*phase.points)
+        if gaps.get(name, phase.points) != phase.points:
+            name = "_to_".join(phase.points)
+        gaps[name], needed[phase.name] = phase.points, name
+    return Quantities(
+        task=task.name,
+        ends={phase.name: phase.ends for phase in task.phases},
+        origin=origin,
+        points=tuple(dict.fromkeys(name for name in points if name != origin)),
+        gaps=gaps,
+        needed=needed,
+    )
+
+
+def _gap(one: str, other: str) -> str:
+    """A short name: ``tool_to_block`` from ``tool_midpoint`` and ``block_position``."""
+    return f"{one.partition('_')[0]}_to_{other.partition('_')[0]}"
 
 
 @dataclass(frozen=True)
@@ -46,6 +119,14 @@ class Frames:
         return len(self.phase)
 
 
+@dataclass(frozen=True)
+class Reading:
+    """The answers for ``m`` frames: ``points`` and ``fact`` as in ``Frames``."""
+
+    points: Tensor
+    fact: Tensor
+
+
 def collect(
     settings: Settings, episodes: int, per_phase: int, tick: Callable[[int], object]
 ) -> Frames:
@@ -63,7 +144,9 @@ def collect(
     Raises:
         ValueError: the task's phases give nothing to read off.
     """
-    asked, parts = quantities(settings.definition), []
+    task = settings.definition
+    asked = quantities(task)
+    images, moments, numbers = [], [], []
     for simulation in batches(settings, episodes, _BATCH):
         own, first = simulation.settings, int(simulation.envs[0])
         phases = [
@@ -72,9 +155,23 @@ def collect(
         ]
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
         simulation.reseed(settings.seed)
-        parts += _look(asked, rollout(simulation, _Cast(own, first)), chosen, first)
+        for step, wanted in zip(rollout(simulation, _Cast(own, first)), chosen, strict=True):
+            ids = torch.from_numpy(np.flatnonzero(wanted))
+            if len(ids):
+                images.append(step.images(ids))
+                moments.append(step.signals[ids])
+                numbers.append(first + ids)
         tick(own.num_envs)
-    return _join(parts)
+    signals: Any = torch.cat(moments)
+    places = [getattr(signals, name) for name in asked.points]
+    return Frames(
+        {name: torch.cat([shown[name] for shown in images]) for name in images[0]},
+        columns(task.state, signals),
+        1e3 * (torch.stack(places, 1) - getattr(signals, asked.origin)[:, None]).float(),
+        getattr(signals, asked.fact),
+        phase_of(asked, signals),
+        torch.cat(numbers),
+    )
 
 
 def phase_of(asked: Quantities, signals: Signals) -> Tensor:
@@ -128,37 +225,3 @@ def _spread(phases: np.ndarray, number: int, most: int) -> np.ndarray:
             picks = np.linspace(0, len(at) - 1, min(most, len(at))).round().astype(int)
             chosen[at[picks], env] = True
     return chosen
-
-
-def _look(
-    asked: Quantities, steps: Iterator[Step], chosen: np.ndarray, first: int
-) -> Iterator[Frames]:
-    """The chosen frames of a rollout, step by step."""
-    for step, wanted in zip(steps, chosen, strict=True):
-        ids = torch.from_numpy(np.flatnonzero(wanted))
-        if len(ids):
-            signals: Any = step.signals[ids]
-            yield Frames(
-                step.images(ids),
-                columns(step.task.state, signals),
-                _points(asked, signals),
-                getattr(signals, asked.fact),
-                phase_of(asked, signals),
-                first + ids,
-            )
-
-
-def _points(asked: Quantities, signals: Signals) -> Tensor:
-    origin = getattr(signals, asked.origin)
-    places = [getattr(signals, name) - origin for name in asked.points]
-    return 1e3 * torch.stack(places, 1).float()
-
-
-def _join(parts: list[Frames]) -> Frames:
-    return Frames(
-        {name: torch.cat([part.images[name] for part in parts]) for name in parts[0].images},
-        *(
-            torch.cat([getattr(part, name) for part in parts])
-            for name in ("state", "points", "fact", "phase", "episode")
-        ),
-    )

@@ -14,8 +14,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.probe.quantities import Quantities, quantities
-from needlehoop.probe.reader import Fit
+from needlehoop.probe.frames import Quantities, quantities
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import View, parse_cameras
 
@@ -37,26 +36,13 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How often it is repeated, on what device, and where the results go."""
+class Fit:
+    """How the network is trained; values in ``conf/probe.yaml``."""
 
-    seeds: Annotated[int, Range(1, 1000)]
-    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
-    results: str
-    study: str
-    overwrite: bool
-    device: str
-    precision: str
-
-    def __post_init__(self) -> None:
-        check_folder("results", self.results)
-        check_name("study", self.study)
-        convolution_dtype(self.precision, self.torch_device)
-
-    @property
-    def torch_device(self) -> torch.device:
-        """Where networks are trained; errors as in ``pick_device``."""
-        return pick_device(self.device)
+    updates: Count
+    minibatch: Count
+    learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
+    """Of Adam at the start; falls to zero in a straight line."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +97,24 @@ class Plan:
     heads: HeadConfig
     episodes: Episodes
     fit: Fit
-    effort: Effort
+    seeds: Annotated[int, Range(1, 1000)]
+    """Repetitions, each with its own episodes and weights. They show how far probes agree."""
+    results: str
+    study: str
+    overwrite: bool
+    device: str
+    precision: str
 
     def __post_init__(self) -> None:
+        check_folder("results", self.results)
+        check_name("study", self.study)
+        convolution_dtype(self.precision, self.torch_device)
         self.encoder.check_fit(self.env.image_size)
+
+    @property
+    def torch_device(self) -> torch.device:
+        """Where networks are trained; errors as in ``pick_device``."""
+        return pick_device(self.device)
 
     @property
     def asked(self) -> Quantities:

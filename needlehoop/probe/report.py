@@ -9,10 +9,9 @@ from itertools import combinations, cycle
 import numpy as np
 from matplotlib.figure import Figure
 
-from needlehoop.probe.folder import ProbeResults
+from needlehoop.probe.frames import Quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.quantities import Quantities
-from needlehoop.probe.scores import Interval as Scored
+from needlehoop.probe.scores import ProbeResults
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
@@ -41,12 +40,12 @@ def _ranking(results: ProbeResults) -> Table:
         row: Row = {
             Column("place"): _place(*results.places[name]) if name in results.places else None,
             Column("cameras"): _BASELINES.get(name, name),
-            **_estimated("score", results.scores[name]),
+            **_estimated("score", results.score(name)),
         }
         for phase in asked.phases:
             error = results.error(name, phase, asked.needed[phase])
-            row[Column(phase, "mm", ".2f")] = Estimated(error.value, _interval(error))
-        for seed, score in enumerate(results.by_seed[name]):
+            row[Column(phase, "mm", ".2f")] = error
+        for seed, score in enumerate(results.scores_by_seed(name)):
             row[Column(f"seed {seed}", form=".3f")] = score
         rows.append(row)
     note = (
@@ -57,9 +56,9 @@ def _ranking(results: ProbeResults) -> Table:
     return Table.of("ranking", title, rows, note)
 
 
-def _estimated(name: str, found: Scored) -> Row:
+def _estimated(name: str, found: Estimated) -> Row:
     column = Column(name, form=".3f")
-    return {column: found.value, replace(column, name="95 %"): _interval(found)}
+    return {column: found.value, replace(column, name="95 %"): found.interval}
 
 
 def _phases(results: ProbeResults) -> Table:
@@ -83,7 +82,7 @@ def _phases(results: ProbeResults) -> Table:
 
 def _agreements(results: ProbeResults) -> Table:
     """The probe against the paper's measurements and its VLM, and against itself."""
-    scores = {name: results.scores[name].value for name in results.ranked}
+    scores = {name: results.score(name).value for name in results.ranked}
     sides: list[tuple[str, str, Mapping[str, float], Mapping[str, float]]] = [
         (name, against, {one: scores[one] for one in theirs}, theirs)
         for name, against, theirs in _published(results.asked)
@@ -91,7 +90,8 @@ def _agreements(results: ProbeResults) -> Table:
         if set(theirs) <= set(scores)
     ]
     for one, two in combinations(range(results.seeds) if len(scores) > 1 else (), 2):
-        first, second = ({n: results.by_seed[n][seed] for n in scores} for seed in (one, two))
+        own = {name: results.scores_by_seed(name) for name in scores}
+        first, second = ({name: own[name][seed] for name in own} for seed in (one, two))
         sides.append((f"seed {one}", f"seed {two}", first, second))
     rows: list[Row] = []
     for name, against, predicted, theirs in sides:
@@ -133,10 +133,6 @@ def _place(best: int, worst: int) -> Cell:
     return best if best == worst else Interval(best, worst)
 
 
-def _interval(found: Scored) -> Interval:
-    return Interval(found.low, found.high)
-
-
 _ROW = 4.2
 """Height of a row, mm."""
 
@@ -149,8 +145,10 @@ def ranking_figure(results: ProbeResults) -> Figure:
     figure, grid = new_figure(24 + _ROW * len(names), 1, 2, sharey=True)
     left, right = grid[0]
     for y, name in enumerate(names):
-        found = results.scores[name]
-        left.plot([found.low, found.high], [y, y], color=COLOURS[0], linewidth=1.6)
+        found = results.score(name)
+        assert found.interval is not None
+        ends = [found.interval.low, found.interval.high]
+        left.plot(ends, [y, y], color=COLOURS[0], linewidth=1.6)
         left.plot(found.value, y, "o", color=COLOURS[0], markersize=3)
     left.set_yticks(range(len(names)), names)
     left.set_ylim(len(names) - 0.4, -0.6)

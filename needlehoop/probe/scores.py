@@ -7,46 +7,29 @@ A score of 1 means no error; 0 means no better than the constant.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 import torch
 
-from needlehoop.probe.frames import Frames
-from needlehoop.probe.quantities import Quantities
-from needlehoop.probe.reader import Reading
-
-Columns = Sequence[tuple[np.ndarray, np.ndarray | None]]
+from needlehoop.probe.frames import Frames, Quantities, Reading
+from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.study.stats.statistics import Estimated, Interval
 
 _RESAMPLES = 2_000
 _LIMITS = (2.5, 97.5)
 """Percentiles of a 95 % interval."""
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Mean errors of held-out episodes.
+def errors(
+    asked: Quantities, frames: Frames, reading: Reading, episodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of a reading of held-out frames.
 
-    ``mean`` ``(episodes, phases, quantities)``, NaN where an episode has no such phase; ``frames``
-    ``(episodes, phases)``, how many each mean is over.
+    Returns:
+        Means ``(episodes, phases, quantities)``, NaN where an episode has no such phase; how many
+        frames each is over, ``(episodes, phases)``.
     """
-
-    mean: np.ndarray
-    frames: np.ndarray
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A value and its 95 % interval over held-out episodes."""
-
-    value: float
-    low: float
-    high: float
-
-
-def errors(asked: Quantities, frames: Frames, reading: Reading, episodes: int) -> Errors:
-    """Errors of a reading of held-out frames, episode by episode."""
     off = (reading.points - frames.points).double()
     by_name = dict(zip(asked.points, off.unbind(1), strict=True))
     wrong = [*by_name.values(), *(by_name[to] - by_name[of] for of, to in asked.gaps.values())]
@@ -59,7 +42,7 @@ def errors(asked: Quantities, frames: Frames, reading: Reading, episodes: int) -
     np.add.at(total, where, values)
     np.add.at(count, where, 1)
     with np.errstate(invalid="ignore"):
-        return Errors(total / count[..., None], count)
+        return total / count[..., None], count
 
 
 def constant(asked: Quantities, learnt: Frames, frames: Frames) -> Reading:
@@ -80,80 +63,87 @@ def constant(asked: Quantities, learnt: Frames, frames: Frames) -> Reading:
     return Reading(points, commonest.expand(len(frames)))
 
 
-def score(asked: Quantities, found: Sequence[Errors], constants: Sequence[Errors]) -> Interval:
-    """The score of one camera set, as the module says; mean over the probe's seeds.
+class ProbeResults:
+    """Errors and scores of camera sets and baselines, by name.
 
     Args:
         asked: what each phase needs.
-        found: of the camera set, seed by seed.
-        constants: of the constant, likewise.
+        means: mean errors ``(seeds, episodes, phases, quantities)``, NaN where an episode has no
+            such phase.
     """
-    return _interval(
-        [
-            [
-                (own.mean[:, p, q], blind.mean[:, p, q])
-                for p, q in enumerate(
-                    asked.names.index(asked.needed[name]) for name in asked.phases
-                )
-            ]
-            for own, blind in zip(found, constants, strict=True)
-        ]
-    )
+
+    def __init__(self, asked: Quantities, means: Mapping[str, np.ndarray]):
+        seeds, episodes = means[CONSTANT].shape[:2]
+        self.asked, self.seeds = asked, seeds
+        # How often each episode counts: once; then in each of the samples.
+        evenly, generator = np.full(episodes, 1 / episodes), np.random.default_rng(0)
+        drawn = generator.multinomial(episodes, evenly, size=(seeds, _RESAMPLES))
+        counts = np.concatenate((np.ones((seeds, 1, episodes)), drawn), 1)
+        self._errors = {name: _weighted(own, counts) for name, own in means.items()}
+        needed = [asked.names.index(asked.needed[phase]) for phase in asked.phases]
+        of_phases = {
+            name: own[..., range(len(needed)), needed] for name, own in self._errors.items()
+        }
+        self._scores = {
+            name: (1 - own / of_phases[CONSTANT]).mean(-1) for name, own in of_phases.items()
+        }
+        cameras = [name for name in means if name not in (TRUTH, CONSTANT)]
+        self.places = places({name: self.score(name) for name in cameras})
+        """Of camera sets: the best and the worst place that the intervals leave open."""
+
+    @property
+    def ranked(self) -> tuple[str, ...]:
+        """Camera sets, the best score first; without the baselines."""
+        return tuple(sorted(self.places, key=lambda name: (-self.score(name).value, name)))
+
+    def score(self, name: str) -> Estimated:
+        """Mean over seeds, and its 95 % interval over held-out episodes."""
+        return _mean(self._scores[name])
+
+    def scores_by_seed(self, name: str) -> list[float]:
+        """Without intervals."""
+        return self._scores[name][:, 0].tolist()
+
+    def error(self, name: str, phase: str, quantity: str) -> Estimated:
+        """Mean error in mm (of the fact: a share), as ``score``."""
+        at = self.asked.phases.index(phase), self.asked.names.index(quantity)
+        return _mean(self._errors[name][..., *at])
 
 
-def error(asked: Quantities, found: Sequence[Errors], phase: str, quantity: str) -> Interval:
-    """Mean error over episodes, in mm (of the fact: a share); mean over the probe's seeds."""
-    p, q = asked.phases.index(phase), asked.names.index(quantity)
-    return _interval([[(own.mean[:, p, q], None)] for own in found])
-
-
-def places(scores: Mapping[str, Interval]) -> dict[str, tuple[int, int]]:
+def places(scores: Mapping[str, Estimated]) -> dict[str, tuple[int, int]]:
     """The best and the worst place that each camera set may have, counted from 1.
 
     One is before another only where its whole interval is above the other's. Two whose
     intervals overlap always share a place.
     """
-    n = len(scores)
+    ends = {name: found.interval for name, found in scores.items() if found.interval}
     return {
         name: (
-            1 + sum(other.low > own.high for other in scores.values()),
-            n - sum(other.high < own.low for other in scores.values()),
+            1 + sum(other.low > own.high for other in ends.values()),
+            len(ends) - sum(other.high < own.low for other in ends.values()),
         )
-        for name, own in scores.items()
+        for name, own in ends.items()
     }
 
 
-def _value(columns: Columns, weights: np.ndarray) -> np.ndarray:
-    """One seed's mean error, or mean score over the phases, by sample ``(k,)``.
+def _weighted(means: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Means over the episodes that have a value, ``(seeds, samples, phases, quantities)``.
 
     Args:
-        columns: for each phase, errors by episode and those of the constant. With ``None`` for
-            the latter, the mean error itself is wanted.
-        weights: how often each episode counts ``(k, episodes)``.
+        means: ``(seeds, episodes, phases, quantities)``.
+        counts: how often each episode counts, ``(seeds, samples, episodes)``.
     """
-    parts = []
-    for own, blind in columns:
-        value = _mean(own, weights)
-        parts.append(value if blind is None else 1.0 - value / _mean(blind, weights))
-    return np.mean(parts, axis=0)
-
-
-def _mean(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted means ``(k,)`` over the episodes that have a value."""
-    has = ~np.isnan(values)
+    has = ~np.isnan(means)
+    pairs = "ske,sepq->skpq"
     # A sample may have none of them.
     with np.errstate(invalid="ignore"):
-        return weights[:, has] @ values[has] / weights[:, has].sum(1)
+        return np.einsum(pairs, counts, np.where(has, means, 0.0), optimize=True) / np.einsum(
+            pairs, counts, has.astype(float), optimize=True
+        )
 
 
-def _interval(seeds: Sequence[Columns]) -> Interval:
-    """Mean over seeds; episodes are resampled within each. Columns as in ``_value``."""
-    generator = np.random.default_rng(0)
-    value, drawn = 0.0, np.zeros(_RESAMPLES)
-    for one in seeds:
-        n = len(one[0][0])
-        value += float(_value(one, np.ones((1, n)))[0]) / len(seeds)
-        weights = generator.multinomial(n, np.full(n, 1.0 / n), size=_RESAMPLES)
-        drawn += _value(one, weights.astype(float)) / len(seeds)
-    low, high = np.nanpercentile(drawn, _LIMITS)
-    return Interval(value, float(low), float(high))
+def _mean(samples: np.ndarray) -> Estimated:
+    """Mean over seeds and its ends, of ``(seeds, samples)``; the first has all episodes."""
+    over_seeds = samples.mean(0)
+    low, high = np.nanpercentile(over_seeds[1:], _LIMITS)
+    return Estimated(float(over_seeds[0]), Interval(float(low), float(high)))

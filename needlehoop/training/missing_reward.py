@@ -27,7 +27,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
 
     Raises:
         ValueError: no key, or a value that is not valid.
-        RewardError: no package for the provider, no reply, or no program that was accepted.
+        RewardError: no reply, or no program that was accepted.
     """
     reward: Mapping[str, Any] = values["reward"]
     if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
@@ -36,10 +36,10 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     try:
         with Inquiry(settings, asked, provider) as opened:
             flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
-            found = opened.reward(flavour, rules_of(values), sample)
+            paths, _ = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
         raise rewards.RewardError(f"reward: no program was written: {error}") from error
-    print(f"reward written to {found.paths[-1]}")
+    print(f"reward written to {paths[-1]}")
 
 
 def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:

@@ -12,8 +12,7 @@ from needlehoop.config.strict import OneOf, Range, shown
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
-from needlehoop.vlm.config import Gates, InquiryConfig
-from needlehoop.vlm.providers.contract import config_of
+from needlehoop.vlm.config import Gates, InquiryConfig, config_of
 
 
 @dataclass(frozen=True)

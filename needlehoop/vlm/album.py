@@ -1,4 +1,4 @@
-"""The pictures that a model is shown. They are drawn once and kept beside the transcript."""
+"""The pictures that a model is shown. They are drawn once and kept beside the record."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from PIL import Image, ImageOps
 from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages
-from needlehoop.runs.reading import UnreadableError, read_bytes, read_json
+from needlehoop.runs.reading import read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
-from needlehoop.vlm import prompts
+from needlehoop.vlm import description
 from needlehoop.vlm.messages import PICTURE, Part, Png
-from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.record import Record
 
 PICTURES = "pictures.json"
 SEEN = "seen"
@@ -28,7 +28,6 @@ SEEN = "seen"
 
 _GAP = 48
 """The gap between two pictures in one is their size divided by this."""
-
 
 ABOUT = "about.txt"
 """The file beside the pictures that may say what the task is."""
@@ -43,7 +42,7 @@ class Album:
     differently, and its requests would then match no recorded answer.
 
     Args:
-        pictures: by stage (see ``prompts.stages_of``, and ``SEEN``) and camera.
+        pictures: by stage (see ``description.stages_of``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
         names: of the stages, in their order; none: their own.
     """
@@ -74,14 +73,9 @@ class Album:
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
         n, names = self._pixels, ", ".join(self._names[stage] for stage in _seen([*self._names]))
-        return [
-            part
-            for camera in cameras
-            for part in (
-                f"{camera} as the agent sees it, {n} x {n} pixels (enlarged), {names}:",
-                self._pictures[SEEN][camera],
-            )
-        ]
+        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {names}:"
+        shown = self._pictures[SEEN]
+        return [part for camera in cameras for part in (f"{camera} {said}", shown[camera])]
 
 
 def _seen(stages: Sequence[str]) -> tuple[str, str]:
@@ -89,11 +83,19 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
     return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
-def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
+@dataclass(frozen=True)
+class _Index:
+    """``pictures.json``: what the pictures show; their hashes by stage and camera."""
+
+    scene: Mapping[str, Any]
+    pictures: Mapping[str, Mapping[str, str]]
+
+
+def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record. If it has none yet, they are drawn and saved.
 
     Args:
-        transcript: the record.
+        record: where they are kept.
         settings: the scene; its own cameras are ignored.
         size: pixels of a picture's side.
 
@@ -105,47 +107,33 @@ def open_album(transcript: Transcript, settings: Settings, size: int) -> Album:
         raise ValueError(
             "disturb: a model is told that its pictures are free of noise; choose disturb=none"
         )
-    index, scene = transcript.folder / PICTURES, _scene(settings, size)
-    if not index.exists():
+    path, scene = record.folder / PICTURES, _scene(settings, size)
+    if not path.exists():
         pictures = _take(settings, size)
-        names = {
-            state: {camera: picture.sha256 for camera, picture in shown.items()}
-            for state, shown in pictures.items()
+        hashes = {
+            stage: {camera: record.save(picture) for camera, picture in shown.items()}
+            for stage, shown in pictures.items()
         }
-        for shown in pictures.values():
-            for picture in shown.values():
-                transcript.save(picture)
-        text = json.dumps({"scene": scene, "pictures": names}, indent=2)
-        Run(transcript.folder).write(PICTURES, text + "\n")
+        text = json.dumps(asdict(_Index(scene, hashes)), indent=2)
+        Run(record.folder).write(PICTURES, text + "\n")
         return Album(pictures, settings.image_size)
     try:
-        kept: _Index = strict.structure(read_json(index), _Index)
+        kept: _Index = strict.structure(read_json(path), _Index)
     except ValueError as error:
-        raise ValueError(f"{index}: {error}; put it back") from error
+        raise ValueError(f"{path}: {error}; put it back") from error
     if kept.scene != scene:
-        other = prompts.other_edition(transcript.folder, prompts.sha256(settings.definition))
-        if other is not None:
-            raise ValueError(f"{transcript.path}: {other}")
+        if other := record.other_edition():
+            raise ValueError(f"{record.path}: {other}")
         odd = [key for key in scene if kept.scene.get(key) != scene[key]]
         raise ValueError(
-            f"{index} shows another scene (its {', '.join(odd)} differs); give the settings it"
+            f"{path} shows another scene (its {', '.join(odd)} differs); give the settings it"
             " was made with, or choose another study="
         )
-    return Album(
-        {
-            state: {camera: transcript.picture(sha256) for camera, sha256 in shown.items()}
-            for state, shown in kept.pictures.items()
-        },
-        settings.image_size,
-    )
-
-
-@dataclass(frozen=True)
-class _Index:
-    """``pictures.json``: the hashes of the pictures by stage and camera, and what they show."""
-
-    scene: Mapping[str, Any]
-    pictures: Mapping[str, Mapping[str, str]]
+    pictures = {
+        stage: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
+        for stage, shown in kept.pictures.items()
+    }
+    return Album(pictures, settings.image_size)
 
 
 def _scene(settings: Settings, size: int) -> dict[str, Any]:
@@ -156,10 +144,7 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
         "episode": asdict(s.episode),
         "psm": s.psm,
         "views": {name: asdict(view) for name, view in s.views.items()},
-        "renderings": {
-            name: {"colour": r.colour, "depth": r.depth, "colours": dict(r.colours)}
-            for name, r in s.renderings.items()
-        },
+        "renderings": {name: asdict(rendering) for name, rendering in s.renderings.items()},
         "seed": s.seed,
         "quality": s.quality,
         "image_size": s.image_size,
@@ -169,33 +154,30 @@ def _scene(settings: Settings, size: int) -> dict[str, Any]:
 
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
+    """Pictures by stage and camera."""
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
-    s = replace(settings, cams=cameras, image_size=size, num_envs=1)
-    kinds = {camera.name: s.renderings[camera.rendering] for camera in s.cameras}
-    shown = [*prompts.stages_of(s.definition)]
-    taken, small = stages(s, *shown), replace(s, image_size=settings.image_size)
-    own = stages(small, *_seen(shown))
+    small = replace(settings, cams=cameras, num_envs=1)
+    kinds = {camera.name: settings.renderings[camera.rendering] for camera in small.cameras}
+    shown = [*description.stages_of(settings.definition)]
+    taken, own = stages(replace(small, image_size=size), *shown), stages(small, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))
-    pictures = {
-        stage: {name: all_channels(image, kinds[name]) for name, image in taken[stage].items()}
-        for stage in shown
-    }
-    pictures[SEEN] = {
-        name: _side_by_side(
-            *(
-                all_channels(own[stage][name].repeat(times, 1).repeat(times, 2), kinds[name])
-                for stage in _seen(shown)
-            )
-        )
-        for name in cameras
-    }
+
+    def picture(camera: str, *images: np.ndarray) -> Png:
+        side_by_side = _side_by_side(*(all_channels(image, kinds[camera]) for image in images))
+        return Png.of(Image.fromarray(side_by_side))
+
     return {
-        stage: {
-            name: Png.of(Image.fromarray(np.ascontiguousarray(image)))
-            for name, image in images.items()
+        stage: {camera: picture(camera, taken[stage][camera]) for camera in cameras}
+        for stage in shown
+    } | {
+        SEEN: {
+            camera: picture(
+                camera,
+                *(own[stage][camera].repeat(times, 1).repeat(times, 2) for stage in _seen(shown)),
+            )
+            for camera in cameras
         }
-        for stage, images in pictures.items()
     }
 
 
@@ -208,15 +190,13 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
     if rendering.depth != "channel":
         return flat
     depth = np.repeat(flat[:, :, -1:], 3, axis=2)
-    if rendering.colour == "none":
-        return depth
-    return _side_by_side(flat[:, :, :3], depth)
+    return depth if rendering.colour == "none" else _side_by_side(flat[:, :, :3], depth)
 
 
-def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Two pictures ``(h, w, 3)`` with a white gap between them."""
-    gap = np.full((len(left), max(1, len(left) // _GAP), 3), 255, np.uint8)
-    return np.concatenate((left, gap, right), axis=1)
+def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    """Pictures ``(h, w, 3)`` with white gaps between them."""
+    gap = np.full((len(first), max(1, len(first) // _GAP), 3), 255, np.uint8)
+    return np.concatenate([first, *(part for other in others for part in (gap, other))], axis=1)
 
 
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
@@ -233,27 +213,20 @@ def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, P
     if not folder.is_dir():
         raise ValueError(f"pictures: {folder} is no folder")
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _KINDS)
-    names = [file.stem for file in files]
-    if len(names) < 2 or len(set(names)) < len(names):
+    if len(files) < 2 or len({file.stem for file in files}) < len(files):
         raise ValueError(
             f"pictures: {folder} must have two or more pictures ({', '.join(_KINDS)}) of different"
             f" names; it has: {', '.join(file.name for file in files) or 'none'}"
         )
-    said = folder / ABOUT
+    pictures, file = {}, folder / ABOUT
     try:
-        if about is None and said.exists():
-            about = read_bytes(said).decode()
-        pictures = {file.stem: _png(file, size) for file in files}
-    except (UnreadableError, OSError, ValueError, Image.DecompressionBombError) as error:
-        raise ValueError(f"pictures: {folder}: {error}") from error
+        if about is None and file.exists():
+            about = read_bytes(file).decode()
+        for file in files:
+            with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
+                # A telephone notes which way is up, and where it was taken, which is left out.
+                upright = ImageOps.exif_transpose(opened).convert("RGB")
+            pictures[file.stem] = Png.of(upright, size)
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise ValueError(f"pictures: {file}: no picture or text ({error})") from error
     return pictures, (about or "").strip()
-
-
-def _png(file: Path, size: int) -> Png:
-    try:
-        with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
-            # A telephone notes which way is up, and where it was taken: the latter is left out.
-            upright = ImageOps.exif_transpose(opened).convert("RGB")
-    except (OSError, UnreadableError) as error:
-        raise ValueError(f"{file.name}: no picture ({error})") from error
-    return Png.of(upright, size)

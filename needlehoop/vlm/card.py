@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from math import isfinite, nan
 from typing import Any
 
 import torch
@@ -107,8 +107,8 @@ def card(
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
-    lowest, highest = _ends(program, seen.moments)
-    random_lowest, random_highest = _ends(program, wild)
+    bad, lowest, highest = _extent(program, seen.moments)
+    random_bad, random_lowest, random_highest = _extent(program, wild)
     last = dict(seen.last)
     if CHEAT in last:
         last[CHEAT] = last[CHEAT].clone()
@@ -121,8 +121,8 @@ def card(
     paid = gained(seen.before, seen.after).abs() >= gates.paid_by
     found = Card(
         terms=program.terms,
-        not_finite_random=_count_bad(program, wild),
-        not_finite_recorded=_count_bad(program, seen.moments),
+        not_finite_random=random_bad,
+        not_finite_recorded=bad,
         random_signals=gates.random_signals,
         recorded_moments=len(seen.moments),
         lowest=lowest,
@@ -188,20 +188,16 @@ def _judge(c: Card, cheating: str) -> tuple[list[str], list[str]]:
     return reasons, flags
 
 
-def _count_bad(program: Program, signals: Signals) -> int:
-    """Moments at which some term is not finite."""
-    terms = program(signals).values()
-    return int((~torch.stack([torch.isfinite(term) for term in terms]).all(0)).sum())
-
-
-def _ends(program: Program, signals: Signals) -> tuple[float, float]:
-    """The least and the greatest finite value; NaN where there is none."""
-    total = potential(program(signals))
+def _extent(program: Program, signals: Signals) -> tuple[int, float, float]:
+    """At how many moments a term is not finite; least and greatest finite value, or NaN."""
+    terms = program(signals)
+    bad = int((~torch.stack([torch.isfinite(term) for term in terms.values()]).all(0)).sum())
+    total = potential(terms)
     finite = total[torch.isfinite(total)]
-    return (float(finite.min()), float(finite.max())) if len(finite) else (math.nan, math.nan)
+    return (bad, float(finite.min()), float(finite.max())) if len(finite) else (bad, nan, nan)
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, float) and not isfinite(value):
         return None
     return list(value) if isinstance(value, tuple) else value

@@ -1,28 +1,23 @@
-"""Settings of the vlm commands: where answers are kept, and the gates for reward programs."""
+"""Settings of the vlm commands: who answers, where answers are kept, gates for reward programs."""
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from needlehoop.config.strict import Amount, Positive, Range, Real, Seed, Share
+from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share
 from needlehoop.runs.files import check_folder, check_name
+from needlehoop.runs.shipped import RECORDINGS
 
 Samples = Annotated[int, Range(1, 10_000)]
 """How many conversations, each of which begins afresh."""
 
 
-class OneOf(tuple[str, ...]):
-    """The values that a text may have."""
-
-    def check(self, value: str) -> None:
-        """Raises ``ValueError`` for another."""
-        if value not in self:
-            raise ValueError(f"{value!r} is unknown; choose from {', '.join(self)}")
-
-
-Weight = Annotated[str, OneOf(("flag", "refuse"))]
+Weight = Annotated[str, OneOf("flag", "refuse")]
 """What failing a gate does to a program."""
 
 
@@ -66,7 +61,7 @@ class Gates:
     high: Real
     bonus: Amount
     """How much a value may exceed ``high``."""
-    range: Annotated[str, OneOf(("refuse", "clip"))]
+    range: Annotated[str, OneOf("refuse", "clip")]
     """What happens to values outside: ``refuse`` the program, or ``clip`` them."""
     tolerance: Amount
     margin: Real
@@ -94,3 +89,131 @@ class Gates:
     def top(self) -> float:
         """The largest value that is allowed."""
         return self.high + self.bonus
+
+
+TRANSCRIPT = "transcript.jsonl"
+
+DEFAULT = "claude"
+"""The shipped recording that is replayed if no other is named."""
+
+
+def transcripts() -> dict[str, Path]:
+    """The shipped recordings that can be replayed, by name."""
+    return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob(f"*/{TRANSCRIPT}"))}
+
+
+Told = Annotated[str, OneOf("full", "names", "nothing")]
+"""How much a model is told of the task when it ranks cameras or writes a reward."""
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """Values in ``conf/vlm/replay.yaml``."""
+
+    kind: str
+    recording: str | None
+    """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own where
+    it has one, else ``DEFAULT``."""
+    told: Told = "full"
+
+    def folder(self, own: Path) -> Path:
+        """The folder of the answers; ``own`` is the study's."""
+        shipped = transcripts()
+        if self.recording is None:
+            return own if (own / TRANSCRIPT).exists() else shipped[DEFAULT]
+        return shipped[self.recording] if self.recording in shipped else Path(self.recording)
+
+
+@dataclass(frozen=True)
+class LiveConfig:
+    """Values in ``conf/vlm/gemini.yaml`` and ``conf/vlm/openai.yaml``."""
+
+    kind: str
+    model: str
+    key: str | None
+    """Environment variable that holds the key; ``None`` for servers without keys."""
+    base_url: str | None
+    """The server's address; ``None`` is the provider's own."""
+    sampling: Mapping[str, Any]
+    """Sent by name, except for ``None``."""
+    timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
+    """Seconds that one try may take in all."""
+    tries: Annotated[int, Range(1, 1000)]
+    first_wait: Annotated[float, Range(0.0, 86_400.0)]
+    """Seconds before the second try; they double with each further one."""
+    longest_wait: Annotated[float, Range(0.0, 86_400.0)]
+    told: Told = "full"
+
+    def __post_init__(self) -> None:
+        if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
+            # The value is not shown: it may be the key itself.
+            raise ValueError(
+                "vlm.key: give the name of an environment variable, such as GEMINI_API_KEY"
+            )
+
+    @property
+    def who(self) -> dict[str, Any]:
+        """Who is asked and how, for the record."""
+        return {"provider": self.kind, "model": self.model, "sampling": self.sent}
+
+    @property
+    def sent(self) -> dict[str, Any]:
+        """The sampling settings that are sent."""
+        return {name: value for name, value in self.sampling.items() if value is not None}
+
+    def read_key(self) -> str | None:
+        """The key.
+
+        Raises:
+            ValueError: its variable is not set.
+        """
+        if self.key is None:
+            return None
+        value = os.environ.get(self.key, "").strip()
+        if not value:
+            raise ValueError(
+                f"vlm.key: the environment variable {self.key} is not set; set it to your key,"
+                " or replay a recording with vlm=replay"
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class ManualConfig:
+    """Values in ``conf/vlm/manual.yaml``."""
+
+    kind: str
+    model: str
+    wait: Annotated[float, Range(0.0, 1e9)] | None
+    """Seconds to wait for an answer; ``None`` waits for ever."""
+    poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
+    """Seconds between two looks for it."""
+    told: Told = "full"
+
+    def __post_init__(self) -> None:
+        if not self.model.strip():
+            raise ValueError("vlm.model: say who answers, for the record")
+
+    @property
+    def who(self) -> dict[str, Any]:
+        """Who is asked, for the record."""
+        return {"provider": self.kind, "model": self.model, "sampling": {}}
+
+
+AskingConfig = LiveConfig | ManualConfig
+"""The settings of a provider that gives new answers."""
+
+KINDS: dict[str, type[ReplayConfig | LiveConfig | ManualConfig]] = {
+    "replay": ReplayConfig,
+    "gemini": LiveConfig,
+    "openai": LiveConfig,
+    "manual": ManualConfig,
+}
+"""The type of settings of each ``vlm.kind``."""
+
+
+def config_of(kind: str) -> type[ReplayConfig | LiveConfig | ManualConfig]:
+    """The type of a kind's settings; ``ValueError`` for an unknown kind."""
+    if kind not in KINDS:
+        raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
+    return KINDS[kind]

@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import csv
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
+from needlehoop.runs.files import csv_text
+from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
-from needlehoop.vlm.prompts import fill
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.tables import totals
-from needlehoop.vlm.transcript import Exchange
+from needlehoop.vlm.record import Exchange, Record
+
+_SENT_BACK = fill("again", reason="\n").partition("\n")[0]
+"""How a message begins that sends an answer back."""
 
 F = TypeVar("F", bound=BaseModel)
 
 
+class Verdict(NamedTuple):
+    """Why an answer can't be used, as the model is told; ``None``: it can."""
+
+    reason: str | None
+    card: Mapping[str, Any] = {}
+    """Figures of what was judged, for the record."""
+
+
 @dataclass(frozen=True)
 class Attempt:
-    """One answer to a question; ``reason`` says why it was sent back, if it was."""
+    """One answer to a question, as its form or ``None`` for a wrong one, and what was found."""
 
     exchange: Exchange
-    reason: str | None
+    answer: BaseModel | None
+    verdict: Verdict
 
 
 class NoAnswerError(RuntimeError):
@@ -33,13 +46,13 @@ class Conversation:
     """All that a model was asked and answered. Every request carries all of it.
 
     Args:
-        recorder: who answers.
+        record: who answers.
         name: for the record.
         attempts: answers to one question, at most.
     """
 
-    def __init__(self, recorder: Recorder, name: str, attempts: int):
-        self._recorder, self._attempts = recorder, attempts
+    def __init__(self, record: Record, name: str, attempts: int):
+        self._record, self._attempts = record, attempts
         self.name = name
         """The name of the next requests. It changes when another command goes on from here."""
         self._messages: tuple[Message, ...] = ()
@@ -50,29 +63,38 @@ class Conversation:
         self,
         parts: Sequence[Part],
         form: type[F],
-        judge: Callable[[F], str | None] | None = None,
+        judge: Callable[[F], Verdict] = lambda _: Verdict(None),
     ) -> F:
         """Ask a question until its answer can be used.
 
         Args:
             parts: text and pictures.
             form: the answer's form.
-            judge: gives the reason why an answer of the right form can't be used, or ``None``.
+            judge: of an answer of the right form.
 
         Raises:
             NoAnswerError: the attempts are used up.
             RefusalError: the model would not answer.
         """
         self._say("user", *parts)
-        schema = schema_of(form)
+        schema = form.model_json_schema()
         reason = None
         for _ in range(self._attempts):
-            exchange = self._recorder.ask(Request(self._messages, schema), self.name)
+            exchange = self._record.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
-            answer, reason = _read(exchange, form)
-            if answer is not None and judge is not None:
-                reason = judge(answer)
-            self.attempts.append(Attempt(exchange, reason))
+            answer = None
+            try:
+                if exchange.outcome == "truncated":
+                    cut = "it was cut off at the limit of length; answer more briefly"
+                    verdict = Verdict(cut)
+                else:
+                    answer = form.model_validate_json(exchange.answer)
+                    verdict = judge(answer)
+            except ValidationError as error:
+                wrong = "; ".join(mistakes(error, "answer", 5))
+                verdict = Verdict(f"it is not of the form that was asked for: {wrong}")
+            self.attempts.append(Attempt(exchange, answer, verdict))
+            reason = verdict.reason
             if answer is not None and reason is None:
                 return answer
             self._say("user", fill("again", reason=reason))
@@ -85,45 +107,171 @@ class Conversation:
         self._messages = (*self._messages, Message(role, parts))
 
 
-def totals_of(conversations: Sequence[Conversation]) -> dict[str, int]:
-    """Prompts, tokens and unusable answers."""
-    attempts = [attempt for one in conversations for attempt in one.attempts]
-    invalid = sum(attempt.reason is not None for attempt in attempts)
-    return totals([attempt.exchange for attempt in attempts], invalid)
+def totals_csv(found: Mapping[str, Mapping[str, int]]) -> str:
+    """``conversation`` and its totals, one row each; the last row, ``all``, is their sum."""
+    head = ("conversation", *found["all"])
+    return csv_text(head, [(name, *row.values()) for name, row in found.items()])
 
 
-def models(conversations: Sequence[Conversation]) -> list[str]:
-    """The models that answered, each once, as ``provider model``."""
-    exchanges = (attempt.exchange for one in conversations for attempt in one.attempts)
-    return list(dict.fromkeys(f"{e.provider} {e.answered_by}" for e in exchanges))
+def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
+    """Prompts and tokens by conversation, then of all of them as ``all``.
 
-
-def schema_of(form: type[BaseModel]) -> dict[str, Any]:
-    """A form's JSON schema without titles and descriptions.
-
-    Those come from names and docstrings. With them a reworded docstring would change the hash of
-    a request, and its recorded answer would not be found.
+    A request without a reply is not a prompt. Tokens that were not reported count nothing. An
+    answer is invalid if it was cut off, refused, empty or sent back. The last attempt at a
+    question is never sent back, so it does not show that it was invalid.
     """
-    return _without_notes(form.model_json_schema())
+    asked = [e for e in exchanges if e.outcome != "failed"]
+    sent_back = [
+        messages[:-1]
+        for messages in (e.request["messages"] for e in asked)
+        if messages[-1]["parts"][0].get("text", "").startswith(_SENT_BACK)
+    ]
 
+    def invalid(exchange: Exchange) -> bool:
+        answer = {"role": "assistant", "parts": [{"text": exchange.answer}]}
+        said = [*exchange.request["messages"], answer]
+        return exchange.outcome != "answered" or said in sent_back
 
-def _without_notes(value: Any) -> Any:
-    if isinstance(value, dict):
+    def of(chosen: list[Exchange]) -> dict[str, int]:
+        counts = [(e.tokens_in, e.tokens_out) for e in chosen]
         return {
-            key: _without_notes(inner)
-            for key, inner in value.items()
-            # A field may have either name; its value is a dict.
-            if not (key in ("title", "description") and isinstance(inner, str))
+            "prompts": len(chosen),
+            "tokens_in": sum(tokens or 0 for tokens, _ in counts),
+            "tokens_out": sum(tokens or 0 for _, tokens in counts),
+            "prompts_without_token_count": sum(None in both for both in counts),
+            "invalid_answers": sum(map(invalid, chosen)),
         }
-    return [_without_notes(inner) for inner in value] if isinstance(value, list) else value
+
+    names = dict.fromkeys(exchange.conversation for exchange in asked)
+    rows = {name: of([e for e in asked if e.conversation == name]) for name in names}
+    return {**rows, "all": of(asked)}
 
 
-def _read(exchange: Exchange, form: type[F]) -> tuple[F | None, str | None]:
-    """The answer, or the reason why it can't be used."""
-    if exchange.outcome == "truncated":
-        return None, "it was cut off at the limit of length; answer more briefly"
-    try:
-        return form.model_validate_json(exchange.answer), None
-    except ValidationError as error:
-        reasons = "; ".join(mistakes(error, "answer", 5))
-        return None, f"it is not of the form that was asked for: {reasons}"
+def in_words(found: Mapping[str, int]) -> str:
+    """Totals in a line."""
+    tokens = found["tokens_in"] + found["tokens_out"]
+    unknown = found["prompts_without_token_count"]
+    return (
+        f"{found['prompts']} prompts, {tokens} tokens ({found['tokens_in']} in,"
+        f" {found['tokens_out']} out{f'; {unknown} prompts not counted' if unknown else ''}),"
+        f" {found['invalid_answers']} invalid answers"
+    )
+
+
+def papers_totals() -> str:
+    """The paper's totals in words; it does not say how many answers were invalid."""
+    with (RECORDINGS / "paper" / "totals.csv").open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    return f"{row['prompts']} prompts, {row['tokens']} tokens"
+
+
+def _not_empty(value: str) -> str:
+    if not value.strip():
+        raise ValueError("it is empty")
+    return value
+
+
+# Not pydantic's min_length: some servers refuse schemas that have one.
+Text = Annotated[str, AfterValidator(_not_empty)]
+
+
+def _without_notes(schema: dict[str, Any]) -> None:
+    """Takes what comes from names and docstrings out of a JSON schema.
+
+    With them a reworded docstring would change the hash of a request, and its recorded answer
+    would not be found.
+    """
+    for part in (schema, *schema.get("properties", {}).values()):
+        part.pop("title", None)
+    schema.pop("description", None)
+
+
+class Form(BaseModel):
+    """An answer with all fields and no others. Its JSON schema goes to the model."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra=_without_notes)
+
+
+class Subtask(Form):
+    """A part of the task."""
+
+    name: Text
+    description: Text
+
+
+class Subtasks(Form):
+    """The task in two parts."""
+
+    first: Subtask
+    second: Subtask
+
+
+class Guess(Form):
+    """What the task is taken to be."""
+
+    task: Text
+
+
+class ProgramAnswer(Form):
+    """A reward program, and why it is as it is."""
+
+    explanation: Text
+    program: Text
+
+
+def one_of(valid: Sequence[str]) -> Any:
+    """The type of a string that is one of ``valid``."""
+
+    def check(value: str) -> str:
+        if value not in valid:
+            raise ValueError(f"{value!r} is not one of {', '.join(valid)}")
+        return value
+
+    return Annotated[str, AfterValidator(check), Field(json_schema_extra={"enum": list(valid)})]
+
+
+def choice(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
+    """A view and a rendering, with a reason for each."""
+    return create_model(
+        "Choice",
+        __base__=Form,
+        view=(one_of(views), ...),
+        view_reason=(Text, ...),
+        rendering=(one_of(renderings), ...),
+        rendering_reason=(Text, ...),
+    )
+
+
+def choices(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
+    """A choice for each of the two subtasks."""
+    form = choice(views, renderings)
+    return create_model("Choices", __base__=Form, first=(form, ...), second=(form, ...))
+
+
+def ranking(names: Sequence[str]) -> type[Form]:
+    """All of ``names``, each once, the best first, each with a reason; and how sure that is.
+
+    ``sure`` has a number for each two neighbours in the order, 0.5 to 1.
+    """
+    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(Text, ...))
+
+    def check(places: list[Any]) -> list[Any]:
+        given = [entry.name for entry in places]
+        if sorted(given) != sorted(names):
+            missing = [name for name in names if name not in given]
+            twice = sorted({name for name in given if given.count(name) > 1})
+            raise ValueError(
+                "the ranking must name each entry of the list once;"
+                f" missing: {', '.join(missing) or 'none'};"
+                f" named twice: {', '.join(twice) or 'none'}"
+            )
+        return places
+
+    def check_sure(sure: list[float]) -> list[float]:
+        if len(sure) != len(names) - 1 or not all(0.5 <= one <= 1 for one in sure):
+            raise ValueError(f"it must be {len(names) - 1} numbers from 0.5 to 1; got {sure}")
+        return sure
+
+    kind: Any = Annotated[list[place], AfterValidator(check)]
+    sure: Any = Annotated[list[float], AfterValidator(check_sure)]
+    return create_model("Ranking", __base__=Form, places=(kind, ...), sure=(sure, ...))

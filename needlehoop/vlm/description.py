@@ -1,13 +1,18 @@
 """The scene, its cameras, its signals and the language of rewards, in words for a model.
 
+The texts of ``prompts/`` are general. A task's own words and texts are put into them.
+
 Numbers come from the settings. A model is told nothing of the human reward, and none of the
 limits by which the task decides on success.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from string import Template
 
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
@@ -15,9 +20,87 @@ from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.scene.cameras import Rendering, View
 from needlehoop.scene.signals import describe, vocabulary
-from needlehoop.tasks.contract import Telling
+from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
-from needlehoop.vlm.prompts import fill, fill_told, stages_of, telling_of
+
+_GENERAL = Path(__file__).parent / "prompts"
+
+_INTO = ("scene", "signals")
+"""Texts of a task that general ones take in."""
+
+
+def telling_of(task: Task) -> Telling:
+    """How a task is told.
+
+    Raises:
+        ValueError: it is told to no model.
+    """
+    if task.telling is None:
+        raise ValueError(f"task {task.name}: no model can be asked about it; it has no telling")
+    return task.telling
+
+
+def fill(name: str, task: Task | None = None, /, **values: object) -> str:
+    """The prompt ``<name>.txt`` with its ``$gaps`` filled.
+
+    Args:
+        name: of a general prompt, or of a task's own.
+        task: whose words and texts are put in; ``None`` for a prompt that takes none.
+        values: what fills the gaps; there may be more.
+
+    Raises:
+        ValueError: a gap has no value.
+    """
+    template = Template((_read(_GENERAL) if task is None else texts(task))[name])
+    if missing := sorted(set(template.get_identifiers()) - set(values)):
+        raise ValueError(f"prompt {name}: {', '.join(missing)} missing")
+    return template.substitute(values).strip()
+
+
+def texts(task: Task) -> dict[str, str]:
+    """All prompts for a task by name, with ``$gaps``: the general ones, and its own.
+
+    Raises:
+        ValueError: a text of the task is missing, or is of no moment.
+    """
+    telling = telling_of(task)
+    own = _read(telling.texts)
+    odd = sorted({*_INTO} - {*own} | {*own} - {*_INTO, *telling.moments})
+    if odd:
+        raise ValueError(f"{telling.texts}: {odd[0]}.txt is missing or not asked for")
+    words = {
+        **{f"task_{name}": own.pop(name).strip() for name in _INTO},
+        "goal": telling.goal,
+        "done": telling.done,
+    }
+    general = _read(_GENERAL).items()
+    return {name: Template(text).safe_substitute(words) for name, text in general} | own
+
+
+def questioned(task: Task) -> dict[str, str]:
+    """The moments of which a question of its own asks what shows them best; what is so then."""
+    own = texts(task)
+    return {fact: so for fact, so in telling_of(task).moments.items() if fact in own}
+
+
+def stages_of(task: Task) -> dict[str, str]:
+    """The stages of an episode that are pictured, in order, and what is so in each."""
+    telling = telling_of(task)
+    return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
+
+
+def _read(folder: Path) -> dict[str, str]:
+    return {file.stem: file.read_text(encoding="utf-8") for file in folder.glob("*.txt")}
+
+
+def edition_of(task: Task) -> str:
+    """The hash of all prompts for a task and of the stages that they show, names included."""
+    digest = hashlib.sha256()
+    said = {f"{name}.txt": text for name, text in texts(task).items()} | stages_of(task)
+    for name, text in sorted(said.items()):
+        digest.update(f"{name}\0{text}\0".encode())
+    return digest.hexdigest()
+
 
 _RESULT = (
     "The program's value is what it last assigns to the variable reward. Assigned names may not be"
@@ -33,10 +116,10 @@ def scene(settings: Settings, told: str = "full") -> str:
         told: ``full``; ``names``: the signals' names and ranges in its place; or ``nothing``.
     """
     if told == "full":
-        return fill_told(
+        return fill(
             "scene",
             settings.definition,
-            _told(settings),
+            **_told(settings),
             steps=settings.episode.max_steps,
             milliseconds=f"{1000 * settings.period:g}",
         )
@@ -77,10 +160,10 @@ def unexplained(settings: Settings) -> str:
 
 def signals(settings: Settings) -> str:
     """The signals that a program may read: their table and the numbers behind them."""
-    return fill_told(
+    return fill(
         "signals",
         settings.definition,
-        _told(settings),
+        **_told(settings),
         table=describe(vocabulary(settings.definition.signals)),
         steps=settings.episode.max_steps,
     )

@@ -3,65 +3,52 @@
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.written import FIRST, check_flavour, file_name
-from needlehoop.runs.reading import read_json
+from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
+from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.study.render.table import Table
-from needlehoop.vlm import description, prompts, tables
+from needlehoop.vlm import description
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.config import InquiryConfig
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, totals_of
-from needlehoop.vlm.grouping import rank_groups
+from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_csv, totals_of
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
-from needlehoop.vlm.providers.contract import AskingConfig, ReplayConfig, transcripts
 from needlehoop.vlm.questions import (
     Lists,
     Questions,
-    Ranked,
     opening,
     order,
     order_pictures,
     question,
-    rank,
     seen_by,
 )
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.revision import Trained
-from needlehoop.vlm.transcript import Transcript
+from needlehoop.vlm.rankings import agreement_csv, deal, of_groups, of_samples, rankings_csv
+from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import (
-    ProgramAttempts,
+    DESCENT,
+    Accepted,
     ProgramRules,
-    Verdict,
+    Trained,
+    compared,
     guess_prompt,
     reward_prompt,
+    rows_of,
+    write_program,
 )
 
-QUESTIONS, RANKINGS, TOTALS = "questions.json", "rankings.json", "totals.csv"
-
-DESCENT = ".descent.json"
-"""Ending of the file that says which run and program a revised one descends from."""
+TOTALS = "totals.csv"
 
 FULL = "full"
 """Told all of the task, as the questions on cameras are."""
-
-
-class Rewards(NamedTuple):
-    """Accepted programs: their files, what they cost, and how they differ.
-
-    ``comparison`` is ``None`` for a single program.
-    """
-
-    paths: tuple[Path, ...]
-    totals: dict[str, int]
-    comparison: Table | None
 
 
 class Inquiry(AbstractContextManager):
@@ -78,34 +65,29 @@ class Inquiry(AbstractContextManager):
     Raises:
         ValueError: a task that is told to no model, no key, no recording, or a recording of
             another model.
-        RuntimeError: the provider's package is not installed.
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
-        asked = prompts.sha256(settings.definition)
+        asked = description.edition_of(settings.definition)
         self._settings, self._config, self._told = settings, config, vlm.told
         self._files = Run(config.folder)
-        self._held: list[Conversation] = []
         self._live = not isinstance(vlm, ReplayConfig)
-        if not isinstance(vlm, ReplayConfig):
-            provider = build_provider(vlm, config.folder)
-            self.transcript = Transcript(config.folder)
-            self._recorder = Recorder(self.transcript, provider, vlm, asked=asked)
-        else:
-            self.transcript = Transcript(vlm.folder(config.folder))
-            if not self.transcript.exchanges:
+        if isinstance(vlm, ReplayConfig):
+            self.record = Record(vlm.folder(config.folder), prompts=asked)
+            if not self.record.exchanges:
                 raise ValueError(
-                    f"vlm.recording: nothing is recorded in {self.transcript.path}; ask a model"
+                    f"vlm.recording: nothing is recorded in {self.record.path}; ask a model"
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
-            self._recorder = Recorder(self.transcript, asked=asked)
+        else:
+            self.record = Record(config.folder, build_provider(vlm, config.folder), asked)
 
     def __exit__(self, *_: object) -> None:
-        self._recorder.close()
+        self.record.close()
         if self._files.folder.exists():
             # Also after a failure, because that cost something too.
-            self._files.replace(TOTALS, tables.totals_csv(self.totals()))
+            self._files.replace(TOTALS, totals_csv(self.totals()))
 
     @property
     def folder(self) -> Path:
@@ -113,8 +95,12 @@ class Inquiry(AbstractContextManager):
         return self._files.folder
 
     def totals(self) -> dict[str, dict[str, int]]:
-        """What the transcript cost so far, as in ``totals_of_transcript``."""
-        return tables.totals_of_transcript(self.transcript.exchanges)
+        """What the transcript cost so far, as in ``totals_of``."""
+        return totals_of(self.record.exchanges)
+
+    def spent(self) -> dict[str, int]:
+        """What this inquiry cost so far."""
+        return totals_of(self.record.used)["all"]
 
     def question(self, questions: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
@@ -132,9 +118,11 @@ class Inquiry(AbstractContextManager):
         self, conversation: Conversation, album: Album, questions: Questions
     ) -> dict[str, Any]:
         answers = question(conversation, self._settings, album, questions)
-        asked = prompts.questioned(self._settings.definition)
+        asked = description.questioned(self._settings.definition)
         found = self._write(QUESTIONS, {"answers": answers, "asked": asked})
-        self._files.write("questions.csv", tables.questions_csv(answers, asked))
+        rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, asked)]
+        text = csv_text(("question", "answer", "reason"), rows)
+        self._files.write("questions.csv", text)
         return found
 
     def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
@@ -142,36 +130,36 @@ class Inquiry(AbstractContextManager):
 
         Each sample begins with the questions on cameras, which the totals count too. Lists that
         are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
-        ``_nothing``) and so on.
+        ``_nothing``) and so on, each from a conversation of its own.
         """
         questions.check(self._settings)
         lists.check(self._settings, questions.shown)
-        how, told, words = self.ranked(lists), self._told, lists.words or not lists.sets
-        scene = description.scene(self._settings, told) if how else ""
+        how, told, settings = self.ranked(lists), self._told, self._settings
+        scene = description.scene(settings, told) if how else ""
         album = self._album([*chain(*lists.sets)])
         self._clear(f"rank{how}", files=(f"rankings{how}.json",))
-        questioned: dict[int, Conversation] = {}
-        openings: dict[tuple[str, ...], list[Part]] = {}
-
-        def afresh(number: int, sample: int, sets: Sequence[str]) -> Ranked:
-            own = seen_by(self._settings, sets)[1] if lists.sets else self._settings
-            if (shown := tuple(sets)) not in openings:
-                openings[shown] = opening(own, album, sets, told, scene, words)
-            name = f"rank{how}/{number}{f'/{sample}' if sample > 1 else ''}"
-            return order(self._begin(name), sets, openings[shown])
-
-        def after_questions(number: int, sample: int, sets: Sequence[str]) -> Ranked:
-            if sample not in questioned:
-                name = "question" if sample == 1 else f"rank/{sample}"
-                questioned[sample] = self._begin(name)
-                if sample == 1:
-                    self._question(questioned[sample], album, questions)
-                    questioned[sample].name = "rank"
-                else:
-                    question(questioned[sample], self._settings, album, questions)
-            return order(questioned[sample], sets)
-
-        return self._ranked(how, rank(afresh if how else after_questions, lists))
+        conversation, answers = self._begin("question"), defaultdict(list)
+        for number, part, sets in lists.asked():
+            before: Sequence[Part] = ()
+            name = f"rank/{part}" if part > 1 else "rank"
+            if how:
+                conversation = self._begin(f"rank{how}/{number}{f'/{part}' if part > 1 else ''}")
+                own = seen_by(settings, sets)[1] if lists.sets else settings
+                words = lists.words or not lists.sets
+                before = opening(own, album, sets, told, scene, words)
+            elif (number, part) == (1, 1):
+                self._question(conversation, album, questions)
+                conversation.name = name
+            elif number == 1:
+                conversation = self._begin(name)
+                question(conversation, settings, album, questions)
+            answers[number].append(order(conversation, sets, before))
+        if lists.sets:
+            size, rounds = lists.group, lists.rounds
+            found = [of_groups(s, size, rounds, answers[n]) for n, s in enumerate(lists.sets, 1)]
+        else:
+            found = [of_samples(sets, answers[n]) for n, sets in enumerate(lists.lists, 1)]
+        return self._write_rankings(how, found)
 
     def rank_pictures(
         self, pictures: Mapping[str, Png], about: str, lists: Lists
@@ -184,17 +172,17 @@ class Inquiry(AbstractContextManager):
             lists: ``group`` and ``rounds``.
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
+        names, how = tuple(pictures), (lists.group, lists.rounds)
+        answers = [
+            order_pictures(self._begin(f"rank_pictures/{number}"), pictures, about, dealt)
+            for number, dealt in enumerate(deal(names, *how), 1)
+        ]
+        return self._write_rankings("_pictures", [of_groups(names, *how, answers)])
 
-        def ask(number: int, names: Sequence[str]) -> Ranked:
-            return order_pictures(self._begin(f"rank_pictures/{number}"), pictures, about, names)
-
-        found = rank_groups(ask, tuple(pictures), lists.group, lists.rounds)
-        return self._ranked("_pictures", [found])
-
-    def _ranked(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
+    def _write_rankings(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
         found = self._write(f"rankings{how}.json", {"lists": ranked})
-        self._files.write(f"rankings{how}.csv", tables.rankings_csv(ranked))
-        self._files.write(f"agreement{how}.csv", tables.agreement_csv(ranked))
+        self._files.write(f"rankings{how}.csv", rankings_csv(ranked))
+        self._files.write(f"agreement{how}.csv", agreement_csv(ranked))
         return found
 
     def ranked(self, lists: Lists) -> str:
@@ -210,7 +198,7 @@ class Inquiry(AbstractContextManager):
         rules: ProgramRules,
         samples: int = FIRST,
         trained: Trained | None = None,
-    ) -> Rewards:
+    ) -> tuple[list[Path], Table | None]:
         """Ask for reward programs for the settings' cameras.
 
         A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
@@ -224,103 +212,86 @@ class Inquiry(AbstractContextManager):
                 sample, and ``<sample>.descent.json`` names the runs and programs that it descends
                 from, the latest last.
 
+        Returns:
+            The files of the accepted programs; how they differ, if there are several.
+
         Raises:
             ValueError: no cameras, an unknown flavour, too little told, or the programs exist
                 already.
         """
-        cameras = "+".join(self._settings.cams)
+        told, settings, cameras = self._told, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
         check_flavour(flavour)
-        if trained is not None and self._told != FULL:
+        if trained is not None and told != FULL:
             raise ValueError(f"vlm.told: a program is revised with {FULL}")
-        nothing = self._told == "nothing"
-        if nothing and flavour == "text":
+        if told == "nothing" and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
-            path = self._reward_file(flavour, FIRST)
+            path = self.folder / self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
-        prompt = reward_prompt(self._settings, rules, flavour, album, self._told)
-        first = guess_prompt(self._settings, album) if nothing and album else []
+        prompt = reward_prompt(settings, rules, flavour, album, told)
+        first = guess_prompt(settings, album) if told == "nothing" and album else []
         if trained is None:
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
-            name += "" if self._told == FULL else f"/{self._told}"
+            name += "" if told == FULL else f"/{told}"
             self._clear(name)
-            names = {n: f"{name}/{n}" if n > FIRST else name for n in self._samples(samples)}
+            asked = {n: f"{name}/{n}" if n > FIRST else name for n in _numbers(samples)}
         else:
             prompt = trained.prompt(prompt)
-            name = f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"
-            names = {
-                next(n for n in count(FIRST) if not self._reward_file(flavour, n).exists()): name
-            }
-        accepted, failed = {}, []
-        for sample, name in names.items():
-            tried = ProgramAttempts(self._begin(name), rules)
-            path = self._reward_file(flavour, sample)
+            free = next(n for n in count(FIRST) if not self._has_reward(flavour, n))
+            asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
+        accepted, failed, paths = {}, [], []
+        for sample, name in asked.items():
+            file = self._reward_file(flavour, sample)
+            conversation = self._begin(name)
             try:
-                source, verdict = self._write_reward(tried, path, prompt, first)
-                accepted[sample] = tables.Accepted(verdict.card, rules.values(source))
-                if trained is not None:
-                    self._write_descent(path, trained)
+                source, verdict = write_program(conversation, rules, prompt, first)
             except NoAnswerError as error:
                 failed.append(error)
+                continue
+            finally:
+                rows = [json.dumps(row, ensure_ascii=False) for row in rows_of(conversation)]
+                if rows:
+                    attempts = str(file.with_suffix(".attempts.jsonl"))
+                    self._files.write(attempts, "\n".join([*rows, ""]))
+            paths.append(self._files.write(str(file), source))
+            accepted[sample] = Accepted(verdict.card, rules.values(source))
+            if trained is not None:
+                self._files.write(str(file.with_suffix(DESCENT)), trained.descent())
         table = None
         if len(accepted) > 1:
-            table = tables.compared(f"{flavour}.samples", accepted)
+            table = compared(f"{flavour}.samples", accepted)
             self._files.write(f"rewards/{cameras}/{table.name}.csv", table.csv())
         if failed:
             raise NoAnswerError("; ".join(map(str, failed)))
-        paths = tuple(self._reward_file(flavour, sample) for sample in accepted)
-        return Rewards(paths, totals_of(self._held), table)
+        return paths, table
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""
-        return all(self._reward_file(flavour, n).exists() for n in self._samples(samples))
+        return all(self._has_reward(flavour, number) for number in _numbers(samples))
 
-    def _samples(self, samples: int) -> range:
-        return range(FIRST, FIRST + samples)
+    def _has_reward(self, flavour: str, sample: int) -> bool:
+        return (self.folder / self._reward_file(flavour, sample)).exists()
 
     def _reward_file(self, flavour: str, sample: int) -> Path:
-        cameras = "+".join(self._settings.cams)
-        return self._files.folder / "rewards" / cameras / file_name(flavour, sample)
-
-    def _write_reward(
-        self, tried: ProgramAttempts, path: Path, prompt: list[Part], first: Sequence[Part]
-    ) -> tuple[str, Verdict]:
-        """Write one program and the attempts at it into files."""
-        place = path.parent.relative_to(self._files.folder)
-        try:
-            source, verdict = tried.write(prompt, first)
-        finally:
-            # Failed attempts are kept too.
-            rows = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in tried.rows())
-            if rows:
-                self._files.write(f"{place / path.stem}.attempts.jsonl", rows)
-        self._files.write(str(place / path.name), source)
-        return source, verdict
-
-    def _write_descent(self, path: Path, trained: Trained) -> None:
-        note = Path(trained.origin).with_suffix(DESCENT)
-        before = read_json(note)["line"] if note.is_file() else []
-        line = json.dumps({"line": [*before, trained.note()]}, indent=2)
-        place = path.with_suffix(DESCENT).relative_to(self._files.folder)
-        self._files.write(str(place), line + "\n")
+        """Within the folder of results."""
+        return Path("rewards", "+".join(self._settings.cams), file_name(flavour, sample))
 
     def _begin(self, name: str) -> Conversation:
-        self._held.append(Conversation(self._recorder, name, self._config.attempts))
-        return self._held[-1]
+        return Conversation(self.record, name, self._config.attempts)
 
     def _album(self, sets: Sequence[str] = ()) -> Album:
         """Of the scene's cameras, or of those of ``sets`` alone."""
         settings = seen_by(self._settings, sets)[1] if sets else self._settings
-        return open_album(self.transcript, settings, self._config.size)
+        return open_album(self.record, settings, self._config.size)
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
         """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""
         if not (self._config.overwrite and self._live):
             return
-        self.transcript.retire(
+        self.record.retire(
             lambda name: any(name == c or name.startswith(f"{c}/") for c in conversations)
         )
         for name in files:
@@ -328,6 +299,11 @@ class Inquiry(AbstractContextManager):
 
     def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""
-        whole = {**found, "models": models(self._held), "totals": totals_of(self._held)}
+        models = dict.fromkeys(f"{e.provider} {e.answered_by}" for e in self.record.used)
+        whole = {**found, "models": [*models], "totals": self.spent()}
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole
+
+
+def _numbers(samples: int) -> range:
+    return range(FIRST, FIRST + samples)

@@ -1,4 +1,4 @@
-"""What is said to a model: text and pictures in turns, and the form of its answer."""
+"""What is said to a model, what it replies, and who carries the one to the other."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from PIL import Image
 from pydantic import ValidationError
@@ -89,7 +89,7 @@ class Request:
 
         It leaves out who is asked and with what sampling, because people without a model or a
         key must find a recording too. A transcript has one model and one sampling (see
-        ``Recorder``), so no two requests in it are confused.
+        ``Record``), so no two requests in it are confused.
         """
         text = json.dumps(
             self.canonical(), sort_keys=True, separators=(",", ":"), ensure_ascii=False
@@ -102,6 +102,65 @@ class Request:
         return tuple(
             part for message in self.messages for part in message.parts if isinstance(part, Png)
         )
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What a model returned.
+
+    ``outcome`` is ``answered``, ``truncated`` (cut off at the limit of length), ``refused`` (by
+    the model or by a filter) or ``empty``. ``detail`` is the reason in the provider's words.
+    ``answered_by`` is the model. Tokens are ``None`` if they were not reported. ``attempts`` are
+    the statuses of all tries, the last one included.
+    """
+
+    outcome: str
+    answer: str
+    detail: str
+    answered_by: str | None
+    tokens_in: int | None
+    tokens_out: int | None
+    attempts: tuple[int | str, ...] = ()
+
+
+class ProviderError(RuntimeError):
+    """A request got no reply.
+
+    ``status`` is the HTTP status, or ``timeout``, ``unreachable`` or ``unreadable``; ``attempts``
+    as in ``Reply``.
+    """
+
+    def __init__(self, message: str, status: int | str, attempts: tuple[int | str, ...] = ()):
+        super().__init__(message)
+        self.status, self.attempts = status, attempts
+
+    @property
+    def passing(self) -> bool:
+        """Whether another try may bring a reply."""
+        if isinstance(self.status, int):
+            return self.status in (408, 429) or self.status >= 500
+        return self.status in ("timeout", "unreadable")
+
+
+class UnansweredError(RuntimeError):
+    """Nobody answered in time. Nothing is lost, and nothing is recorded."""
+
+
+class Provider(Protocol):
+    """Somebody who answers."""
+
+    @property
+    def who(self) -> Mapping[str, Any]:
+        """Provider, model and sampling, for the record."""
+        ...
+
+    def ask(self, request: Request) -> Reply:
+        """The reply; ``ProviderError`` if there is none."""
+        ...
+
+    def close(self) -> None:
+        """Put away what was answered."""
+        ...
 
 
 def _plain(part: Part) -> dict[str, str]:

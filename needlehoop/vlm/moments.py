@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import count, islice
 from typing import Any
 
 import torch
@@ -11,7 +13,7 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, controllers
-from needlehoop.envs.rollout import Controller, Step, rollout
+from needlehoop.envs.rollout import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import NONE
@@ -62,16 +64,20 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
         ValueError: settings that the scripts cannot drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
-    simulation, _ = build(blind)
-    moments: list[Signals] = []
-    last = {}
-    valid = controllers(blind)
-    for who in (who for who in _JUDGED_BY if who in valid):
-        simulation.reseed(gates.seed)
-        steps = rollout(simulation, controller(who, blind))
-        lived, last[who] = _episodes(steps, blind.definition.goal)
-        moments += lived
-    return Trajectories(_join(moments), last, *_random_steps(blind, gates), _stopped(blind, gates))
+    simulation, goal = build(blind)[0], blind.definition.goal
+    flights = {
+        who: _fly(simulation, gates.seed, controller(who, blind), goal)
+        for who in _JUDGED_BY
+        if who in controllers(blind)
+    }
+    moments = torch.cat([flight.signals[flight.until(goal)] for flight in flights.values()])
+    last = {who: flight.last(goal) for who, flight in flights.items()}
+    # Uniformly random actions, of more episodes.
+    own = replace(blind, num_envs=gates.random_episodes)
+    steps = _fly(build(own)[0], gates.seed, controller("random", own)).signals
+    before, after = steps[:-1].reshape(-1), steps[1:].reshape(-1)
+    after.elapsed = before.elapsed.clone()
+    return Trajectories(moments, last, before, after, _stopped(blind, gates))
 
 
 def _blind(settings: Settings, episodes: int) -> Settings:
@@ -82,6 +88,43 @@ def _blind(settings: Settings, episodes: int) -> Settings:
     """
     episode = replace(settings.episode, end_on_success=False)
     return replace(settings, cams=(), num_envs=episodes, reward=NONE, episode=episode)
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """Episodes side by side, step by step: all is ``(steps, n)``, facts by name."""
+
+    signals: Any
+    facts: dict[str, Tensor]
+    alive: Tensor
+
+    def until(self, goal: str) -> Tensor:
+        """The moments up to each episode's goal or its end, that one included."""
+        now = self.facts[goal]
+        return self.alive & (now.cumsum(0) - now.long() == 0)
+
+    def last(self, goal: str) -> Any:
+        """Each episode's last of these moments, ``(n,)``."""
+        at = self.until(goal).sum(0) - 1
+        return self.signals[at, torch.arange(len(at))]
+
+
+def _fly(
+    simulation: Simulation, seed: int, act: Controller, goal: str = "", most: int | None = None
+) -> _Flight:
+    """Whole episodes of a seed; only until all are at their ``goal``; at ``most`` so many steps."""
+    simulation.reseed(seed)
+    steps: list[Any] = []
+    done = torch.zeros(simulation.num_envs, dtype=torch.bool)
+    for step in islice(rollout(simulation, act), most):
+        facts = {name: fact.clone() for name, fact in step.moment.facts.items()}
+        steps.append((step.signals.clone(), facts, step.alive))
+        done |= ~step.alive | facts.get(goal, done)
+        if bool(done.all()):
+            break
+    signals, facts, alive = zip(*steps, strict=True)
+    stacked = {name: torch.stack([own[name] for own in facts]) for name in facts[0]}
+    return _Flight(torch.stack(signals), stacked, torch.stack(alive))
 
 
 _HELD = 20
@@ -97,74 +140,55 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     that reach the goal all the same are left out. ``elapsed`` is that of the finished ones.
     """
     s = replace(settings, num_envs=gates.stop_episodes)
-    task, act = s.definition, controller(s.definition.teacher, s)
-    simulation, _ = build(s)
-    simulation.reseed(gates.seed)
-    firsts: dict[str, Tensor] = {}
-    _, finished = _episodes(_watched(rollout(simulation, act), task, firsts), task.goal)
-    found = {}
-    opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name in firsts]
+    task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)[0]
+    flight = _fly(simulation, gates.seed, act, task.goal)
+    finished, found = flight.last(task.goal), {}
+    opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name != task.goal]
     loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens is not None else ()
-    for moment, first in firsts.items():
+    for moment, first in _firsts(flight, task).items():
         for loosen in (False, True) if moment in loose else (False,):
-            simulation.reseed(gates.seed)
-            ended, last = _stop(simulation, act, first, opens if loosen else None, task.goal)
+            short = _short(act, first, opens if loosen else None)
+            stop = _fly(simulation, gates.seed, short, most=int(first.max()) + _HELD + 1)
+            ended = (first >= 0) & (stop.alive & ~stop.facts[task.goal]).all(0)
             if bool(ended.any()):
-                whole: Any = finished[ended].clone()
-                short: Any = last[ended].clone()
-                short.elapsed = whole.elapsed.clone()
-                found[f"{'letting go' if loosen else 'holding still'} at {moment}"] = short, whole
+                whole, last = finished[ended].clone(), stop.signals[-1][ended].clone()
+                last.elapsed = whole.elapsed.clone()
+                found[f"{'letting go' if loosen else 'holding still'} at {moment}"] = last, whole
     return found
 
 
-def _watched(steps: Iterator[Step], task: Task, firsts: dict[str, Tensor]) -> Iterator[Step]:
-    """The steps; notes when each moment at which a task can be stopped short first came.
+def _firsts(flight: _Flight, task: Task) -> dict[str, Tensor]:
+    """The steps ``(n,)`` at which each moment first came, at which a task can be stopped short.
 
-    ``firsts`` has the steps ``(n,)`` by the moment's name; -1 where it did not come before the
-    goal.
+    By the moment's name; -1 where it did not come before the goal.
     """
-    begun_at: dict[str, Tensor] = {}
-    for number, step in enumerate(steps):
-        facts = step.moment.facts
-        begun = torch.ones_like(step.alive)
-        moments = {f.name: facts[f.name] for f in task.facts if f.name != task.goal}
-        for phase in task.phases:
-            a, b = (getattr(step.signals, point) for point in phase.points)
-            way = torch.linalg.vector_norm(a - b, dim=-1)
-            whole = begun_at.setdefault(phase.name, torch.full_like(way, torch.nan))
-            whole[:] = torch.where(begun & whole.isnan(), way, whole)
-            moments[f"half of {phase.name}"] = way <= whole / 2
-            since = firsts[phase.ends] >= 0 if phase.ends in firsts else False
-            begun = begun & (facts[phase.ends] | since)
-        for name, now in moments.items():
-            first = firsts.setdefault(name, torch.full_like(step.moment.steps, -1))
-            first[now & step.alive & ~facts[task.goal] & (first < 0)] = number
-        yield step
+    counts, facts = flight.alive & ~flight.facts[task.goal], flight.facts
+    moments = {fact.name: facts[fact.name] for fact in task.facts if fact.name != task.goal}
+    begun = torch.ones_like(counts)
+    for phase in task.phases:
+        a, b = (getattr(flight.signals, point) for point in phase.points)
+        way = torch.linalg.vector_norm(a - b, dim=-1)
+        whole = way.gather(0, begun.long().argmax(0, keepdim=True))
+        moments[f"half of {phase.name}"] = (begun.cumsum(0) > 0) & (way <= whole / 2)
+        ended = facts[phase.ends] & counts
+        begun = begun & (facts[phase.ends] | (ended.cumsum(0) - ended.long() > 0))
+    came = {name: (now & counts).long() for name, now in moments.items()}
+    return {name: torch.where(now.any(0), now.argmax(0), -1) for name, now in came.items()}
 
 
-def _stop(
-    simulation: Simulation, act: Controller, first: Tensor, opens: int | None, goal: str
-) -> tuple[Tensor, Signals]:
-    """Which episodes stopped at their step ``first`` and never reached the goal; last moments."""
-    number, stopped = 0, first >= 0
+def _short(act: Controller, first: Tensor, opens: int | None) -> Controller:
+    """Acts up to the step ``first``, then holds still; ``opens``: the action that lets go."""
+    numbers = count()
 
     def short(signals: Signals) -> Tensor:
-        nonlocal number
         action = act(signals)
-        still = stopped & (number >= first)
+        still = (first >= 0) & (next(numbers) >= first)
         action[still] = 0.0
         if opens is not None:
             action[still, opens] = 1.0
-        number += 1
         return action
 
-    ended, last = stopped.clone(), None
-    for step in rollout(simulation, short):
-        ended &= step.alive & ~step.moment.facts[goal]
-        last = step.signals.clone()
-        if number >= int(first.max()) + _HELD:
-            break
-    return ended, last
+    return short
 
 
 _RANGED = 8
@@ -178,53 +202,16 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     """
     s = _blind(settings, _RANGED)
     simulation, _ = build(s)
-    moments: list[Signals] = []
-    for who in (s.definition.teacher, "random"):
-        simulation.reseed(s.seed)
-        moments += _signals(simulation, who, s)
-    joined = _join(moments)
+    moments = [
+        _fly(simulation, s.seed, controller(who, s)).signals
+        for who in (s.definition.teacher, "random")
+    ]
     found = {}
-    for name in s.definition.signals:
-        values = getattr(joined, name).double().reshape(len(joined), -1)
+    for name, signal in s.definition.signals.items():
+        size = math.prod(signal.shape)
+        values = torch.cat([getattr(one, name).double().reshape(-1, size) for one in moments])
         found[name] = values.amin(0).tolist(), values.amax(0).tolist()
     return found
-
-
-def _random_steps(settings: Settings, gates: Gates) -> tuple[Signals, Signals]:
-    """The moments before and after each step of episodes of uniformly random actions."""
-    own = replace(settings, num_envs=gates.random_episodes)
-    simulation, _ = build(own)
-    moments = _signals(simulation, "random", own)
-    before, after = _join(moments[:-1]), _join(moments[1:])
-    after.elapsed = before.elapsed.clone()
-    return before, after
-
-
-def _signals(simulation: Simulation, who: str, settings: Settings) -> list[Signals]:
-    """The moments of whole episodes of a controller, step by step."""
-    return [step.signals.clone() for step in rollout(simulation, controller(who, settings))]
-
-
-def _join(moments: list[Signals]) -> Signals:
-    joined: Any = torch.cat(moments)  # pyright: ignore[reportCallIssue, reportArgumentType]
-    return joined
-
-
-def _episodes(steps: Iterator[Step], goal: str) -> tuple[list[Signals], Signals]:
-    """The moments of episodes up to their goal, step by step, and each episode's last."""
-    lived: list[Signals] = []
-    last: Any = None
-    goes_on: Any = True
-    for step in steps:
-        goes_on = goes_on & step.alive
-        now: Any = step.signals[goes_on].clone()
-        lived.append(now)
-        last = now.clone() if last is None else last
-        last[goes_on] = now
-        goes_on = goes_on & ~step.moment.facts[goal]
-        if not bool(goes_on.any()):
-            break
-    return lived, last
 
 
 def random_signals(task: Task, count: int, seed: int) -> Signals:
@@ -241,21 +228,18 @@ def random_signals(task: Task, count: int, seed: int) -> Signals:
 
     fields = {}
     for name, signal in task.signals.items():
-        shape = (count, *signal.shape)
+        share = uniform(count, *signal.shape)
+        either_way = 2 * share - 1
         if signal.unit == "bool":
-            fields[name] = uniform(*shape) < 0.5
+            fields[name] = share < 0.5
         elif signal.unit == "m":
-            fields[name] = _REACH * (2 * uniform(*shape) - 1)
+            fields[name] = _REACH * either_way
+        elif signal.unit != "1":
+            fields[name] = _TURN * either_way
         elif signal.shape:
-            fields[name] = 2 * uniform(*shape) - 1
-            if signal.unit == "1":
-                fields[name] /= torch.linalg.vector_norm(fields[name], dim=-1, keepdim=True)
-            else:
-                fields[name] *= _TURN
+            fields[name] = either_way / torch.linalg.vector_norm(either_way, dim=-1, keepdim=True)
         else:
-            fields[name] = (
-                uniform(*shape) if signal.unit == "1" else _TURN * (2 * uniform(count) - 1)
-            )
+            fields[name] = share
     if task.signals.get("joints") == JOINT_SIGNALS["joints"]:
         # The PSM's; the insertion is a length.
         fields["joints"][:, 2] = 0.24 * uniform(count)

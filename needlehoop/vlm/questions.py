@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain, combinations
 from typing import Annotated, Any
 
@@ -14,15 +13,10 @@ from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
-from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import Subtasks, choice, choices, ranking
-from needlehoop.vlm.grouping import rank_groups
+from needlehoop.vlm.conversation import Conversation, Subtasks, choice, choices, ranking
+from needlehoop.vlm.description import fill, questioned
 from needlehoop.vlm.messages import Part, Png
-from needlehoop.vlm.prompts import fill, questioned
-from needlehoop.vlm.tables import agreement
-
-Ranked = dict[str, Any]
-"""An answer: the ``places``, best first, and how ``sure`` they are; see ``forms.ranking``."""
+from needlehoop.vlm.rankings import Ranked, deal
 
 
 @dataclass(frozen=True)
@@ -81,6 +75,19 @@ class Lists:
             except ValueError as error:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
+    def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
+        """What is to be ranked, in the order of asking.
+
+        The number of a list, that of a sample or (of ``sets``) a group, both from 1; and the
+        camera sets.
+        """
+        for number, sets in enumerate(self.sets, 1):
+            for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
+                yield number, part, dealt
+        for sample in () if self.sets else range(1, self.samples + 1):
+            for number, sets in enumerate(self.lists, 1):
+                yield number, sample, sets
+
 
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
@@ -134,40 +141,6 @@ def question(
         "layouts_sure": layouts["sure"],
         "placements": placements,
     }
-
-
-def rank(ask: Callable[[int, int, Sequence[str]], Ranked], lists: Lists) -> list[dict[str, Any]]:
-    """Rank lists of camera sets; those of ``lists.sets`` in groups, each as ``rank_groups``.
-
-    Args:
-        ask: ranks the sets of a list, or a group of them: for a list, and a sample or a group,
-            that count from 1.
-        lists: what to rank, and how often.
-
-    Returns:
-        For each list its camera sets (``combinations``); by sample, the rankings, each the sets as
-        ``name`` and ``reason``, best first, and how ``sure`` each place is; how far they agree.
-    """
-    if lists.sets:
-        return [
-            rank_groups(partial(ask, number), sets, lists.group, lists.rounds)
-            for number, sets in enumerate(lists.sets, 1)
-        ]
-    samples = [
-        [ask(number, sample, sets) for number, sets in enumerate(lists.lists, 1)]
-        for sample in range(1, lists.samples + 1)
-    ]
-    return [
-        {
-            "combinations": list(sets),
-            "rankings": [answer["places"] for answer in answers],
-            "sure": [answer["sure"] for answer in answers],
-            "agreement": agreement(
-                [[entry["name"] for entry in answer["places"]] for answer in answers]
-            ),
-        }
-        for sets, *answers in zip(lists.lists, *samples, strict=True)
-    ]
 
 
 def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Settings]:

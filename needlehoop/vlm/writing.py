@@ -1,32 +1,37 @@
-"""Reward programs: asked for, judged, and sent back with the reason until one is accepted."""
+"""Reward programs: asked for, judged, sent back until one is accepted; revised after a training."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
+
+import imageio.v2 as imageio
+import numpy as np
+from PIL import Image
+from scipy.stats import rankdata
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
+from needlehoop.rewards.written import FIRST, KINDS
+from needlehoop.runs.files import METRICS, VIDEO
+from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.run import Run
+from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
+from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card, values_of
 from needlehoop.vlm.config import Gates
-from needlehoop.vlm.conversation import Conversation
-from needlehoop.vlm.forms import Guess, ProgramAnswer
-from needlehoop.vlm.messages import Part
+from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
+from needlehoop.vlm.description import fill, telling_of
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.moments import collect
-from needlehoop.vlm.prompts import fill, telling_of
-
-
-class Verdict(NamedTuple):
-    """Why a program is refused, as the model is told; ``None``: it is accepted."""
-
-    reason: str | None
-    card: Mapping[str, Any]
-    """Figures at the gates, for the record."""
 
 
 @dataclass(frozen=True)
@@ -65,53 +70,92 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
     return ProgramRules(gates.low, gates.high, judge, values)
 
 
-class ProgramAttempts:
-    """A conversation about one program, and what was found of each attempt."""
+def write_program(
+    conversation: Conversation, rules: ProgramRules, prompt: list[Part], first: Sequence[Part] = ()
+) -> tuple[str, Verdict]:
+    """Ask for a program until one is accepted; its source, and what was found of it.
 
-    def __init__(self, conversation: Conversation, rules: ProgramRules):
-        self._conversation, self._rules = conversation, rules
-        self._judged: dict[int, tuple[str, Verdict]] = {}
-        """Program and verdict by the number of the attempt, from 0."""
+    Args:
+        conversation: a new one.
+        rules: the judge.
+        prompt: of ``reward_prompt``.
+        first: a question that comes before: what the task is taken to be.
 
-    def write(self, prompt: list[Part], first: Sequence[Part] = ()) -> tuple[str, Verdict]:
-        """Ask for a program until one is accepted; its source, and what was found of it.
+    Raises:
+        NoAnswerError: none was accepted within the conversation's attempts.
+        RefusalError: the model would not answer.
+    """
 
-        Args:
-            prompt: of ``reward_prompt``.
-            first: a question that comes before: what the task is taken to be.
+    def judge(answer: ProgramAnswer) -> Verdict:
+        reason, card = rules.judge(_bare(answer.program))
+        return Verdict(reason and f"the program was refused: {reason}", card)
 
-        Raises:
-            NoAnswerError: none was accepted within the conversation's attempts.
-            RefusalError: the model would not answer.
-        """
-        if first:
-            self._conversation.ask(first, Guess)
-        self._conversation.ask(prompt, ProgramAnswer, self._judge)
-        return self._judged[max(self._judged)]
+    if first:
+        conversation.ask(first, Guess)
+    answer = conversation.ask(prompt, ProgramAnswer, judge)
+    return _bare(answer.program), conversation.attempts[-1].verdict
 
-    def _judge(self, answer: ProgramAnswer) -> str | None:
-        source = _bare(answer.program)
-        verdict = self._rules.judge(source)
-        self._judged[len(self._conversation.attempts)] = source, verdict
-        return None if verdict.reason is None else f"the program was refused: {verdict.reason}"
 
-    def rows(self) -> list[dict[str, Any]]:
-        """All attempts as plain values, those in a wrong form included."""
-        rows = []
-        for number, attempt in enumerate(self._conversation.attempts):
-            source, verdict = self._judged.get(number, (None, None))
-            rows.append(
-                {
-                    "attempt": number + 1,
-                    "request": attempt.exchange.sha256,
-                    "answer": attempt.exchange.answer,
-                    "program": source,
-                    "accepted": source is not None and attempt.reason is None,
-                    "reason": attempt.reason,
-                    "card": dict(verdict.card) if verdict else None,
-                }
-            )
-        return rows
+def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
+    """All answers of a conversation about a program as plain values, whatever their form."""
+    rows = []
+    for number, attempt in enumerate(conversation.attempts, 1):
+        answer, verdict = attempt.answer, attempt.verdict
+        is_program = isinstance(answer, ProgramAnswer)
+        rows.append(
+            {
+                "attempt": number,
+                "request": attempt.exchange.sha256,
+                "answer": attempt.exchange.answer,
+                "program": _bare(answer.program) if is_program else None,
+                "accepted": is_program and verdict.reason is None,
+                "reason": verdict.reason,
+                "card": dict(verdict.card) if is_program else None,
+            }
+        )
+    return rows
+
+
+class Accepted(NamedTuple):
+    """A program's figures at the gates, and its values at the recorded moments."""
+
+    card: Mapping[str, Any]
+    values: Sequence[float]
+
+
+def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
+    """How several programs for the same cameras differ: one row each.
+
+    Args:
+        name: of the table's file.
+        programs: by the number of the sample.
+    """
+    # A task without a cheat has no such figure.
+    figures = [own.card for own in programs.values()]
+    others = [to for to in ("random", "cheat") if figures[0][to] is not None]
+    # Undefined for one whose values are all the same.
+    with np.errstate(invalid="ignore"):
+        rho = np.corrcoef(rankdata([own.values for own in programs.values()], axis=1))
+    rows = [
+        (
+            number,
+            *(own.card["expert"] - own.card[to] for to in others),
+            own.card["paid"],
+            *(None if np.isnan(one) else float(one) for one in correlations),
+        )
+        for (number, own), correlations in zip(programs.items(), rho, strict=True)
+    ]
+    columns = (
+        Column("sample"),
+        *(Column(f"expert - {to}", form=".3f") for to in others),
+        Column("paid", "%", ".1f", 100.0),
+        *(Column(f"rho with {number}", form=".3f") for number in programs),
+    )
+    note = (
+        "rho: Spearman's, of the values over the recorded trajectories. Trained on: sample"
+        f" {FIRST}, or that of reward.sample=."
+    )
+    return Table(name, "Samples compared", columns, tuple(rows), note)
 
 
 def reward_prompt(
@@ -168,3 +212,111 @@ def _bare(program: str) -> str:
     """The program without the fence that models put around code; one newline at its end."""
     fenced = re.fullmatch(r"\s*```[a-zA-Z]*\n(.*?)\n?```\s*", program, re.DOTALL)
     return (fenced.group(1) if fenced else program).strip() + "\n"
+
+
+DESCENT = ".descent.json"
+"""Ending of the file that says which run and program a revised one descends from."""
+
+_ROWS, _STILLS = 10, 6
+
+_RANGES = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
+"""Columns that rows of the metrics must have; they are empty before any episode has ended."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A program, and what came of a training on it."""
+
+    folder: str
+    program: str
+    origin: str
+    """The file that the program came from."""
+    curves: str
+    """A table: step, return, terms, and the share of episodes in which the task was done."""
+    steps: int
+    stills: tuple[Png, ...]
+    """Of the run's film, from its beginning to its end; none: there is no film."""
+
+    @property
+    def sha256(self) -> str:
+        """Of the program."""
+        return hashlib.sha256(self.program.encode()).hexdigest()
+
+    def descent(self) -> str:
+        """A note for a program that descends from this one: runs and programs, the latest last."""
+        note = Path(self.origin).with_suffix(DESCENT)
+        before = read_json(note)["line"] if note.is_file() else []
+        own = {"run": self.folder, "program": self.origin, "sha256": self.sha256}
+        return json.dumps({"line": [*before, own]}, indent=2) + "\n"
+
+    def prompt(self, reward: Sequence[Part]) -> list[Part]:
+        """The question for a better program, after the one that asked for the first."""
+        (text, *pictures) = reward
+        film = "Below the other pictures: stills of a film of the trained agent, in order."
+        said = fill(
+            "revise",
+            reward=text,
+            program=self.program.strip(),
+            curves=self.curves,
+            steps=f"{self.steps:,}",
+            stills=film if self.stills else "There is no film of the trained agent.",
+        )
+        shown: list[Part] = [
+            part
+            for number, still in enumerate(self.stills, 1)
+            for part in (f"trained agent, still {number} of {len(self.stills)}:", still)
+        ]
+        return [said, *pictures, *shown]
+
+
+def read_run(folder: Path, size: int) -> Trained:
+    """What a run's files say of its training.
+
+    Args:
+        folder: of the run.
+        size: of a still's longer side, pixels, at most.
+
+    Raises:
+        ValueError: no run, one that was not paid by a program, or damaged files.
+    """
+    reward = Run.open(folder).config().get("reward")
+    program = reward.get("program") if isinstance(reward, Mapping) else None
+    kind = reward.get("kind") if isinstance(reward, Mapping) else None
+    if not isinstance(program, Mapping) or kind not in KINDS:
+        raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
+    try:
+        rows, _ = read_rows(folder / METRICS, _RANGES, folder)
+    except UnreadableError as error:
+        raise ValueError(f"revise: {folder / METRICS} {error}") from error
+    film = folder / VIDEO
+    return Trained(
+        str(folder),
+        program["text"],
+        program["origin"],
+        _curves(rows),
+        int(rows["step"][-1]),
+        _stills(film, size) if film.is_file() else (),
+    )
+
+
+def _curves(rows: Rows) -> str:
+    """Some rows of the metrics, evenly over the training; terms by their names in the program."""
+    # Facts would tell what success is.
+    columns = ["return", *(c for c in rows.columns if c.startswith("term_")), "success"]
+    names = (column.removeprefix("term_") for column in columns[:-1])
+    lines = [", ".join(("step", *names, "done"))]
+    for row in sorted({round(i * (len(rows) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
+        values = (f"{rows[column][row]:.3g}" for column in columns)
+        lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
+    return "\n".join(lines)
+
+
+def _stills(film: Path, size: int) -> tuple[Png, ...]:
+    try:
+        with imageio.get_reader(film) as opened:
+            reader: Any = opened
+            frames = [np.asarray(frame) for frame in reader]
+    except (OSError, RuntimeError, ValueError) as error:
+        raise ValueError(f"revise: {film}: no film ({str(error).splitlines()[0]})") from error
+    chosen = [round(i * (len(frames) - 1) / (_STILLS - 1)) for i in range(_STILLS)]
+    return tuple(Png.of(Image.fromarray(frames[number]), size) for number in chosen)

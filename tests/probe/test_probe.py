@@ -20,22 +20,13 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
-from needlehoop.probe.folder import Folder, read_results
-from needlehoop.probe.frames import KINDS, Frames, collect, phase_of
-from needlehoop.probe.plan import CONSTANT, TRUTH, Effort, Episodes, Grid, Plan, camera_sets
-from needlehoop.probe.quantities import quantities
-from needlehoop.probe.reader import Fit, Reading
+from needlehoop.probe.folder import Folder
+from needlehoop.probe.frames import KINDS, Frames, Reading, collect, phase_of, quantities
+from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
-from needlehoop.probe.scores import (
-    Errors,
-    Interval,
-    constant,
-    error,
-    errors,
-    places,
-    score,
-)
+from needlehoop.probe.scores import ProbeResults, constant, errors, places
 from needlehoop.scene.cameras import View
+from needlehoop.study.stats.statistics import Estimated, Interval
 from needlehoop.tasks.contract import Phase
 from needlehoop.tasks.registry import built_in, find
 
@@ -173,24 +164,24 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
     said[0, ASKED.points.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
     said[0, ASKED.points.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
     said[1, ASKED.points.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
-    found = errors(ASKED, shown, Reading(said, torch.tensor([False, True, True, True])), 3)
+    means, counts = errors(ASKED, shown, Reading(said, torch.tensor([False, True, True, True])), 3)
     at = {name: i for i, name in enumerate(ASKED.names)}
-    reach = found.mean[0, 0]
+    reach = means[0, 0]
     assert reach[at["needle_tip"]] == 2.5
     assert reach[at["tool_midpoint"]] == 1.0
     assert reach[at["pickup_point"]] == 3.0
     assert reach[at["tool_to_pickup"]] == 4.0
     assert reach[at["grasped"]] == 0.5
-    assert found.frames.tolist() == [[2, 1, 0], [0, 0, 1], [0, 0, 0]]
-    assert np.isnan(found.mean[2]).all()
-    assert np.isnan(found.mean[1, 0]).all()
+    assert counts.tolist() == [[2, 1, 0], [0, 0, 1], [0, 0, 0]]
+    assert np.isnan(means[2]).all()
+    assert np.isnan(means[1, 0]).all()
 
 
 def test_both_points_off_by_the_same_leaves_the_gap_right():
     shown = _frames(torch.zeros(1, 3, 3), [0], [0])
-    found = errors(ASKED, shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
-    assert found.mean[0, 0, ASKED.names.index("tool_to_pickup")] == 0
-    assert found.mean[0, 0, 0] > 8
+    means, _ = errors(ASKED, shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
+    assert means[0, 0, ASKED.names.index("tool_to_pickup")] == 0
+    assert means[0, 0, 0] > 8
 
 
 def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
@@ -202,35 +193,43 @@ def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
         constant(ASKED, _frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
 
 
-def _errors(by_phase: list[float], episodes: int, spread: float, seed: int) -> Errors:
+def _errors(by_phase: list[float], episodes: int, spread: float, seed: int) -> np.ndarray:
     generator = np.random.default_rng(seed)
     mean = np.full((episodes, 3, len(ASKED.names)), 99.0)
     for p, phase in enumerate(ASKED.phases):
         noise = generator.uniform(-spread, spread, episodes)
         mean[:, p, ASKED.names.index(ASKED.needed[phase])] = by_phase[p] + noise
-    return Errors(mean, np.ones((episodes, 3), dtype=int))
+    return mean
+
+
+def _results(found: list[np.ndarray], blind: list[np.ndarray]) -> ProbeResults:
+    """Of one camera set, ``rgb``, seed by seed."""
+    return ProbeResults(ASKED, {"rgb": np.stack(found), CONSTANT: np.stack(blind)})
 
 
 def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     blind = _errors([10.0, 20.0, 40.0], 6, 0.0, 0)
-    found = score(ASKED, [_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
+    results = _results([_errors([5.0, 5.0, 40.0], 6, 0.0, 0)], [blind])
+    found = results.score("rgb")
     assert found.value == pytest.approx((0.5 + 0.75 + 0.0) / 3)
-    assert (found.low, found.high) == pytest.approx((found.value, found.value))
-    assert score(ASKED, [blind], [blind]).value == 0
-    two = score(ASKED, [_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
-    assert two.value == pytest.approx(0.5)
+    assert (found.interval.low, found.interval.high) == pytest.approx((found.value,) * 2)
+    assert results.score(CONSTANT).value == 0
+    two = _results([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
+    assert two.score("rgb").value == pytest.approx(0.5)
+    assert two.scores_by_seed("rgb") == [1, 0]
 
 
 def test_intervals_narrow_with_episodes_and_hold_the_truth():
     few, many = (
-        error(ASKED, [_errors([5.0] * 3, n, 2.0, 1)], "reach", ASKED.needed["reach"])
-        for n in (8, 800)
+        _results([own], [own]).error("rgb", "reach", ASKED.needed["reach"]).interval
+        for own in (_errors([5.0] * 3, n, 2.0, 1) for n in (8, 800))
     )
     assert many.high - many.low < 0.3 < few.high - few.low
     assert many.low < 5 < many.high
     held = 0
     for seed in range(60):
-        found = error(ASKED, [_errors([5.0] * 3, 30, 2.0, seed)], "lift", ASKED.needed["lift"])
+        own = _errors([5.0] * 3, 30, 2.0, seed)
+        found = _results([own], [own]).error("rgb", "lift", ASKED.needed["lift"]).interval
         held += found.low < 5 < found.high
     assert 49 <= held <= 60, "95 % intervals, less what a bootstrap of 30 falls short"
 
@@ -238,17 +237,18 @@ def test_intervals_narrow_with_episodes_and_hold_the_truth():
 def test_an_episode_without_a_phase_counts_in_the_others():
     found, blind = _errors([5.0] * 3, 4, 0.0, 0), _errors([10.0] * 3, 4, 0.0, 0)
     for one in (found, blind):
-        one.mean[0, 2] = np.nan
-    found.mean[1:, 2] = 2.0
-    assert score(ASKED, [found], [blind]).value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
+        one[0, 2] = np.nan
+    found[1:, 2] = 2.0
+    results = _results([found], [blind])
+    assert results.score("rgb").value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
 
 
 def test_what_cannot_be_separated_shares_a_place():
     scores = {
-        "a": Interval(0.9, 0.85, 0.95),
-        "b": Interval(0.8, 0.75, 0.86),
-        "c": Interval(0.74, 0.70, 0.78),
-        "d": Interval(0.1, 0.0, 0.2),
+        "a": Estimated(0.9, Interval(0.85, 0.95)),
+        "b": Estimated(0.8, Interval(0.75, 0.86)),
+        "c": Estimated(0.74, Interval(0.70, 0.78)),
+        "d": Estimated(0.1, Interval(0.0, 0.2)),
     }
     assert places(scores) == {"a": (1, 2), "b": (1, 3), "c": (2, 3), "d": (4, 4)}
 
@@ -284,7 +284,12 @@ def _plan(settings: Settings, folder: Path, given: list[str], updates: int, **mo
         heads=HeadConfig(64, 1, 1.0, True, ()),
         episodes=Episodes(**{"train": 60, "held_out": 24, "per_phase": 4, **more}),
         fit=Fit(updates, 64, 2e-3),
-        effort=Effort(1, str(folder), "probe", False, "cpu", "fp32"),
+        seeds=1,
+        results=str(folder),
+        study="probe",
+        overwrite=False,
+        device="cpu",
+        precision="fp32",
     )
 
 
@@ -296,14 +301,14 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
     folder = Folder(tmp_path / "probe", ASKED, {"fit": 1}, False)
     measuring.probe(plan, folder)
-    found = read_results(folder, 1)
+    found = folder.results(1)
     assert found.ranked == ("seg_default", "seg_away")
     assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
-    assert found.scores["seg_default"].low > 0.15
+    assert found.score("seg_default").interval.low > 0.15
     # The frames of one phase look alike to it: it can't be better than a constant.
-    assert found.scores["seg_away"].high < 0.1
-    assert found.scores[CONSTANT] == Interval(0.0, 0.0, 0.0)
-    assert found.scores[TRUTH].value > found.scores["seg_default"].value
+    assert found.score("seg_away").interval.high < 0.1
+    assert found.score(CONSTANT) == Estimated(0.0, Interval(0.0, 0.0))
+    assert found.score(TRUTH).value > found.score("seg_default").value
 
 
 @pytest.fixture(scope="module")
@@ -373,11 +378,11 @@ def test_a_stopped_probe_goes_on_to_the_same_bits(whole, tmp_path, monkeypatch, 
     saves = []
     save = Folder.save
 
-    def stop(self: Folder, seed: int, name: str, found: Errors) -> None:
+    def stop(self: Folder, seed: int, name: str, *found: np.ndarray) -> None:
         if len(saves) == 2:
             raise KeyboardInterrupt
         saves.append(name)
-        save(self, seed, name, found)
+        save(self, seed, name, *found)
 
     with monkeypatch.context() as patched:
         patched.setattr(Folder, "save", stop)
@@ -412,7 +417,7 @@ def test_camera_sets_are_added_and_the_time_of_all_calls_is_counted(probed, monk
     assert json.loads(path.read_text())["wall_time"] < 1000
     path.write_text('{"wall')
     assert _run(probed, "cams=dep_side", "seeds=1") == 2
-    assert f"{path} is no JSON, or cut off; delete it" in capsys.readouterr().err
+    assert f"{path} is no JSON, or cut off; put it back" in capsys.readouterr().err
 
 
 def test_a_folder_of_something_else_or_other_settings_is_left_alone(probed, capsys):
@@ -485,12 +490,11 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     from needlehoop.study.data import paper
 
     folder = Folder(tmp_path / "probe", ASKED, {"fit": 1}, False)
-    blind = _errors([10.0] * 3, 12, 0.0, 0)
-    folder.save(0, CONSTANT, blind)
-    folder.save(0, TRUTH, _errors([0.1] * 3, 12, 0.0, 0))
-    for name, value in paper.measured().items():
-        folder.save(0, name, _errors([10.0 - value] * 3, 12, 0.0, 0))
-    found = read_results(folder, 1)
+    errors = {CONSTANT: 10.0, TRUTH: 0.1}
+    errors |= {name: 10.0 - value for name, value in paper.measured().items()}
+    for name, value in errors.items():
+        folder.save(0, name, _errors([value] * 3, 12, 0.0, 0), np.ones((12, 3), dtype=int))
+    found = folder.results(1)
     tables = {table.name: table for table in all_tables(found)}
     rows = [row for row in tables["agreement"].texts if row[1] == "the paper's measured"]
     assert [row[2] for row in rows] == ["5", "5", "6", "14"]
@@ -504,7 +508,8 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     assert tables["ranking"].texts[-1][1] == "constant"
     axes = ranking_figure(found).axes
     assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
-    elsewhere = replace(found, asked=replace(ASKED, task="reach"))
+    found.asked = replace(ASKED, task="reach")
+    elsewhere = found
     assert "agreement" not in {table.name for table in all_tables(elsewhere)}, "another task's"
     assert len(tables["phases"].rows) == 16 * len(ASKED.phases) * len(ASKED.names)
 
@@ -524,7 +529,7 @@ def test_todays_settings_are_those_of_the_shipped_probe(tmp_path, monkeypatch, c
     def stop(*_: object) -> None:
         raise ValueError("its settings were accepted")
 
-    monkeypatch.setattr("needlehoop.probe.folder.read_results", stop)
+    monkeypatch.setattr("needlehoop.probe.folder.Folder.results", stop)
     assert cli.main(["probe", f"results={tmp_path}"]) == 2
     assert "its settings were accepted" in capsys.readouterr().err
 

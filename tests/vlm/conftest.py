@@ -21,7 +21,7 @@ def server(running: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.chdir(tmp_path)
     for name in ("GEMINI_API_KEY", "OPENAI_API_KEY", "TEST_KEY"):
         monkeypatch.setenv(name, KEY)
-    running.script, running.requests, running.headers = [], [], []
+    running.script, running.requests, running.headers, running.paths = [], [], [], []
     running.otherwise = by_schema
     return running
 

@@ -19,12 +19,11 @@ from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task
 from needlehoop.training import missing_reward
-from needlehoop.vlm import prompts
+from needlehoop.vlm import description
+from needlehoop.vlm.config import transcripts
+from needlehoop.vlm.conversation import totals_of
 from needlehoop.vlm.messages import Message, Request
-from needlehoop.vlm.providers.contract import transcripts
-from needlehoop.vlm.recorder import Recorder
-from needlehoop.vlm.tables import totals_of_transcript
-from needlehoop.vlm.transcript import Exchange, Transcript
+from needlehoop.vlm.record import Exchange, Record
 from needlehoop.vlm.writing import ProgramRules
 
 CLAUDE = RECORDINGS / "claude"
@@ -44,8 +43,8 @@ PAIR = "dep_front+seg_side"
 
 
 @pytest.fixture(scope="module")
-def transcript() -> Transcript:
-    return Transcript(CLAUDE)
+def transcript() -> Record:
+    return Record(CLAUDE)
 
 
 def test_the_recordings_that_can_be_replayed():
@@ -59,17 +58,17 @@ def test_the_recordings_that_can_be_replayed():
 def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path, monkeypatch):
     """A changed prompt, picture or judge of programs fails here until it is asked anew."""
     monkeypatch.chdir(tmp_path)
-    recorded = Transcript(RECORDINGS / name)
+    recorded = Record(RECORDINGS / name)
     asked: list[str] = []
-    answer = Recorder.ask
+    answer = Record.ask
 
-    def ask(self: Recorder, request: Request, conversation: str) -> Exchange:
+    def ask(self: Record, request: Request, conversation: str) -> Exchange:
         found = answer(self, request, conversation)
         assert found.conversation == conversation
         asked.append(found.sha256)
         return found
 
-    monkeypatch.setattr(Recorder, "ask", ask)
+    monkeypatch.setattr(Record, "ask", ask)
     # Both flavours are judged by the same trajectories.
     rules: list[ProgramRules] = []
 
@@ -127,7 +126,7 @@ def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcr
 
 
 def test_it_says_with_which_prompts_it_was_made():
-    assert prompts.edition(CLAUDE)["sha256"] == prompts.sha256(task("needle_hoop"))
+    assert Record(CLAUDE).edition()["sha256"] == description.edition_of(task("needle_hoop"))
 
 
 @pytest.mark.parametrize("name", [name for name in TASKS if PROGRAMS[name]])
@@ -135,7 +134,7 @@ def test_programs_are_those_that_were_answered(name):
     """The last answer of each conversation, after any that were refused."""
     answers = {
         exchange.conversation: json.loads(exchange.answer)["program"]
-        for exchange in Transcript(RECORDINGS / name).exchanges
+        for exchange in Record(RECORDINGS / name).exchanges
         if exchange.conversation.startswith("reward/")
         and not exchange.conversation.endswith(("/names", "/nothing"))
     }
@@ -153,7 +152,7 @@ def test_programs_are_those_that_were_answered(name):
 def test_tables_are_of_the_transcript(transcript):
     with (CLAUDE / "totals.csv").open(newline="") as file:
         rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
-    found = totals_of_transcript(transcript.exchanges)
+    found = totals_of(transcript.exchanges)
     assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
     ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
     orders = [json.loads(e.answer).get("places") for e in ranked]
@@ -205,8 +204,8 @@ def test_an_answered_request_is_found_by_its_name(transcript):
         for part in message["parts"]
     )
     request = Request((Message(message["role"], parts),), exchange.request["schema"])
-    recorder = Recorder(Transcript(transcripts()["claude"]))
-    first, second, third = (recorder.ask(request, "question").answer for _ in range(3))
+    record = Record(transcripts()["claude"])
+    first, second, third = (record.ask(request, "question").answer for _ in range(3))
     assert first == exchange.answer
     assert len({first, second, third}) == 3
 

@@ -18,11 +18,12 @@ from needlehoop.pictures.stills import stages
 from needlehoop.study.data.answers import read_answers
 from needlehoop.tasks.needle_hoop import TASK as NEEDLE_HOOP
 from needlehoop.tasks.registry import find
-from needlehoop.vlm import album, inquiry, prompts
+from needlehoop.vlm import album, description, inquiry
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.messages import Png
+from needlehoop.vlm.record import EDITION
 from needlehoop.vlm.writing import reward_prompt
 
 OTHERS = ("reach", "peg_transfer")
@@ -87,14 +88,18 @@ def test_their_numbers_come_from_the_settings(task, change, said):
 
 @pytest.mark.parametrize("change", [{"done": "elsewhere"}, {"goal": "gone"}, {"moments": {}}])
 def test_an_edition_is_of_a_task_and_of_all_that_is_said_of_it(change, tmp_path):
-    others = {prompts.sha256(find(name)) for name in OTHERS}
-    assert len(others | {prompts.sha256(NEEDLE_HOOP)}) == 3
+    others = {description.edition_of(find(name)) for name in OTHERS}
+    assert len(others | {description.edition_of(NEEDLE_HOOP)}) == 3
     # A moment's own question would have no moment.
     shutil.copytree(NEEDLE_HOOP.telling.texts, tmp_path, dirs_exist_ok=True)
     (tmp_path / "lifted.txt").unlink()
     task = replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, texts=tmp_path))
     told = replace(task, telling=replace(task.telling, **change))
-    assert prompts.sha256(told) != prompts.sha256(task) != prompts.sha256(NEEDLE_HOOP)
+    assert (
+        description.edition_of(told)
+        != description.edition_of(task)
+        != description.edition_of(NEEDLE_HOOP)
+    )
 
 
 def test_a_text_too_many_or_too_few_is_named(tmp_path):
@@ -102,12 +107,12 @@ def test_a_text_too_many_or_too_few_is_named(tmp_path):
     task = replace(NEEDLE_HOOP, telling=own)
     (tmp_path / "scene.txt").write_text("a table")
     with pytest.raises(ValueError, match=r"signals\.txt is missing or not asked for"):
-        prompts.texts(task)
+        description.texts(task)
     (tmp_path / "signals.txt").write_text("- none")
-    assert prompts.questioned(task) == {}
+    assert description.questioned(task) == {}
     (tmp_path / "sceen.txt").write_text("a table")
     with pytest.raises(ValueError, match=r"sceen\.txt is missing or not asked for"):
-        prompts.texts(task)
+        description.texts(task)
     with pytest.raises(ValueError, match="needle_hoop: telling: no 'held' among grasped"):
         replace(NEEDLE_HOOP, telling=replace(own, moments={"held": "it is held"}))
 
@@ -131,7 +136,7 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     names = [f"{r}_{view}" for r in s.renderings for view in s.views]
     shown = {
         state: {n: Png(n.encode()) for n in names}
-        for state in (*prompts.stages_of(s.definition), "seen")
+        for state in (*description.stages_of(s.definition), "seen")
     }
     monkeypatch.setattr(inquiry, "build_provider", lambda *_: provider)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: Album(shown, 64))
@@ -149,13 +154,13 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     answers, left_out = read_answers(opened.folder.parent)
     assert left_out == []
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
-    noted = json.loads((Path(opened.folder) / prompts.EDITION).read_text())
-    assert noted["sha256"] == prompts.sha256(s.definition)
+    noted = json.loads((Path(opened.folder) / EDITION).read_text())
+    assert noted["sha256"] == description.edition_of(s.definition)
 
 
 def test_pictures_are_of_the_start_the_tasks_moments_and_the_goal():
-    assert [*prompts.stages_of(NEEDLE_HOOP)] == ["start", "grasped", "lifted", "goal"]
-    assert [*prompts.stages_of(find("reach"))] == ["start", "goal"]
+    assert [*description.stages_of(NEEDLE_HOOP)] == ["start", "grasped", "lifted", "goal"]
+    assert [*description.stages_of(find("reach"))] == ["start", "goal"]
     taken = album._take(replace(made("reach"), image_size=16), 16)
     assert list(taken) == ["start", "goal", album.SEEN]
 

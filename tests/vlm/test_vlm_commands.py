@@ -24,7 +24,8 @@ from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.training import loop as page
 from needlehoop.training import missing_reward, which_run
-from needlehoop.vlm.writing import ProgramRules, Verdict
+from needlehoop.vlm.conversation import Verdict
+from needlehoop.vlm.writing import ProgramRules
 
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"

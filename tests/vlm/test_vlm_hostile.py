@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider
+from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider, waits
 from vlm_server import KEY, by_schema, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
-from needlehoop.vlm.messages import Message, Request
+from needlehoop.vlm.config import TRANSCRIPT
+from needlehoop.vlm.messages import Message, Provider, ProviderError, Request
 from needlehoop.vlm.providers import build_provider
-from needlehoop.vlm.providers.contract import Provider, ProviderError
-from needlehoop.vlm.providers.sdk import LARGEST
-from needlehoop.vlm.recorder import Recorder, RefusalError, persist
-from needlehoop.vlm.transcript import TRANSCRIPT, Transcript
+from needlehoop.vlm.providers.server import LARGEST
+from needlehoop.vlm.record import Record, RefusalError
 
-__all__ = ["kind", "provider"]
+__all__ = ["kind", "provider", "waits"]
 """Fixtures of the other file."""
 
 
@@ -120,13 +119,12 @@ def test_what_is_not_asked_for_may_be_anything(provider, kind, server):
     assert provider.ask(REQUEST).answer == '{"a": "b"}'
 
 
-def test_an_unreadable_reply_is_counted_and_tried_again(provider, kind, server):
+def test_an_unreadable_reply_is_counted_and_tried_again(kind, server, waits):
     server.script = [{"body": "5"}, {"body": "{"}, '{"a": "b"}']
-    found, attempts = persist(
-        lambda: provider.ask(REQUEST), config_of(kind, server), lambda seconds: None
-    )
+    found = build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
     assert found.answer == '{"a": "b"}'
-    assert attempts == ("unreadable", "unreadable", 200)
+    assert found.attempts == ("unreadable", "unreadable", 200)
+    assert waits == [2.0, 4.0]
 
 
 def test_an_error_of_any_form_is_told_in_a_line(provider, server):
@@ -143,7 +141,7 @@ def test_an_error_of_any_form_is_told_in_a_line(provider, server):
 
 def test_the_timeout_bounds_the_whole_try(kind, server):
     """A byte now and then keeps each wait short."""
-    provider = build_provider(config_of(kind, server, timeout=0.6), NOWHERE)
+    provider = build_provider(config_of(kind, server, timeout=0.6, tries=1), NOWHERE)
     server.script = [{"body": json.dumps(reply(kind)), "drip": 0.1}, '{"a": "b"}']
     began = time.monotonic()
     with pytest.raises(ProviderError, match=r"timeout: no answer within 0.6 s") as caught:
@@ -186,20 +184,20 @@ def test_a_key_that_is_repeated_is_struck_out_everywhere(kind, server, tmp_path)
     """In the answer as it is and spelt in JSON's way, in the model's name and the reason."""
     spelt = KEY.replace("s", "\\u0073")
     provider = build_provider(config_of(kind, server), NOWHERE)
-    recorder = Recorder(Transcript(tmp_path), provider, config_of(kind, server), pytest.fail)
+    record = Record(tmp_path, provider)
     for name, text in (("plain", f'{{"a": "{KEY}"}}'), ("spelt", f'{{"a": "{spelt}"}}')):
         server.script = [{"body": changed(kind, CONTENT, text)}]
-        answer = recorder.ask(asked(name), "question").answer
+        answer = record.ask(asked(name), "question").answer
         assert json.loads(answer) == {"a": "***"}
     server.script = [{"body": changed(kind, MODEL, f"model-{KEY}")}]
-    assert recorder.ask(asked("model"), "question").answered_by == "model-***"
+    assert record.ask(asked("model"), "question").answered_by == "model-***"
     refused = json.loads(changed(kind, CONTENT, ""))
     refused[CHOICES[kind]][0][FINISH[kind].rpartition(".")[2]] = f"odd {KEY}"
     server.script = [{"body": json.dumps(refused)}]
     with pytest.raises(RefusalError, match=r"odd \*\*\*"):
-        recorder.ask(asked("finish"), "question")
+        record.ask(asked("finish"), "question")
     assert KEY not in (tmp_path / TRANSCRIPT).read_text()
-    recorder.close()
+    record.close()
 
 
 def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
@@ -210,12 +208,12 @@ def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
         folder = tmp_path / text.encode("utf-8", "replace").hex()[:20]
         for number, entry in enumerate([*entries, error]):
             live = build_provider(config, NOWHERE)
-            recorder = Recorder(Transcript(folder), live, config, pytest.fail)
+            record = Record(folder, live)
             server.script = [entry]
             with suppress(ProviderError):
-                recorder.ask(asked(f"{number}"), "question")
-            recorder.close()
-        assert len(Transcript(folder).exchanges) == 3
+                record.ask(asked(f"{number}"), "question")
+            record.close()
+        assert len(Record(folder).exchanges) == 3
 
 
 def test_no_control_character_reaches_the_terminal(server, capsys):

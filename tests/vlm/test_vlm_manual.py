@@ -15,9 +15,10 @@ from vlm_server import by_schema
 
 from needlehoop.cli.main import main
 from needlehoop.training import missing_reward
+from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers.manual import find_json, write_request
-from needlehoop.vlm.writing import ProgramRules, Verdict
+from needlehoop.vlm.writing import ProgramRules
 
 VLM = Path("results/main/vlm")
 WORDS = ["vlm=manual", "vlm.model=somebody", "vlm.poll=0.02", "size=16"]

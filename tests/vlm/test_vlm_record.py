@@ -1,4 +1,4 @@
-"""Transcripts, replay, conversations, forms: with a model made of a list of replies."""
+"""Records, replay, conversations, forms: with a model made of a list of replies."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from needlehoop.vlm import prompts
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, models, schema_of, totals_of
-from needlehoop.vlm.forms import ProgramAnswer, Subtasks, choice, ranking
-from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers.contract import LiveConfig, ProviderError, Reply
-from needlehoop.vlm.recorder import MissError, Recorder, RefusalError
-from needlehoop.vlm.tables import agreement, in_words, papers_totals, totals_of_transcript
-from needlehoop.vlm.transcript import Transcript
-from needlehoop.vlm.writing import ProgramAttempts, ProgramRules, Verdict
+from needlehoop.vlm.config import LiveConfig
+from needlehoop.vlm.conversation import (
+    Conversation,
+    NoAnswerError,
+    ProgramAnswer,
+    Subtasks,
+    Verdict,
+    choice,
+    in_words,
+    papers_totals,
+    ranking,
+    totals_of,
+)
+from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
+from needlehoop.vlm.rankings import agreement
+from needlehoop.vlm.record import MissError, Record, RefusalError
+from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
 CONFIG = LiveConfig(
     kind="gemini",
@@ -35,14 +43,17 @@ PROMPTS = "c0ffee"
 
 
 def reply(answer: str, outcome: str = "answered", detail: str = "") -> Reply:
-    return Reply(outcome, answer, detail, "answered-by", 10, 3)
+    return Reply(outcome, answer, detail, "answered-by", 10, 3, ("timeout", 200))
+
+
+DOWN = ProviderError("down", 503, (503, 503))
 
 
 class Scripted:
     """A provider that gives what it is told to."""
 
-    def __init__(self, *script: Reply | ProviderError):
-        self.script = list(script)
+    def __init__(self, *script: Reply | ProviderError, who: LiveConfig = CONFIG):
+        self.script, self.who = list(script), who.who
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:
@@ -56,12 +67,12 @@ class Scripted:
         pass
 
 
-def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Recorder:
-    return Recorder(Transcript(folder), Scripted(*script), config, lambda _: None, PROMPTS)
+def live(folder: Path, *script: Reply | ProviderError, config: LiveConfig = CONFIG) -> Record:
+    return Record(folder, Scripted(*script, who=config), PROMPTS)
 
 
-def replay(folder: Path) -> Recorder:
-    return Recorder(Transcript(folder), asked=PROMPTS)
+def replay(folder: Path) -> Record:
+    return Record(folder, prompts=PROMPTS)
 
 
 def request(*texts: str, schema: dict | None = None) -> Request:
@@ -92,8 +103,7 @@ def test_the_hash_covers_text_turns_pictures_and_form():
 
 
 def test_an_exchange_is_a_whole_line(tmp_path):
-    late = ProviderError("slow", "timeout")
-    live(tmp_path, late, reply('{"ä": 1}')).ask(request("Which view?"), "question")
+    live(tmp_path, reply('{"ä": 1}')).ask(request("Which view?"), "question")
     (line,) = (tmp_path / "transcript.jsonl").read_text().splitlines()
     found = json.loads(line)
     assert found["sha256"] == request("Which view?").sha256
@@ -111,14 +121,14 @@ def test_an_exchange_is_a_whole_line(tmp_path):
 
 
 def test_pictures_are_kept_once_and_checked(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("2"))
-    recorder.ask(request("a"), "question")
-    recorder.ask(request("b"), "question")
+    record = live(tmp_path, reply("1"), reply("2"))
+    record.ask(request("a"), "question")
+    record.ask(request("b"), "question")
     (path,) = (tmp_path / "images").iterdir()
-    assert recorder.transcript.picture(PICTURE.sha256) == PICTURE
+    assert record.picture(PICTURE.sha256) == PICTURE
     path.write_bytes(b"tampered with")
     with pytest.raises(ValueError, match="not what its name says"):
-        recorder.transcript.picture(PICTURE.sha256)
+        record.picture(PICTURE.sha256)
 
 
 def test_repeats_replay_in_order_and_then_run_out(tmp_path):
@@ -126,16 +136,16 @@ def test_repeats_replay_in_order_and_then_run_out(tmp_path):
     again = live(tmp_path, reply("2"), reply("3"))
     # The record's own answer comes first: nothing is paid for twice.
     assert [again.ask(request("a"), "rank/2").answer for _ in range(3)] == ["1", "2", "3"]
-    recorder = replay(tmp_path)
-    assert [recorder.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
+    record = replay(tmp_path)
+    assert [record.ask(request("a"), "rank").answer for _ in range(3)] == ["1", "2", "3"]
     with pytest.raises(MissError, match="answered 3 times, and they are used up"):
-        recorder.ask(request("a"), "rank")
+        record.ask(request("a"), "rank")
 
 
 def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("2"))
-    recorder.ask(request("The hoop is 36 mm high.\nWhich view?"), "question")
-    recorder.ask(request("Something else altogether"), "rank")
+    record = live(tmp_path, reply("1"), reply("2"))
+    record.ask(request("The hoop is 36 mm high.\nWhich view?"), "question")
+    record.ask(request("Something else altogether"), "rank")
     with pytest.raises(MissError) as caught:
         replay(tmp_path).ask(request("The hoop is 50 mm high.\nWhich view?"), "question")
     said = str(caught.value)
@@ -145,7 +155,7 @@ def test_a_miss_shows_the_nearest_recorded_request_and_what_differs(tmp_path):
     assert "altogether" not in said
 
     other = Request((Message("user", ("Something else altogether", Png(b"x"))),), {})
-    with pytest.raises(MissError, match="the images; the form"):
+    with pytest.raises(MissError, match=r"  -picture [0-9a-f]{64}\n  -{\n  - \"type\": "):
         replay(tmp_path).ask(other, "question")
 
 
@@ -173,11 +183,11 @@ def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
     assert not (tmp_path / "prompts.1.json").exists()
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
-    assert prompts.edition(tmp_path)["sha256"] == PROMPTS
+    assert Record(tmp_path).edition()["sha256"] == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
     note.write_text("{")
     with pytest.raises(ValueError, match="not the note of an edition"):
-        prompts.edition(tmp_path)
+        Record(tmp_path).edition()
 
 
 def test_a_replay_without_a_recording_says_so(tmp_path):
@@ -186,18 +196,18 @@ def test_a_replay_without_a_recording_says_so(tmp_path):
 
 
 def test_a_line_cut_off_is_reported_skipped_and_cut_away(tmp_path):
-    recorder = live(tmp_path, reply("1"), reply("zwölf"))
-    recorder.ask(request("a"), "question")
-    recorder.ask(request("b"), "question")
+    record = live(tmp_path, reply("1"), reply("zwölf"))
+    record.ask(request("a"), "question")
+    record.ask(request("b"), "question")
     path = tmp_path / "transcript.jsonl"
     whole = path.read_bytes()
     path.write_bytes(whole[: whole.rfind("ö".encode()) + 1])
-    transcript = Transcript(tmp_path)
-    assert transcript.torn == f"{path}: line 2 is cut off and left out"
-    assert [exchange.answer for exchange in transcript.exchanges] == ["1"]
-    Recorder(transcript, Scripted(reply("2")), CONFIG).ask(request("b"), "question")
-    assert [exchange.answer for exchange in Transcript(tmp_path).exchanges] == ["1", "2"]
-    assert Transcript(tmp_path).torn is None
+    torn = Record(tmp_path, Scripted(reply("2")))
+    assert torn.torn == f"{path}: line 2 is cut off and left out"
+    assert [exchange.answer for exchange in torn.exchanges] == ["1"]
+    torn.ask(request("b"), "question")
+    assert [exchange.answer for exchange in Record(tmp_path).exchanges] == ["1", "2"]
+    assert Record(tmp_path).torn is None
 
 
 def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
@@ -205,7 +215,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
     path = tmp_path / "transcript.jsonl"
     path.write_text('{"sha256": "beef"}\n' + path.read_text())
     with pytest.raises(ValueError, match="line 1 is no exchange"):
-        Transcript(tmp_path)
+        Record(tmp_path)
 
 
 def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
@@ -220,9 +230,9 @@ def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
 
 
 def test_a_failure_is_recorded_and_raised(tmp_path):
-    with pytest.raises(ProviderError, match="tried 2 times"):
-        live(tmp_path, *[ProviderError("down", 503)] * 2).ask(request("a"), "question")
-    (exchange,) = Transcript(tmp_path).exchanges
+    with pytest.raises(ProviderError, match="down"):
+        live(tmp_path, DOWN).ask(request("a"), "question")
+    (exchange,) = Record(tmp_path).exchanges
     assert (exchange.outcome, exchange.attempts) == ("failed", (503, 503))
     with pytest.raises(MissError):
         replay(tmp_path).ask(request("a"), "question")
@@ -238,7 +248,7 @@ def test_a_transcript_is_of_one_model_and_sampling(tmp_path):
 def test_a_conversation_carries_everything_said(tmp_path):
     first, second = json.dumps(subtasks("a")), json.dumps(subtasks("b"))
     provider = Scripted(reply(first), reply(second))
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    conversation = Conversation(Record(tmp_path, provider), "question", 3)
     conversation.ask(["one?", PICTURE], Subtasks)
     conversation.ask(["two?"], Subtasks)
     assert [(message.role, message.parts) for message in provider.asked[1].messages] == [
@@ -246,8 +256,8 @@ def test_a_conversation_carries_everything_said(tmp_path):
         ("assistant", (first,)),
         ("user", ("two?",)),
     ]
-    assert provider.asked[1].schema == schema_of(Subtasks)
-    assert totals_of([conversation])["prompts"] == 2
+    assert provider.asked[1].schema == Subtasks.model_json_schema()
+    assert len(conversation.attempts) == 2
 
 
 def subtasks(name: str) -> dict:
@@ -267,49 +277,46 @@ def subtasks(name: str) -> dict:
 )
 def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path, bad, reason):
     provider = Scripted(bad, reply(json.dumps(subtasks("a"))))
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
-    assert conversation.ask(["?"], Subtasks).first.name == "a"
+    record = Record(tmp_path, provider)
+    assert Conversation(record, "question", 3).ask(["?"], Subtasks).first.name == "a"
     correction = provider.asked[1].messages[-1].parts[0]
     assert reason in correction
     assert provider.asked[1].messages[-2].parts == (bad.answer,)
-    assert totals_of([conversation]) == {
+    assert totals_of(record.used)["question"] == {
         "prompts": 2,
         "tokens_in": 20,
         "tokens_out": 6,
         "prompts_without_token_count": 0,
         "invalid_answers": 1,
     }
-    assert len(Transcript(tmp_path).exchanges) == 2
-    again = Conversation(replay(tmp_path), "question", 3)
-    assert again.ask(["?"], Subtasks).first.name == "a"
-    assert totals_of([again]) == totals_of([conversation])
+    assert len(Record(tmp_path).exchanges) == 2
+    again = replay(tmp_path)
+    assert Conversation(again, "question", 3).ask(["?"], Subtasks).first.name == "a"
+    assert totals_of(again.used) == totals_of(record.used)
 
 
 def test_attempts_are_bounded(tmp_path):
     provider = Scripted(*[reply("no")] * 9)
-    conversation = Conversation(Recorder(Transcript(tmp_path), provider, CONFIG), "question", 3)
+    conversation = Conversation(Record(tmp_path, provider), "question", 3)
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
-    assert totals_of([conversation])["invalid_answers"] == 3
+    assert [attempt.answer for attempt in conversation.attempts] == [None] * 3
 
 
 def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
     good = json.dumps(subtasks("a"))
     silent = Reply("answered", good, "", "m", None, None)
-    down = [ProviderError("down", 503)] * 2
-    script = [reply("no"), reply(good), reply('{"', "truncated"), silent, *down]
-    recorder = live(tmp_path, *script, reply("", "refused", "SAFETY"))
-    held = [Conversation(recorder, name, 3) for name in ("question", "rank")]
+    script = [reply("no"), reply(good), reply('{"', "truncated"), silent, DOWN]
+    record = live(tmp_path, *script, reply("", "refused", "SAFETY"))
+    held = [Conversation(record, name, 3) for name in ("question", "rank")]
     for conversation in held:
         conversation.ask([conversation.name], Subtasks)
-    assert totals_of(held[1:])["prompts_without_token_count"] == 1
-    assert models(held) == ["gemini answered-by", "gemini m"]
     for error in (ProviderError, RefusalError):
         with pytest.raises(error):
-            recorder.ask(request("else"), "reward/text")
-    found = totals_of_transcript(Transcript(tmp_path).exchanges)
-    assert found == totals_of_transcript(recorder.transcript.exchanges)
+            record.ask(request("else"), "reward/text")
+    found = totals_of(Record(tmp_path).exchanges)
+    assert found == totals_of(record.exchanges)
     assert list(found) == ["question", "rank", "reward/text", "all"]
     assert found["question"] == {
         "prompts": 2,
@@ -359,10 +366,10 @@ def test_a_ranking_says_how_sure_each_place_is():
 
 def test_a_choice_is_among_what_was_shown():
     form = choice(["front", "side"], ["rgb", "dep"])
-    names = schema_of(form)["properties"]
+    names = form.model_json_schema()["properties"]
     assert names["view"] == {"type": "string", "enum": ["front", "side"]}
-    assert "title" not in json.dumps(schema_of(form))
-    part = schema_of(Subtasks)["$defs"]["Subtask"]
+    assert "title" not in json.dumps(form.model_json_schema())
+    part = Subtasks.model_json_schema()["$defs"]["Subtask"]
     assert part["required"] == ["name", "description"]
     assert part["properties"]["description"] == {"type": "string"}
     assert "description" not in part
@@ -392,14 +399,15 @@ def judge(source: str) -> Verdict:
 
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
-    recorder = Recorder(Transcript(tmp_path), provider, CONFIG)
+    record = Record(tmp_path, provider)
     rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
-    tried = ProgramAttempts(Conversation(recorder, "reward/text", 3), rules)
-    assert tried.write(["write"]) == ("reward = 9\n", judge("reward = 9\n"))
+    conversation = Conversation(record, "reward/text", 3)
+    found = write_program(conversation, rules, ["write"])
+    assert found == ("reward = 9\n", judge("reward = 9\n"))
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
-    rows = tried.rows()
+    rows = rows_of(conversation)
     assert [row["accepted"] for row in rows] == [False, False, True]
     assert [row["program"] for row in rows] == ["import os\n", None, "reward = 9\n"]
     assert [row["card"] for row in rows] == [{"lines": 1}, None, {"lines": 1}]
     assert "Field required" in rows[1]["reason"]
-    assert schema_of(ProgramAnswer)["required"] == ["explanation", "program"]
+    assert ProgramAnswer.model_json_schema()["required"] == ["explanation", "program"]

@@ -17,7 +17,7 @@ from needlehoop.config import composing
 from needlehoop.envs.settings import settings_from
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data.sweeps import planned
-from needlehoop.vlm.grouping import deal, rank_groups, strengths
+from needlehoop.vlm.rankings import deal, of_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
@@ -42,7 +42,9 @@ def test_each_name_is_asked_about_once_a_round():
 
 
 def test_a_long_list_is_put_in_the_order_of_its_groups():
-    found = rank_groups(by_number, NAMES[::-1], 5, 4)
+    names = NAMES[::-1]
+    answers = [by_number(number, dealt) for number, dealt in enumerate(deal(names, 5, 4), 1)]
+    found = of_groups(names, 5, 4, answers)
     order = [place["name"] for place in found["rankings"][0]]
     misplaced = sum(a > b for a, b in combinations(order, 2))
     assert misplaced < 19, order
@@ -123,7 +125,7 @@ def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_p
     [
         (["pictures=nowhere"], "pictures: nowhere is no folder"),
         (["pictures=empty"], "two or more pictures"),
-        (["pictures=broken"], "a.png: no picture"),
+        (["pictures=broken"], "broken/a.png: no picture or text"),
         (["sets=[rgb_front]"], "sets: ['rgb_front'] must be two or more"),
         (["sets=[rgb_front,rgb_top]"], "sets: rgb_top: "),
         (["sets=[rgb_front,dep_front]", "group=1"], "group: 1 must be at least 2"),

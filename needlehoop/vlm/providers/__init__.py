@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from needlehoop.vlm.providers.contract import AskingConfig, ManualConfig, Provider
+from needlehoop.vlm.config import AskingConfig, ManualConfig
+from needlehoop.vlm.messages import Provider
 
 
 def build_provider(config: AskingConfig, folder: Path) -> Provider:
-    """A provider by its kind. It sends nothing yet; errors as in ``SdkProvider``.
+    """A provider by its kind. It sends nothing yet; errors as in ``Server``.
 
     ``folder`` is the study's record, for providers that ask by files.
     """
@@ -16,10 +17,6 @@ def build_provider(config: AskingConfig, folder: Path) -> Provider:
         from needlehoop.vlm.providers.manual import Manual
 
         return Manual(config, folder)
-    if config.kind == "gemini":
-        from needlehoop.vlm.providers.gemini import Gemini
+    from needlehoop.vlm.providers.server import Server
 
-        return Gemini(config)
-    from needlehoop.vlm.providers.compatible import Compatible
-
-    return Compatible(config)
+    return Server(config)

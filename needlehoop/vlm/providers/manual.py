@@ -11,8 +11,8 @@ from pathlib import Path
 
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
-from needlehoop.vlm.messages import Message, Png, Request
-from needlehoop.vlm.providers.contract import ManualConfig, Reply, UnansweredError
+from needlehoop.vlm.config import ManualConfig
+from needlehoop.vlm.messages import Png, Reply, Request, UnansweredError
 
 ASKED, ANSWERED = "asked", "answered"
 """Folders of questions: the one that waits for its answer, and those that are answered."""
@@ -35,7 +35,7 @@ class Manual:
     """
 
     def __init__(self, config: ManualConfig, folder: Path):
-        self._config, self._folder = config, folder
+        self._config, self._folder, self.who = config, folder, config.who
         self._done: Path | None = None
 
     def ask(self, request: Request) -> Reply:
@@ -48,9 +48,9 @@ class Manual:
         place = self._folder / ASKED / request.sha256[:16]
         if not (place / "request.md").exists():
             write_request(request, place)
-        answer = self._wait(place)
+        answer = find_json(self._wait(place))
         self._done = place
-        return Reply("answered", find_json(answer), "", self._config.model, None, None)
+        return Reply("answered", answer, "", self._config.model, None, None, ("by hand",))
 
     def close(self) -> None:
         """Move the last answered question away. If it is asked again, it is a new question."""
@@ -62,28 +62,34 @@ class Manual:
             self._done = None
 
     def _wait(self, place: Path) -> str:
-        began, before, said = time.monotonic(), None, False
+        """What is in the answer's file, which must not be empty; of several the first name's."""
+        config, began, before, is_told = self._config, time.monotonic(), b"", False
         while True:
-            answer = _read(place)
-            # It has not changed since the last look, so nobody is still writing it.
-            if answer is not None and answer == before:
-                return _text(*answer)
-            if answer is None and not said:
+            path = next((place / name for name in ANSWERS if (place / name).is_file()), place)
+            try:
+                answer = b"" if path == place else read_bytes(path).strip()
+                # It has not changed since the last look, so nobody is still writing it.
+                if answer and answer == before:
+                    return answer.decode("utf-8-sig")
+            except UnreadableError as error:
+                raise ValueError(f"{path} {error}") from error
+            except UnicodeDecodeError as error:
+                raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
+            if not answer and not is_told:
                 print(
-                    f"vlm=manual: give {place / 'request.md'} and its pictures to"
-                    f" {self._config.model}, and save the answer beside it as {ANSWERS[0]} (as it"
-                    f" is: {ANSWERS[1]}); Ctrl-C stops, and the same command goes on",
+                    f"vlm=manual: give {place / 'request.md'} and its pictures to {config.model},"
+                    f" and save the answer beside it as {ANSWERS[0]} (as it is: {ANSWERS[1]});"
+                    " Ctrl-C stops, and the same command goes on",
                     file=sys.stderr,
                     flush=True,
                 )
-                said = True
-            wait = self._config.wait
-            if answer is None and wait is not None and time.monotonic() - began >= wait:
+                is_told = True
+            if not answer and config.wait is not None and time.monotonic() - began >= config.wait:
                 raise UnansweredError(
                     f"{place}: no answer yet; put it there, and the same command goes on"
                 )
             before = answer
-            time.sleep(self._config.poll)
+            time.sleep(config.poll)
 
 
 def write_request(request: Request, place: Path) -> None:
@@ -96,14 +102,26 @@ def write_request(request: Request, place: Path) -> None:
         write_whole(place / f"{number:02d}.png", picture.png)
     schema = json.dumps(request.schema, indent=2, ensure_ascii=False)
     write_whole(place / "schema.json", schema + "\n")
-    *before, now = _in_words(request)
-    parts = [_GUIDE, "---\n", now]
-    if before:
+    # The pictures of all turns are numbered through.
+    numbers = count(1)
+    turns = [
+        [
+            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Png) else f"{part}\n"
+            for part in message.parts
+        ]
+        for message in request.messages
+    ]
+    lines = [_GUIDE, "---\n"]
+    if len(turns) > 1:
         remember = "What was said before is needed where the model does not remember it.\n"
-        said = "# What was said before\n", *before, "# What is asked now\n"
-        parts = [_GUIDE, remember, "---\n", *said, now]
+        lines = [_GUIDE, remember, "---\n", "# What was said before\n"]
+        for message, turn in zip(request.messages[:-1], turns, strict=False):
+            is_answer = message.role == "assistant"
+            lines += ["## The model answered\n" if is_answer else "## It was asked\n", *turn]
+        lines += ["# What is asked now\n"]
     form = "Answer with one JSON object of this schema, and nothing else:\n\n"
-    write_whole(place / "request.md", "\n".join((*parts, f"{form}```json\n{schema}\n```\n")))
+    lines += [*turns[-1], f"{form}```json\n{schema}\n```\n"]
+    write_whole(place / "request.md", "\n".join(lines))
 
 
 def find_json(said: str) -> str:
@@ -120,35 +138,3 @@ def find_json(said: str) -> str:
         except UnreadableError:
             continue
     return said
-
-
-def _in_words(request: Request) -> list[str]:
-    """Each turn as text. The pictures of all turns are numbered through."""
-    numbers = count(1)
-
-    def turn(message: Message) -> str:
-        lines = [
-            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Png) else f"{part}\n"
-            for part in message.parts
-        ]
-        who = "## The model answered\n" if message.role == "assistant" else "## It was asked\n"
-        return "\n".join((who, *lines) if message is not request.messages[-1] else lines)
-
-    return [turn(message) for message in request.messages]
-
-
-def _read(place: Path) -> tuple[Path, bytes] | None:
-    """The answer's file and its content, unless it is empty; of several files the first name."""
-    found = next((place / name for name in ANSWERS if (place / name).is_file()), None)
-    try:
-        content = b"" if found is None else read_bytes(found)
-    except UnreadableError as error:
-        raise ValueError(f"{found} {error}") from error
-    return None if found is None or not content.strip() else (found, content)
-
-
-def _text(path: Path, content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
