@@ -79,13 +79,9 @@ def _in_a_line(name: str) -> Iterator[None]:
     """Ends the process with one line for what is known to go wrong."""
     try:
         yield
-    except KNOWN as error:
-        sys.exit(f"{name}: {in_a_line(error)}")
-    except RuntimeError as error:
-        # Where there is one, it has been imported.
-        from needlehoop.rewards import RewardError
-
-        if not isinstance(error, RewardError):
+    except Exception as error:
+        # No reward is imported to tell whether it is what failed.
+        if not isinstance(error, KNOWN) and type(error).__name__ != "RewardError":
             raise
         sys.exit(f"{name}: {in_a_line(error)}")
 

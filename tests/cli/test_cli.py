@@ -223,10 +223,10 @@ def test_a_reader_that_goes_ends_a_command_without_a_word():
 
 
 def test_another_pipe_that_breaks_is_an_error(monkeypatch, capfd):
-    def broken(options):
+    def broken(*_):
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr(look, "_signals", broken)
+    monkeypatch.setattr(look, "environment", broken)
     assert main(["signals"]) == 2
     assert "Broken pipe" in capfd.readouterr().err
 

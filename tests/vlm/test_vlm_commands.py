@@ -523,7 +523,7 @@ def test_a_mistake_is_one_message_that_names_the_key(study, capsys, server):
     for arguments, said in MISTAKES:
         assert main(["vlm", *arguments]) == 2, arguments
         error = capsys.readouterr().err
-        assert error.startswith("needlehoop vlm: ")
+        assert error.startswith(f"needlehoop vlm {arguments[0]}: ")
         assert said in error
     assert server.requests == []
 

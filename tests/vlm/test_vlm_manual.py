@@ -140,7 +140,7 @@ def test_ctrl_c_is_no_failure(monkeypatch, capsys):
     monkeypatch.setattr(time, "sleep", stop)
     assert main(["vlm", "question", *WORDS]) == 130
     assert capsys.readouterr().err.splitlines()[-1] == (
-        "needlehoop vlm: stopped; the same command goes on"
+        "needlehoop vlm question: stopped; the same command goes on"
     )
     assert (question() / "request.md").exists()
 
