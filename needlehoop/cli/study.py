@@ -239,7 +239,7 @@ def pack(options: argparse.Namespace) -> None:
     each succeeds, and SHA256SUMS is for sha256sum -c. After xz --decompress agents/*.xz,
     needlehoop.load_policy('dep_front+rgb_side') finds one.
     """
-    from needlehoop.api.released import pack
+    from needlehoop.api.trained import pack
 
     for path in pack(options.study, options.out):
         print(f"{path}: {path.stat().st_size:,} bytes")
