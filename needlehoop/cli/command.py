@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from needlehoop.runs.shipped import CONF
@@ -85,16 +86,20 @@ def _keys(config: str) -> str:
 
 
 def environment(
-    options: argparse.Namespace, config: str = "env"
-) -> tuple[Settings, dict[str, Any]]:
-    """The environment that a command's words describe, and all values of its config."""
-    from needlehoop.config import composing
+    options: argparse.Namespace, config: str = "env", **kinds: Any
+) -> tuple[Settings, SimpleNamespace]:
+    """The environment that a command's words describe, and its own keys.
+
+    Args:
+        kinds: types of the command's own keys, as ``strict.read`` takes them.
+    """
+    from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, config)
     # A misspelt key does not wait for the simulator.
     from needlehoop.envs.settings import settings_from
 
-    return settings_from(values), values
+    return settings_from(values), strict.read(values, **kinds)
 
 
 def new_file(out: str | Path, suffix: str, overwrite: bool, key: str = "out") -> Path:

@@ -40,19 +40,15 @@ def evaluate(options: argparse.Namespace) -> None:
     from needlehoop.runs.run import Run
 
     run, kinds = Run.open(options.run_folder), {"as": str | None}
-    own, words = _asked(run, options, "evaluate", episodes=Count | None, video=bool, **kinds)
+    own, words = _asked(options, "evaluate", episodes=Count | None, video=bool, **_SHOWN, **kinds)
     name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
     job, agent, found, lines = _flown(run, own, words, "evaluate")
-    usual = job.evaluation
+    own_ends = job.evaluation.final_episodes, job.evaluation.final_seed, "last"
+    usual = zip(("episodes", "seed", "policy"), own_ends, strict=True)
     differs = [setting(word) for word in (words if "changed" in found else [])]
-    for key, value in (
-        ("episodes", usual.final_episodes),
-        ("seed", usual.final_seed),
-        ("policy", "last"),
-    ):
-        differs += [(key, str(found[key]))] if found[key] != value else []
+    differs += [(key, str(found[key])) for key, value in usual if found[key] != value]
     place, is_new = _place(run, found, differs, name)
     if is_new:
         run.write(place, json.dumps(found, indent=2) + "\n")
@@ -68,29 +64,22 @@ def evaluate(options: argparse.Namespace) -> None:
             print(f"video        {out}")
 
 
-def _asked(
-    run: Run, options: argparse.Namespace, command: str, **kinds: Any
-) -> tuple[Any, list[str]]:
+_SHOWN = {"policy": str | None, "video_episodes": Count}
+"""Types of the keys of commands that show an agent."""
+
+
+def _asked(options: argparse.Namespace, command: str, **kinds: Any) -> tuple[Any, list[str]]:
     """What was typed beside a run: the command's own settings, and words that change the run's.
 
     Args:
-        kinds: types of the command's own keys, beside those of both.
+        kinds: types of the command's own keys, beside those of all such commands.
     """
     from needlehoop.config import composing
-    from needlehoop.config.changing import check, parted
+    from needlehoop.config.changing import parted
 
     mine, conditions = parted(options.overrides, command)
-    own = strict.read(
-        composing.compose(mine, command),
-        trust=bool,
-        policy=str | None,
-        seed=Seed | None,
-        video_episodes=Count,
-        device=str,
-        **kinds,
-    )
-    check(conditions, run.config(), command)
-    return own, conditions
+    values = composing.compose(mine, command)
+    return strict.read(values, trust=bool, seed=Seed | None, device=str, **kinds), conditions
 
 
 def _flown(
@@ -104,6 +93,10 @@ def _flown(
     Raises:
         ValueError: a condition or policy that is wrong, or code that is not trusted.
     """
+    from needlehoop.config.changing import check
+
+    check(conditions, run.config(), command)
+    # What this refuses does not wait for the agent.
     import torch
 
     from needlehoop.learning.evaluate import assess, load_agent, report, told_policy, which_policy
@@ -167,6 +160,7 @@ def watch(options: argparse.Namespace) -> None:
     film that is there is kept under a number. Conditions of the run that are to be changed:
     task=wide views.front.azimuth=5 …
     """
+    from needlehoop.config.options import typed
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
@@ -176,10 +170,10 @@ def watch(options: argparse.Namespace) -> None:
     if named is not None and "=" in named and not Path(named).exists():
         options.overrides.insert(0, named)
         named = None
-    tasks = [word.partition("=")[2] for word in options.overrides if word.startswith("task=")]
-    run = Run.open(agent_of(*tasks[-1:] or [""]) if named is None else Path(named))
+    task = ["", *typed(options.overrides, "task")][-1]
+    run = Run.open(agent_of(task) if named is None else Path(named))
     kinds = {"episodes": Count, "window": bool | None, "out": str}
-    own, words = _asked(run, options, "watch", **kinds)
+    own, words = _asked(options, "watch", **_SHOWN, **kinds)
     window = has_display() if own.window is None else own.window
     if window:
         check_display("window=false writes a film")
@@ -213,27 +207,14 @@ def stress(options: argparse.Namespace) -> None:
     write a table of what came of it: stress.csv in the run's folder. What an earlier test wrote is
     kept under a number. Conditions that are to be changed: task=wide …
     """
-    from needlehoop.config import composing
-    from needlehoop.config.changing import parted
     from needlehoop.learning.job import pick_device
     from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
 
     who = Path(options.who)
-    words, conditions = parted(options.overrides, "stress")
-    asked = strict.read(
-        composing.compose(words, "stress"),
-        axes=tuple[str, ...],
-        severities=tuple[Count, ...],
-        together=Count,
-        levels=Levels,
-        episodes=Count,
-        seed=Seed | None,
-        num_envs=Count,
-        threads=Number,
-        out=str | None,
-        device=str,
-        trust=bool,
-    )
+    kinds = {"axes": tuple[str, ...], "levels": Levels, "threads": Number, "out": str | None}
+    kinds |= {"severities": tuple[Count, ...]}
+    counts = dict.fromkeys(("together", "episodes", "num_envs"), Count)
+    asked, conditions = _asked(options, "stress", **kinds, **counts)
     if asked.out is None and (conditions or not who.is_dir()):
         raise ValueError(
             "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
@@ -263,16 +244,15 @@ def demonstrations(options: argparse.Namespace) -> None:
 
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
+    from needlehoop.config.options import typed
     from needlehoop.demonstrations.episodes import About, demonstrate, scripted
     from needlehoop.demonstrations.export import layout, new_folder
     from needlehoop.runs.machine import provenance
 
     words = options.overrides
-    named = [word.partition("=")[2] for word in words if word.startswith("demonstrator=")]
-    is_run = bool(named) and Path(named[-1]).is_dir()
+    is_run = any(Path(one).is_dir() for one in typed(words, "demonstrator")[-1:])
     others = parted(words, "demonstrations")[1] if is_run else []
-    seeds = [word for word in words if word.startswith("seed=")]
-    conditions = [word for word in others if word not in seeds]
+    conditions = [word for word in others if not typed([word], "seed")]
     values = composing.compose((w for w in words if w not in conditions), "demonstrations")
     asked = strict.read(
         values,
@@ -299,7 +279,7 @@ def demonstrations(options: argparse.Namespace) -> None:
 
     if is_run:
         who, device = asked.demonstrator, pick_device(asked.device)
-        seed = asked.seed if seeds else None
+        seed = asked.seed if typed(words, "seed") else None
         # Two after those of its evaluations and of watch.
         more = (device, asked.trust, "demonstrations", 2)
         settings, make = of_run(Path(who), conditions, seed, *more)

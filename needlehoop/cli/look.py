@@ -6,11 +6,11 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop.cli.command import JSON, KEYS, argument, command, environment, new_file
 from needlehoop.config import strict
-from needlehoop.config.strict import Amount, Count, Pixels
+from needlehoop.config.strict import Amount, Count, OneOf, Pixels
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
 """Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
@@ -19,10 +19,8 @@ Levels = dict[str, dict[str, tuple[Amount, ...]]]
 @command(KEYS, config="snapshot")
 def snapshot(options: argparse.Namespace) -> None:
     """Write a contact sheet of all views and renderings, start and goal."""
-    settings, values = environment(options, "snapshot")
-    asked = strict.read(
-        values, out=str, overwrite=bool, size=Pixels, tiles=bool, raw=bool, disturbed=bool
-    )
+    flags = dict.fromkeys(("overwrite", "tiles", "raw", "disturbed"), bool)
+    settings, asked = environment(options, "snapshot", out=str, size=Pixels, levels=Levels, **flags)
     if asked.tiles and Path(asked.out).suffix:
         raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
     out = new_file(asked.out, "" if asked.tiles else ".png", asked.overwrite)
@@ -34,8 +32,7 @@ def snapshot(options: argparse.Namespace) -> None:
     elif asked.disturbed:
         from needlehoop.pictures.disturbed import disturbed_sheet
 
-        levels = strict.value(values, "levels", Levels)
-        _save(disturbed_sheet(settings, levels, asked.size), out)
+        _save(disturbed_sheet(settings, asked.levels, asked.size), out)
     else:
         _save(stills.contact_sheet(settings, asked.size, asked.raw), out)
 
@@ -43,8 +40,7 @@ def snapshot(options: argparse.Namespace) -> None:
 @command(KEYS, config="picture")
 def picture(options: argparse.Namespace) -> None:
     """Write one large picture of the start, from any place."""
-    settings, values = environment(options, "picture")
-    asked = strict.read(values, out=str, overwrite=bool, size=Pixels)
+    settings, asked = environment(options, "picture", out=str, overwrite=bool, size=Pixels)
     out = new_file(asked.out, ".png", asked.overwrite)
     from needlehoop.pictures.stills import portrait
 
@@ -65,11 +61,9 @@ def _save(image: Any, out: Path) -> None:
 )
 def expert(options: argparse.Namespace) -> None:
     """Run a scripted controller and print what came of it."""
-    settings, values = environment(options, "expert")
-    asked = strict.read(
-        values, controller=str, episodes=Count, video_episodes=Count, overwrite=bool
-    )
-    who, grasps = asked.controller, _grasps(values, options)
+    kinds = {"controller": str, "grasps": tuple[str, ...] | None, "overwrite": bool}
+    settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
+    who, grasps = asked.controller, _grasps(asked.grasps, options)
     if options.video is not None:
         new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
@@ -78,6 +72,7 @@ def expert(options: argparse.Namespace) -> None:
     tried = {"episodes": settings}
     if isinstance(settings.episode, ArmEpisode):
         rules = settings.episode
+        grasps = grasps or (rules.grasp,)
         tried = {one: replace(settings, episode=replace(rules, grasp=one)) for one in grasps}
     found = {one: run_trials(own, who, asked.episodes).summary() for one, own in tried.items()}
     if options.json:
@@ -102,16 +97,15 @@ def expert(options: argparse.Namespace) -> None:
         print(f"video: {options.video}")
 
 
-def _grasps(values: dict[str, Any], options: argparse.Namespace) -> tuple[str, ...]:
-    """Those that ``grasps`` names; by default all, or the one of ``episode.grasp=``."""
+def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tuple[str, ...]:
+    """Those that ``grasps`` names; by default all, or none where ``episode.grasp=`` names one."""
     from needlehoop.tasks.episode import GRASPS
 
     typed = [word for word in options.overrides if word.startswith("episode.grasp=")]
-    if values["grasps"] is None:
-        return (values["episode"]["grasp"],) if typed else GRASPS
+    if grasps is None:
+        return () if typed else GRASPS
     if typed:
         raise ValueError(f"grasps: {typed[0]} names one already; give only one of them")
-    grasps = strict.value(values, "grasps", tuple[str, ...])
     strict.check_names("grasps", grasps, GRASPS)
     if not grasps:
         raise ValueError(f"grasps: name one or more of {', '.join(GRASPS)}")
@@ -121,11 +115,10 @@ def _grasps(values: dict[str, Any], options: argparse.Namespace) -> tuple[str, .
 @command(KEYS, config="view")
 def view(options: argparse.Namespace) -> None:
     """Watch in MuJoCo's interactive viewer."""
-    settings, values = environment(options, "view")
-    who = strict.value(values, "controller", str)
+    settings, asked = environment(options, "view", controller=str)
     from needlehoop.pictures import window
 
-    window.view(settings, who)
+    window.view(settings, asked.controller)
 
 
 @command(KEYS, config="env")
@@ -140,8 +133,8 @@ def signals(options: argparse.Namespace) -> None:
 @command(argument("overrides", nargs="*", metavar="task_dir=<folder> | conf_dir=<folder>"))
 def tasks(options: argparse.Namespace) -> None:
     """List the tasks: their facts, phases, controllers and variants."""
+    from needlehoop.config.options import variants
     from needlehoop.config.own_folder import KEY, TASK_KEY, part, task_folder
-    from needlehoop.config.task_options import variants
     from needlehoop.runs.shipped import CONF
     from needlehoop.tasks.registry import add_folder, find, names
 
@@ -168,23 +161,24 @@ def export(options: argparse.Namespace) -> None:
     """Write the arm, or the whole scene, as MJCF and meshes that MuJoCo opens by itself; or a
     trained policy as ONNX.
     """
-    settings, values = environment(options, "export")
-    what, form = values["what"], values["format"]
-    overwrite = strict.value(values, "overwrite", bool)
-    if what not in (*_SPECS, "policy"):
-        raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(_SPECS)}, policy")
+    kinds = dict.fromkeys(("format", "run", "out"), str | None)
+    what = Annotated[str, OneOf(*_SPECS, "policy")]
+    settings, asked = environment(options, "export", what=what, overwrite=bool, **kinds)
+    what, overwrite = asked.what, asked.overwrite
     written = "mjcf" if what in _SPECS else "onnx"
-    if form not in (None, written):
-        raise ValueError(f"format: {form!r} is unknown; what={what} is written as {written}")
+    if asked.format not in (None, written):
+        raise ValueError(
+            f"format: {asked.format!r} is unknown; what={what} is written as {written}"
+        )
     if what == "policy":
-        _export_policy(values["run"], str(values["out"] or "policy.onnx"), overwrite)
+        _export_policy(asked.run, asked.out or "policy.onnx", overwrite)
         return
-    if values["run"] is not None:
+    if asked.run is not None:
         raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
     from needlehoop.scene import mjcf
     from needlehoop.scene.export import check_place, papers, write_folder
 
-    out = Path(str(values["out"] or "psm"))
+    out = Path(asked.out or "psm")
     check_place(out, overwrite)
     name, spec = _SPECS[what]
     write_folder(out, {**mjcf.write(spec(settings), name), **papers()}, overwrite)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from needlehoop.probe.plan import Grid, Plan
 
 Rounds = Annotated[int, Range(1, 1_000_000)]
-WHAT = ("speed", "train", "sb3")
 
 
 @command(
@@ -36,11 +35,12 @@ def bench(options: argparse.Namespace) -> None:
     train and sb3 have the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml). With
     train, against=disturb=none measures another training in turns.
     """
-    given = [f"what={word}" if "=" not in word else word for word in options.overrides]
-    what = ([word[5:] for word in given if word.startswith("what=")] or ["speed"])[-1]
-    if what not in WHAT:
-        raise ValueError(f"what: {what!r} is unknown; choose from {', '.join(WHAT)}")
-    other = [word.partition("=")[2] for word in given if word.startswith("against=")]
+    from needlehoop.config.options import typed
+
+    given = [word if "=" in word else f"what={word}" for word in options.overrides]
+    what = ["speed", *typed(given, "what")][-1]
+    strict.check_names("what", [what], ("speed", "train", "sb3"))
+    other = typed(given, "against")
     if other and what != "train":
         raise ValueError(f"against: bench {what} compares nothing; bench train does")
     words = [word for word in given if word.partition("=")[0] not in ("what", "against")]
@@ -50,8 +50,7 @@ def bench(options: argparse.Namespace) -> None:
 
 
 def _speed(options: argparse.Namespace) -> dict[str, Any]:
-    settings, values = environment(options, "bench")
-    asked = strict.read(values, rounds=Rounds, steps=Rounds)
+    settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
     _check_cameras(settings)
     from needlehoop.bench.speed import measure
 

@@ -90,32 +90,30 @@ def vlm_reward(options: argparse.Namespace) -> None:
 
     # All camera sets are checked before the first is asked for.
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
-    flavour = strict.value(several[0], "flavour", str)
-    samples = strict.value(several[0], "samples", Samples)
-    revised = strict.value(several[0], "revise", str | None)
+    own = strict.read(several[0], flavour=str, samples=Samples, revise=str | None)
     for values in several:
         strict.as_type(values["gates"], Gates, "gates")
         _understood(values)
-    from needlehoop.training.missing_reward import rules_of
+    from needlehoop.training.which_run import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.recorder import RefusalError
     from needlehoop.vlm.revision import read_run
 
-    if revised is not None and (samples > 1 or len(several) > 1):
+    if own.revise is not None and (own.samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
-    trained = None if revised is None else read_run(Path(revised), several[0]["size"])
+    trained = None if own.revise is None else read_run(Path(own.revise), several[0]["size"])
     rules, failed = None, []
     for values in several:
         with _open(values) as inquiry:
             if len(several) > 1:
                 print("+".join(values["cams"]))
-                if inquiry.has_rewards(flavour, samples) and not values["overwrite"]:
+                if inquiry.has_rewards(own.flavour, own.samples) and not values["overwrite"]:
                     print("  is there already")
                     continue
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                found = inquiry.reward(flavour, rules, samples, trained)
+                found = inquiry.reward(own.flavour, rules, own.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise

@@ -23,7 +23,7 @@ from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.training import loop as page
-from needlehoop.training import missing_reward, which_run
+from needlehoop.training import which_run
 from needlehoop.vlm.writing import ProgramRules, Verdict
 
 GOOD = "reward = 9 if grasped else 0\n"
@@ -50,7 +50,7 @@ def values(source: str) -> list[float]:
 @pytest.fixture(autouse=True)
 def rules(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     rules = ProgramRules(0.0, 9.0, judge, values)
-    monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
+    monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
 
 
 @pytest.fixture(scope="module")
