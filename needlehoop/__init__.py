@@ -140,10 +140,11 @@ def load_policy(
     Raises:
         ValueError: no trained policy there.
     """
-    from needlehoop.api.trained import policy_of
+    from needlehoop.api.trained import actor_in
+    from needlehoop.learning.policy import Policy
     from needlehoop.runs.shipped import AGENT
 
-    return policy_of(AGENT if run is None else run, device, policy)
+    return Policy(*actor_in(AGENT if run is None else run, device, policy))
 
 
 def __getattr__(name: str) -> ModuleType:

@@ -26,7 +26,7 @@ from tiny_runs import TINY, refusal, run_train
 
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
-from needlehoop.config import camera_groups, composing
+from needlehoop.config import composing, options
 from needlehoop.learning.job import Job, PpoConfig
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as train
@@ -104,7 +104,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     composing.prepare([])
     # Registering anew for each case would take longer than the case.
-    monkeypatch.setattr(camera_groups, "register", lambda *_: None)
+    monkeypatch.setattr(options, "register_cameras", lambda *_: None)
     return tmp_path
 
 

@@ -1,55 +1,105 @@
-"""What the commands of ``needlehoop`` that take an environment's settings share."""
+"""What a command of ``needlehoop`` is, and what several of them share.
+
+A command is a function of the parsed arguments. Its docstring is its help; ``None`` as its exit
+status is 0.
+"""
 
 from __future__ import annotations
 
 import argparse
+import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from textwrap import fill
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from needlehoop.runs.shipped import CONF
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
 
+Run = Callable[[argparse.Namespace], int | None]
 
-def add_command(
-    commands: Any,
-    name: str,
-    run: Callable[[argparse.Namespace], int | None],
-    summary: str,
-    keys: str,
-) -> argparse.ArgumentParser:
-    """Add a command whose words are ``overrides`` of a config.
 
-    Args:
-        run: does it; what it returns is the exit status, ``None`` is 0.
-        summary: one sentence for the help.
-        keys: its own keys, beside those of ``conf/env.yaml``.
+def argument(*names: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """An argument, as argparse takes it."""
+    return names, settings
 
-    Returns:
-        Its parser, for flags of its own.
-    """
-    command = commands.add_parser(
-        name,
-        help=summary,
-        description=summary,
-        epilog=f"Keys: {keys}; and all of conf/env.yaml, such as task=wide or seed=1.",
-    )
-    command.add_argument("overrides", nargs="*", metavar="key=value")
-    command.set_defaults(run=run)
-    return command
+
+KEYS = argument("overrides", nargs="*", metavar="key=value")
+JSON = argument("--json", action="store_true", help="print one line of JSON")
+
+
+class Command(NamedTuple):
+    """A command, by its name in ``COMMANDS``."""
+
+    run: Run
+    arguments: tuple[tuple[tuple[str, ...], dict[str, Any]], ...]
+    config: str | None
+    """``conf/<config>.yaml`` has its keys."""
+    goes_on: bool
+    """Whether the same command goes on after Ctrl-C."""
+
+    def add(self, name: str, parsers: Any) -> None:
+        """Add its parser to those of argparse; the help shows its config."""
+        summary, *more = inspect.getdoc(self.run).split("\n\n")  # pyright: ignore
+        parser = parsers.add_parser(
+            name.split()[-1],
+            help=summary,
+            description="\n\n".join(fill(text, 80) for text in (summary, *more)),
+            epilog=self.config and f"keys, with their defaults:\n\n{_keys(self.config)}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for names, settings in self.arguments:
+            parser.add_argument(*names, **settings)
+        parser.set_defaults(command=name)
+
+
+COMMANDS: dict[str, Command] = {}
+
+
+def command(
+    *arguments: tuple[tuple[str, ...], dict[str, Any]],
+    config: str | None = None,
+    goes_on: bool = False,
+) -> Callable[[Run], Run]:
+    """A decorator that makes a command of a function; ``vlm_rank`` is ``needlehoop vlm rank``."""
+
+    def add(run: Run) -> Run:
+        COMMANDS[run.__name__.replace("_", " ")] = Command(run, arguments, config, goes_on)
+        return run
+
+    return add
+
+
+def _keys(config: str) -> str:
+    """A config of ``conf/`` with its comments, and those it builds on; ``env`` by its name."""
+    if config == "env":
+        return "All of conf/env.yaml and its groups, such as task=wide or seed=1."
+    text = (CONF / f"{config}.yaml").read_text()
+    found = re.fullmatch(r"(?:#[^\n]*\n)?(?:defaults:\n(.*?)  - _self_\n)?(.*)", text, re.DOTALL)
+    assert found is not None
+    below = re.findall(r"^  - (\w+)$", found[1] or "", re.MULTILINE)
+    return "\n".join([found[2].strip("\n") + "\n", *map(_keys, below)])
 
 
 def environment(
-    options: argparse.Namespace, config: str = "env"
-) -> tuple[Settings, dict[str, Any]]:
-    """The environment that a command's words describe, and all values of its config."""
-    from needlehoop.config import composing
+    options: argparse.Namespace, config: str = "env", **kinds: Any
+) -> tuple[Settings, SimpleNamespace]:
+    """The environment that a command's words describe, and its own keys.
+
+    Args:
+        kinds: types of the command's own keys, as ``strict.read`` takes them.
+    """
+    from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, config)
     # A misspelt key does not wait for the simulator.
     from needlehoop.envs.settings import settings_from
 
-    return settings_from(values), values
+    return settings_from(values), strict.read(values, **kinds)
 
 
 def new_file(out: str | Path, suffix: str, overwrite: bool, key: str = "out") -> Path:

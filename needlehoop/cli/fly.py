@@ -1,161 +1,123 @@
-"""Commands that let a trained agent act: ``needlehoop evaluate``, ``watch``."""
+"""Commands in which a trained agent or a scripted controller acts for its own sake."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
+from needlehoop.cli.command import JSON, KEYS, argument, command, new_file
+from needlehoop.cli.look import Levels
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Seed
+from needlehoop.config.strict import Count, Number, Seed
 
 if TYPE_CHECKING:
+    from needlehoop.demonstrations.episodes import Demonstration
     from needlehoop.learning.agent import Agent
     from needlehoop.learning.job import Job
     from needlehoop.runs.run import Run
 
-_CONDITIONS = " Conditions of the run that are to be changed: task=wide views.front.azimuth=5 …"
 
+@command(
+    argument("run_folder", type=Path, metavar="RUN", help="the run's folder"),
+    KEYS,
+    JSON,
+    config="evaluate",
+)
+def evaluate(options: argparse.Namespace) -> None:
+    """Evaluate a trained run: success, return, cheat rate, a video.
 
-def add_commands(commands: Any) -> None:
-    """Add the commands to the subparsers of ``needlehoop``."""
-    evaluated = commands.add_parser(
-        "evaluate",
-        help="Evaluate a trained run: success, return, cheat rate, a video.",
-        description="Evaluate a trained run. Its own evaluation is evaluation.json, which stays as"
-        " it is; one of other episodes, of the best policy or under changed conditions goes into a"
-        " folder of its own, evaluations/<as>.",
-        epilog="Keys: episodes=100 seed=… policy=last|best as=… video=false video_episodes=3"
-        f" device=auto trust=false.{_CONDITIONS}",
-    )
-    evaluated.add_argument("run_folder", type=Path, metavar="RUN", help="the run's folder")
-    evaluated.set_defaults(run=_evaluate)
-    watched = commands.add_parser(
-        "watch",
-        help="Watch a trained agent: a few fresh episodes, in a window or as a film.",
-        description="Run a few episodes that the agent has never met, say what came of them, and"
-        " show some in a window, or write a film where there is no display. Nothing is written"
-        " into the run's folder; a film that is there is kept under a number.",
-        epilog="Keys: episodes=10 seed=… policy=last|best video_episodes=3 window=… out=watch.mp4"
-        f" device=auto trust=false.{_CONDITIONS}",
-    )
-    watched.add_argument(
-        "run_folder", nargs="?", metavar="RUN", help="the run's folder; the shipped agent's if none"
-    )
-    watched.set_defaults(run=_watch)
-    for command in (evaluated, watched):
-        command.add_argument("overrides", nargs="*", metavar="key=value")
-        command.add_argument("--json", action="store_true", help="print one line of JSON")
-
-
-class _Asked(NamedTuple):
-    """A run, and how it is to be flown."""
-
-    run: Run
-    own: Any
-    """Values of the command's own config, by their keys."""
-    job: Job
-    changed: dict[str, Any]
-    """New values of conditions, by their key."""
-    conditions: list[str]
-    """What was typed to change them."""
-    policy: str
-    steps: int | None
-    """Of its training."""
-
-    def agent(self) -> Agent:
-        import torch
-
-        from needlehoop.learning.evaluate import load_agent
-        from needlehoop.learning.job import pick_device
-
-        # As in training: their number decides how sums are rounded.
-        torch.set_num_threads(1)
-        return load_agent(self.run, self.job, pick_device(self.own.device), self.policy)
-
-    def tell(self, found: Mapping[str, Any]) -> str:
-        """The evaluation in lines, after what was flown and what was changed."""
-        from needlehoop.learning.evaluate import report, told_policy
-
-        lines = [
-            f"run          {self.run.folder}",
-            f"policy       {told_policy(self.policy, self.steps)}",
-        ]
-        lines += [f"changed      {' '.join(self.conditions)}"] if self.changed else []
-        return "\n".join((*lines, report(self.job.env.definition, found)))
-
-
-def _asked(run: Run, words: list[str], command: str, **kinds: Any) -> _Asked:
-    """What was typed beside a run.
-
-    Args:
-        kinds: types of the command's own keys, beside those of both.
-
-    Raises:
-        ValueError: a word that is wrong, or code that is not trusted.
+    Its own evaluation is evaluation.json, which stays as it is; one of other episodes, of the best
+    policy or under changed conditions goes into a folder of its own, evaluations/<as>. Conditions
+    of the run that are to be changed: task=wide views.front.azimuth=5 …
     """
-    from needlehoop.config import composing
-    from needlehoop.config.changing import check, parted
-
-    mine, conditions = parted(words, command)
-    own = strict.read(
-        composing.compose(mine, command),
-        trust=bool,
-        policy=str | None,
-        seed=Seed | None,
-        video_episodes=Count,
-        device=str,
-        **kinds,
-    )
-    check(conditions, run.config(), command)
-    # What the lines before refuse does not wait for this.
-    from needlehoop.learning.evaluate import which_policy
-    from needlehoop.learning.job import pick_device
-    from needlehoop.learning.subject import flown_job
-
-    pick_device(own.device)
-    job, changed = flown_job(run.config(), conditions, own.trust, command)
-    return _Asked(run, own, job, changed, conditions, *which_policy(run, own.policy))
-
-
-def _evaluate(options: argparse.Namespace) -> None:
     from needlehoop.config.changing import setting
     from needlehoop.runs.files import VIDEO, check_name
     from needlehoop.runs.run import Run
 
     run, kinds = Run.open(options.run_folder), {"as": str | None}
-    asked = _asked(run, options.overrides, "evaluate", episodes=Count | None, video=bool, **kinds)
-    from needlehoop.learning.evaluate import assess, film
-
-    job, own, usual = asked.job, asked.own, asked.job.evaluation
+    own, words = _asked(options, "evaluate", episodes=Count | None, video=bool, **_SHOWN, **kinds)
     name = vars(own)["as"]
     if name is not None:
         check_name("as", name)
-    episodes = usual.final_episodes if own.episodes is None else own.episodes
-    seed = usual.final_seed if own.seed is None else own.seed
-    agent = asked.agent()
-    found = {"steps_trained": asked.steps, "policy": asked.policy}
-    found |= assess(agent, job, episodes, seed)
-    found |= {"changed": asked.changed} if asked.changed else {}
-    differs = [
-        *(setting(word) for word in (asked.conditions if asked.changed else [])),
-        *([("episodes", f"{episodes}")] if episodes != usual.final_episodes else []),
-        *([("seed", f"{seed}")] if seed != usual.final_seed else []),
-        *([("policy", asked.policy)] if asked.policy != "last" else []),
-    ]
+    job, agent, found, lines = _flown(run, own, words, "evaluate")
+    own_ends = job.evaluation.final_episodes, job.evaluation.final_seed, "last"
+    usual = zip(("episodes", "seed", "policy"), own_ends, strict=True)
+    differs = [setting(word) for word in (words if "changed" in found else [])]
+    differs += [(key, str(found[key])) for key, value in usual if found[key] != value]
     place, is_new = _place(run, found, differs, name)
     if is_new:
         run.write(place, json.dumps(found, indent=2) + "\n")
     said = "written     " if is_new else "the same as "
-    lines = f"{asked.tell(found)}\n{said} {run.folder / place}"
+    lines = f"{lines}\n{said} {run.folder / place}"
     print(json.dumps(found) if options.json else lines, flush=True)
     if own.video:
+        from needlehoop.learning.evaluate import film
+
         out = run.vacate(str(Path(place).with_name(VIDEO)))
-        film(job.env, agent, own.video_episodes, seed, out)
+        film(job.env, agent, own.video_episodes, found["seed"], out)
         if not options.json:
             print(f"video        {out}")
+
+
+_SHOWN = {"policy": str | None, "video_episodes": Count}
+"""Types of the keys of commands that show an agent."""
+
+
+def _asked(options: argparse.Namespace, command: str, **kinds: Any) -> tuple[Any, list[str]]:
+    """What was typed beside a run: the command's own settings, and words that change the run's.
+
+    Args:
+        kinds: types of the command's own keys, beside those of all such commands.
+    """
+    from needlehoop.config import composing
+    from needlehoop.config.changing import parted
+
+    mine, conditions = parted(options.overrides, command)
+    values = composing.compose(mine, command)
+    return strict.read(values, trust=bool, seed=Seed | None, device=str, **kinds), conditions
+
+
+def _flown(
+    run: Run, own: Any, conditions: list[str], command: str, later: int = 0
+) -> tuple[Job, Agent, dict[str, Any], str]:
+    """A run's agent and its evaluation as numbers and in lines, as it was asked for.
+
+    Args:
+        later: how many seeds after that of the run's own evaluation, if none was typed.
+
+    Raises:
+        ValueError: a condition or policy that is wrong, or code that is not trusted.
+    """
+    from needlehoop.config.changing import check
+
+    check(conditions, run.config(), command)
+    # What this refuses does not wait for the agent.
+    import torch
+
+    from needlehoop.learning.evaluate import assess, load_agent, report, told_policy, which_policy
+    from needlehoop.learning.job import pick_device
+    from needlehoop.learning.subject import flown_job
+
+    device = pick_device(own.device)
+    job, changed = flown_job(run.config(), conditions, own.trust, command)
+    policy, steps = which_policy(run, own.policy)
+    usual = job.evaluation
+    episodes = usual.final_episodes if own.episodes is None else own.episodes
+    seed = usual.final_seed + later if own.seed is None else own.seed
+    # As in training: their number decides how sums are rounded.
+    torch.set_num_threads(1)
+    agent = load_agent(run, job, device, policy)
+    found = {"steps_trained": steps, "policy": policy, **assess(agent, job, episodes, seed)}
+    lines = [f"run          {run.folder}", f"policy       {told_policy(policy, steps)}"]
+    if changed:
+        found["changed"] = changed
+        lines.append(f"changed      {' '.join(conditions)}")
+    return job, agent, found, "\n".join([*lines, report(job.env.definition, found)])
 
 
 def _place(
@@ -169,10 +131,9 @@ def _place(
     from needlehoop.runs.files import EVALUATION, FURTHER, name_of
     from needlehoop.runs.reading import UnreadableError, read_json
 
-    path = run.folder / EVALUATION
     if name is None and not differs:
         try:
-            former = read_json(path)
+            former = read_json(run.folder / EVALUATION)
         except UnreadableError:
             return EVALUATION, True
         if former.get("steps_trained") != found["steps_trained"]:
@@ -183,38 +144,160 @@ def _place(
     return f"{FURTHER}/{name or name_of(differs)}/{EVALUATION}", True
 
 
-def _watch(options: argparse.Namespace) -> None:
+@command(
+    argument(
+        "run_folder", nargs="?", metavar="RUN", help="the run's folder; the shipped agent's if none"
+    ),
+    KEYS,
+    JSON,
+    config="watch",
+)
+def watch(options: argparse.Namespace) -> None:
+    """Watch a trained agent: a few fresh episodes, in a window or as a film.
+
+    Run a few episodes that the agent has never met, say what came of them, and show some in a
+    window, or write a film where there is no display. Nothing is written into the run's folder; a
+    film that is there is kept under a number. Conditions of the run that are to be changed:
+    task=wide views.front.azimuth=5 …
+    """
+    from needlehoop.config.options import typed
     from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
     from needlehoop.runs.shipped import agent_of
 
-    named, words = options.run_folder, options.overrides
+    named = options.run_folder
     if named is not None and "=" in named and not Path(named).exists():
-        named, words = None, [named, *words]
-    tasks = [word.partition("=")[2] for word in words if word.startswith("task=")]
-    folder = agent_of(*tasks[-1:] or [""]) if named is None else Path(named)
-    own = {"episodes": Count, "window": bool | None, "out": str}
-    asked = _asked(Run.open(folder), words, "watch", **own)
-    job, own = asked.job, asked.own
-    seed = job.evaluation.final_seed + 1 if own.seed is None else own.seed
+        options.overrides.insert(0, named)
+        named = None
+    task = ["", *typed(options.overrides, "task")][-1]
+    run = Run.open(agent_of(task) if named is None else Path(named))
+    kinds = {"episodes": Count, "window": bool | None, "out": str}
+    own, words = _asked(options, "watch", **_SHOWN, **kinds)
     window = has_display() if own.window is None else own.window
     if window:
         check_display("window=false writes a film")
-    out = Path(own.out)
-    if out.suffix.lower() != ".mp4":
-        raise ValueError(f"out: {str(out)!r} must end in .mp4")
-    from needlehoop.learning.evaluate import assess, film, show
+    out = new_file(own.out, ".mp4", overwrite=True)
+    job, agent, found, lines = _flown(run, own, words, "watch", later=1)
+    del found["steps_trained"]
+    found = {"run": str(run.folder), **found}
+    print(json.dumps(found) if options.json else lines, flush=True)
+    from needlehoop.learning.evaluate import film, show
 
-    agent = asked.agent()
-    found = {"run": str(asked.run.folder), "policy": asked.policy}
-    found |= {"changed": asked.changed} if asked.changed else {}
-    found |= assess(agent, job, own.episodes, seed)
-    print(json.dumps(found) if options.json else asked.tell(found), flush=True)
     if window:
-        show(job.env, agent, own.video_episodes, seed)
+        show(job.env, agent, own.video_episodes, found["seed"])
         return
     set_aside(out)
-    film(job.env, agent, own.video_episodes, seed, out)
+    film(job.env, agent, own.video_episodes, found["seed"], out)
     if not options.json:
         print(f"film         {out}")
+
+
+@command(
+    argument(
+        "who", metavar="WHO", help="a run's folder, a policy.safetensors, or expert, smooth, …"
+    ),
+    KEYS,
+    config="stress",
+)
+def stress(options: argparse.Namespace) -> None:
+    """Test a policy under disturbances of cameras, pictures, scene and robot.
+
+    Fly the same episodes undisturbed, and under each axis of disturbance at each severity, and
+    write a table of what came of it: stress.csv in the run's folder. What an earlier test wrote is
+    kept under a number. Conditions that are to be changed: task=wide …
+    """
+    from needlehoop.learning.job import pick_device
+    from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
+
+    who = Path(options.who)
+    kinds = {"axes": tuple[str, ...], "levels": Levels, "threads": Number, "out": str | None}
+    kinds |= {"severities": tuple[Count, ...]}
+    counts = dict.fromkeys(("together", "episodes", "num_envs"), Count)
+    asked, conditions = _asked(options, "stress", **kinds, **counts)
+    if asked.out is None and (conditions or not who.is_dir()):
+        raise ValueError(
+            "out: stress.csv in a run's folder is of the run's own conditions; name another file,"
+            " such as out=stress.csv"
+        )
+    out = new_file(who / STRESS if asked.out is None else asked.out, ".csv", overwrite=True)
+    device = pick_device(asked.device)
+    from needlehoop.learning import stress
+    from needlehoop.learning.subject import subject
+
+    tested = subject(options.who, conditions, asked.seed, device, asked.trust)
+    chosen = stress.chosen_axes(asked.axes, blind=tested.blind)
+    tried = stress.conditions(asked.levels, chosen, asked.severities, asked.together)
+    engine = replace(tested.settings.engine, threads=asked.threads)
+    settings = replace(tested.settings, engine=engine)
+    rows = stress.stress(settings, tested.make, tried, asked.episodes, asked.num_envs)
+    set_aside(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, csv_text(rows[0], (row.values() for row in rows)))
+    print(f"{stress.summary(rows)}\ntable        {out}")
+
+
+@command(KEYS, config="demonstrations")
+def demonstrations(options: argparse.Namespace) -> None:
+    """Write episodes of an expert or a trained run as a dataset: Minari or LeRobot."""
+    from tqdm import tqdm
+
+    from needlehoop.config import composing
+    from needlehoop.config.changing import parted
+    from needlehoop.config.options import typed
+    from needlehoop.demonstrations.episodes import About, demonstrate, scripted
+    from needlehoop.demonstrations.export import layout, new_folder
+    from needlehoop.runs.machine import provenance
+
+    words = options.overrides
+    is_run = any(Path(one).is_dir() for one in typed(words, "demonstrator")[-1:])
+    others = parted(words, "demonstrations")[1] if is_run else []
+    conditions = [word for word in others if not typed([word], "seed")]
+    values = composing.compose((w for w in words if w not in conditions), "demonstrations")
+    asked = strict.read(
+        values,
+        demonstrator=str | None,
+        episodes=Count,
+        format=str,
+        out=str | None,
+        overwrite=bool,
+        device=str,
+        trust=bool,
+        seed=Seed,
+    )
+    write = layout(asked.format)
+    if not asked.out:
+        raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
+    out = Path(asked.out)
+    if asked.format == "minari":
+        from needlehoop.demonstrations.minari_layout import check_name
+
+        check_name(out.name)
+    from needlehoop.envs.settings import settings_from
+    from needlehoop.learning.job import pick_device
+    from needlehoop.learning.subject import of_run
+
+    if is_run:
+        who, device = asked.demonstrator, pick_device(asked.device)
+        seed = asked.seed if typed(words, "seed") else None
+        # Two after those of its evaluations and of watch.
+        more = (device, asked.trust, "demonstrations", 2)
+        settings, make = of_run(Path(who), conditions, seed, *more)
+    else:
+        settings = settings_from(values)
+        who = asked.demonstrator or settings.definition.teacher
+        make = scripted(who, settings.definition)
+    counts = Counter()
+
+    def shown() -> Iterator[Demonstration]:
+        found = demonstrate(settings, make, asked.episodes)
+        for one in tqdm(found, total=asked.episodes, unit="episode", dynamic_ncols=True):
+            counts.update(steps=len(one), successful=int(one.success))
+            yield one
+
+    with new_folder(out, asked.overwrite) as folder:
+        write(folder, shown(), About(who, settings, provenance()))
+    print(
+        f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
+        f" {counts['successful']} successful"
+    )

@@ -1,90 +1,46 @@
-"""Commands that show the scene or a controller: ``needlehoop snapshot``, ``expert``, …"""
+"""Commands that show the scene or a controller, or write them down for other programs."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from needlehoop.cli.command import add_command, environment, new_file
+from needlehoop.cli.command import JSON, KEYS, argument, command, environment, new_file
 from needlehoop.config import strict
-from needlehoop.config.strict import Amount, Count, Pixels
+from needlehoop.config.strict import Amount, Count, OneOf, Pixels
 
 Levels = dict[str, dict[str, tuple[Amount, ...]]]
 """Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
 
 
-def add_commands(commands: Any) -> None:
-    """Add the commands to the subparsers of ``needlehoop``."""
-    add = partial(add_command, commands)
-    add(
-        "snapshot",
-        _snapshot,
-        "Write a contact sheet of all views and renderings, start and goal.",
-        "size=256 out=snapshot.png raw=false tiles=false disturbed=false overwrite=false",
-    )
-    add(
-        "picture",
-        _picture,
-        "Write one large picture of the start, from any place.",
-        "size=720 out=picture.png overwrite=false picture.distance=1.6 picture.azimuth=60 …",
-    )
-    run = add(
-        "expert",
-        _expert,
-        "Run a scripted controller and print what came of it.",
-        "episodes=200 controller=expert|smooth|cheat|random grasps=[weld,friction]"
-        " (or episode.grasp=…) video_episodes=3 overwrite=false",
-    )
-    run.add_argument("--json", action="store_true", help="print one line of JSON")
-    run.add_argument("--video", type=Path, metavar="OUT.mp4", help="also write a video")
-    add(
-        "view",
-        _view,
-        "Watch in MuJoCo's interactive viewer.",
-        "controller=expert|smooth|cheat|random",
-    )
-    add("signals", _signals, "Print the table of a task's signals.", "none of its own")
-    summary = "List the tasks: their facts, phases, controllers and variants."
-    listed = commands.add_parser("tasks", help=summary, description=summary)
-    listed.add_argument(
-        "overrides", nargs="*", metavar="key=value", help="task_dir=<folder> conf_dir=<folder>"
-    )
-    listed.set_defaults(run=_tasks)
+@command(KEYS, config="snapshot")
+def snapshot(options: argparse.Namespace) -> None:
+    """Write a contact sheet of all views and renderings, start and goal."""
+    flags = dict.fromkeys(("overwrite", "tiles", "raw", "disturbed"), bool)
+    settings, asked = environment(options, "snapshot", out=str, size=Pixels, levels=Levels, **flags)
+    if asked.tiles and Path(asked.out).suffix:
+        raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
+    out = new_file(asked.out, "" if asked.tiles else ".png", asked.overwrite)
+    from needlehoop.pictures import stills
 
-
-def _snapshot(options: argparse.Namespace) -> None:
-    settings, values = environment(options, "snapshot")
-    asked = strict.read(
-        values, out=str, overwrite=bool, size=Pixels, tiles=bool, raw=bool, disturbed=bool
-    )
     if asked.tiles:
-        if Path(asked.out).suffix:
-            raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
-        folder = new_file(asked.out, "", asked.overwrite)
-        from needlehoop.pictures.stills import tiles
-
-        for name, image in tiles(settings).items():
-            _save(image, folder / f"{name}.png")
-        return
-    out = new_file(asked.out, ".png", asked.overwrite)
-    if asked.disturbed:
+        for name, image in stills.tiles(settings).items():
+            _save(image, out / f"{name}.png")
+    elif asked.disturbed:
         from needlehoop.pictures.disturbed import disturbed_sheet
 
-        levels = strict.value(values, "levels", Levels)
-        _save(disturbed_sheet(settings, levels, asked.size), out)
-        return
-    from needlehoop.pictures.stills import contact_sheet
-
-    _save(contact_sheet(settings, asked.size, asked.raw), out)
+        _save(disturbed_sheet(settings, asked.levels, asked.size), out)
+    else:
+        _save(stills.contact_sheet(settings, asked.size, asked.raw), out)
 
 
-def _picture(options: argparse.Namespace) -> None:
-    settings, values = environment(options, "picture")
-    asked = strict.read(values, out=str, overwrite=bool, size=Pixels)
+@command(KEYS, config="picture")
+def picture(options: argparse.Namespace) -> None:
+    """Write one large picture of the start, from any place."""
+    settings, asked = environment(options, "picture", out=str, overwrite=bool, size=Pixels)
     out = new_file(asked.out, ".png", asked.overwrite)
     from needlehoop.pictures.stills import portrait
 
@@ -97,86 +53,94 @@ def _save(image: Any, out: Path) -> None:
     print(f"{out}: {image.width} x {image.height} px")
 
 
-def _expert(options: argparse.Namespace) -> None:
-    settings, values = environment(options, "expert")
-    asked = strict.read(
-        values, controller=str, episodes=Count, video_episodes=Count, overwrite=bool
-    )
-    who, grasps = asked.controller, _grasps(values, options)
+@command(
+    KEYS,
+    JSON,
+    argument("--video", type=Path, metavar="OUT.mp4", help="also write a video"),
+    config="expert",
+)
+def expert(options: argparse.Namespace) -> None:
+    """Run a scripted controller and print what came of it."""
+    kinds = {"controller": str, "grasps": tuple[str, ...] | None, "overwrite": bool}
+    settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
+    who, grasps = asked.controller, _grasps(asked.grasps, options)
     if options.video is not None:
         new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
     from needlehoop.tasks.episode import ArmEpisode
 
-    summaries = {}
-    for grasp in grasps if isinstance(settings.episode, ArmEpisode) else ("episodes",):
-        tried = settings
-        if isinstance(settings.episode, ArmEpisode):
-            tried = replace(settings, episode=replace(settings.episode, grasp=grasp))
-        summaries[grasp] = run_trials(tried, who, asked.episodes).summary()
+    tried = {"episodes": settings}
+    if isinstance(settings.episode, ArmEpisode):
+        rules = settings.episode
+        grasps = grasps or (rules.grasp,)
+        tried = {one: replace(settings, episode=replace(rules, grasp=one)) for one in grasps}
+    found = {one: run_trials(own, who, asked.episodes).summary() for one, own in tried.items()}
     if options.json:
-        print(json.dumps({"controller": who, "seed": settings.seed, **summaries}))
+        print(json.dumps({"controller": who, "seed": settings.seed, **found}))
     else:
-        _print_table(f"{who}, {asked.episodes} episodes each, seed {settings.seed}", summaries)
-    if options.video is not None:
-        _film(settings, who, asked.video_episodes, options)
-
-
-def _film(settings: Any, who: str, episodes: int, options: argparse.Namespace) -> None:
+        print(f"{who}, {asked.episodes} episodes each, seed {settings.seed}")
+        print(" " * 12 + "".join(f"{column:>12}" for column in found))
+        for name, first in next(iter(found.values())).items():
+            form = "12d" if isinstance(first, int) else "12.3f"
+            print(f"{name:12}{''.join(f'{column[name]:{form}}' for column in found.values())}")
+    if options.video is None:
+        return
     from needlehoop.envs.build import build
     from needlehoop.envs.controllers import controller
     from needlehoop.pictures.film import record
 
-    if not settings.cams:
-        settings = replace(settings, cams=("rgb_default", "dep_front", "seg_side"))
-    settings = replace(settings, num_envs=1)
+    cams = settings.cams or ("rgb_default", "dep_front", "seg_side")
+    settings = replace(settings, cams=cams, num_envs=1)
     simulation, _ = build(settings)
-    record(simulation, controller(who, settings), episodes, options.video)
+    record(simulation, controller(who, settings), asked.video_episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
 
 
-def _view(options: argparse.Namespace) -> None:
-    settings, values = environment(options, "view")
-    who = strict.value(values, "controller", str)
-    from needlehoop.pictures.window import view
-
-    view(settings, who)
-
-
-def _grasps(values: dict[str, Any], options: argparse.Namespace) -> tuple[str, ...]:
-    """Those that ``grasps`` names; by default all, or the one of ``episode.grasp=``."""
+def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tuple[str, ...]:
+    """Those that ``grasps`` names; by default all, or none where ``episode.grasp=`` names one."""
     from needlehoop.tasks.episode import GRASPS
 
     typed = [word for word in options.overrides if word.startswith("episode.grasp=")]
-    if values["grasps"] is None:
-        return (values["episode"]["grasp"],) if typed else GRASPS
+    if grasps is None:
+        return () if typed else GRASPS
     if typed:
         raise ValueError(f"grasps: {typed[0]} names one already; give only one of them")
-    grasps = strict.value(values, "grasps", tuple[str, ...])
     strict.check_names("grasps", grasps, GRASPS)
     if not grasps:
         raise ValueError(f"grasps: name one or more of {', '.join(GRASPS)}")
     return grasps
 
 
-def _signals(options: argparse.Namespace) -> None:
+@command(KEYS, config="view")
+def view(options: argparse.Namespace) -> None:
+    """Watch in MuJoCo's interactive viewer."""
+    settings, asked = environment(options, "view", controller=str)
+    from needlehoop.pictures import window
+
+    window.view(settings, asked.controller)
+
+
+@command(KEYS, config="env")
+def signals(options: argparse.Namespace) -> None:
+    """Print the table of a task's signals."""
     settings, _ = environment(options)
     from needlehoop.scene.signals import describe
 
     print(describe(settings.definition.signals))
 
 
-def _tasks(options: argparse.Namespace) -> None:
-    from needlehoop.config.own_folder import part, task_folder
-    from needlehoop.config.task_options import variants
+@command(argument("overrides", nargs="*", metavar="task_dir=<folder> | conf_dir=<folder>"))
+def tasks(options: argparse.Namespace) -> None:
+    """List the tasks: their facts, phases, controllers and variants."""
+    from needlehoop.config.options import variants
+    from needlehoop.config.own_folder import KEY, TASK_KEY, part, task_folder
     from needlehoop.runs.shipped import CONF
     from needlehoop.tasks.registry import add_folder, find, names
 
-    for word in options.overrides:
-        key = word.partition("=")[0]
-        if key not in ("conf_dir", "task_dir"):
-            raise ValueError(f"{key}: unknown key; choose from conf_dir, task_dir")
+    for key in (word.partition("=")[0] for word in options.overrides):
+        if key not in (KEY, TASK_KEY):
+            raise ValueError(f"{key}: unknown key; choose from {KEY}, {TASK_KEY}")
     _, folders = part(options.overrides)
     if own := task_folder(options.overrides):
         add_folder(own)
@@ -192,11 +156,89 @@ def _tasks(options: argparse.Namespace) -> None:
         print(f"  variants    {', '.join(variants(name, [CONF, *folders]))}")
 
 
-def _print_table(title: str, columns: dict[str, dict[str, float | int]]) -> None:
-    print(title)
-    names = list(next(iter(columns.values())))
-    print(" " * 12 + "".join(f"{column:>12}" for column in columns))
-    for name in names:
-        form = "12d" if isinstance(next(iter(columns.values()))[name], int) else "12.3f"
-        cells = "".join(f"{column[name]:{form}}" for column in columns.values())
-        print(f"{name:12}{cells}")
+@command(KEYS, config="export")
+def export(options: argparse.Namespace) -> None:
+    """Write the arm, or the whole scene, as MJCF and meshes that MuJoCo opens by itself; or a
+    trained policy as ONNX.
+    """
+    kinds = dict.fromkeys(("format", "run", "out"), str | None)
+    what = Annotated[str, OneOf(*_SPECS, "policy")]
+    settings, asked = environment(options, "export", what=what, overwrite=bool, **kinds)
+    what, overwrite = asked.what, asked.overwrite
+    written = "mjcf" if what in _SPECS else "onnx"
+    if asked.format not in (None, written):
+        raise ValueError(
+            f"format: {asked.format!r} is unknown; what={what} is written as {written}"
+        )
+    if what == "policy":
+        _export_policy(asked.run, asked.out or "policy.onnx", overwrite)
+        return
+    if asked.run is not None:
+        raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
+    from needlehoop.scene import mjcf
+    from needlehoop.scene.export import check_place, papers, write_folder
+
+    out = Path(asked.out or "psm")
+    check_place(out, overwrite)
+    name, spec = _SPECS[what]
+    write_folder(out, {**mjcf.write(spec(settings), name), **papers()}, overwrite)
+    print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
+
+
+def _export_policy(run: str | None, place: str, overwrite: bool) -> None:
+    from needlehoop.runs.files import write_whole
+    from needlehoop.runs.shipped import AGENT
+
+    out = new_file(place, ".onnx", overwrite)
+    from needlehoop.api.trained import actor_in
+    from needlehoop.learning.policy import PRECISION, onnx_bytes
+
+    senses, actor, origin = actor_in(run or AGENT, "cpu", precision=PRECISION)
+    content = onnx_bytes(senses, actor)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, content)
+    print(f"{out}: {len(content) / 1e6:.1f} MB, {origin}; look at it: https://netron.app")
+
+
+def _arm(settings: Any) -> Any:
+    """The arm alone, with the keyframe ``home``."""
+    import numpy as np
+
+    from needlehoop.robot.parallelogram import Posture
+    from needlehoop.robot.psm import HOME
+    from needlehoop.tasks.layout import ArmLayout
+    from needlehoop.tasks.psm import build_arm
+
+    if not isinstance(settings.task, ArmLayout):
+        raise ValueError(f"what: {settings.task.name} has no PSM; choose scene")
+    spec = build_arm(settings.task, settings.psm)
+    model = spec.compile()
+    qpos = np.tile(model.qpos0, (1, 1))
+    Posture(model).write(qpos, np.array([HOME]), np.zeros(1))
+    spec.add_key(name="home", qpos=qpos[0], ctrl=[*HOME, 0.0])
+    return spec
+
+
+def _scene(settings: Any) -> Any:
+    """The scene with every camera; ``home`` is the nominal start of an episode."""
+    import torch
+
+    from needlehoop.engines.addresses import Addresses
+    from needlehoop.envs.build import scene_spec
+
+    spec = scene_spec(settings)
+    task = settings.definition
+    addresses = Addresses(spec.compile(), task.robot)
+    middle = torch.full((1, task.draws), 0.5, dtype=torch.float64)
+    nominal = task.start(settings.task, middle)
+    spec.add_key(
+        name="home",
+        qpos=addresses.qpos(nominal)[0],
+        ctrl=addresses.control(nominal)[0],
+        mpos=addresses.mocap(nominal)[0].ravel(),
+    )
+    return spec
+
+
+_SPECS = {"arm": ("psm", _arm), "scene": ("scene", _scene)}
+"""What is exported as MJCF: the file's name, and what makes the spec."""

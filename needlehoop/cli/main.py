@@ -1,8 +1,7 @@
 """The ``needlehoop`` command.
 
-Every command takes Hydra overrides (``key=value``) and a few flags. Errors in what was
-asked for are one line on standard error and exit status 2; a command that judges something
-says no with exit status 1.
+Most commands take settings as ``key=value``. Errors in what was asked for are one line on standard
+error and exit status 2; a command that judges something says no with exit status 1.
 """
 
 from __future__ import annotations
@@ -13,10 +12,15 @@ import select
 import sys
 from collections.abc import Sequence
 
-from needlehoop.cli import bench, demonstrations, export, fly, look, probe, stress, study, vlm
+import needlehoop
+from needlehoop.cli import fly, look, measure, study, vlm
+from needlehoop.cli.command import COMMANDS
 from needlehoop.runs.reading import printable
 
-_TRAIN, _VERSION = "train", "--version"
+_FILES = [file.__name__ for file in (look, fly, measure, vlm, study)]
+"""Where commands are, in the order of the help."""
+
+_TRAIN = "train"
 
 _UNREAD = 141
 """Exit status where whoever read the output went, as of a program that SIGPIPE ends."""
@@ -31,23 +35,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         run(given[1:], f"needlehoop {_TRAIN}")
         return 0
-    if given[:1] == [_VERSION]:
-        from importlib.metadata import version
-
-        print(f"needlehoop {version('needlehoop')}")
-        return 0
     parser = _parser()
     options, rest = parser.parse_known_args(given)
     flags = [word for word in rest if word.startswith("-")]
     if flags:
         parser.error(f"unknown option {flags[0]}; see `needlehoop {options.command} --help`")
-    options.overrides += rest
+    command = COMMANDS[options.command]
     try:
-        status = options.run(options)
+        if "overrides" in options:
+            options.overrides += rest
+        elif rest:
+            raise ValueError(f"{rest[0]!r} is not understood; it takes one study")
+        status = command.run(options)
         # Here, and not when Python ends, which would show a trace if nobody reads any more.
         print(end="", flush=True)
     except KeyboardInterrupt:
-        print(f"needlehoop {options.command}: stopped", file=sys.stderr)
+        more = "; the same command goes on" if command.goes_on else ""
+        print(f"needlehoop {options.command}: stopped{more}", file=sys.stderr)
         return 130
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
         if isinstance(error, BrokenPipeError) and _is_read_no_more():
@@ -76,12 +80,21 @@ def _parser() -> argparse.ArgumentParser:
         prog="needlehoop",
         description="Tasks of a robot: simulate them, look at them, measure them.",
     )
-    parser.add_argument(_VERSION, action="store_true", help="print the version and exit")
-    commands = parser.add_subparsers(dest="command", required=True)
+    parser.add_argument(
+        "--version", action="version", version=f"needlehoop {needlehoop.__version__}"
+    )
+    parsers = parser.add_subparsers(dest="command", required=True)
     summary = "Train an agent: python train.py, for those who have no checkout."
-    commands.add_parser(_TRAIN, help=summary, add_help=False)
-    for group in (look, fly, stress, export, bench, vlm, study, probe, demonstrations):
-        group.add_commands(commands)
+    parsers.add_parser(_TRAIN, help=summary, add_help=False)
+    below = {}
+    for name, command in sorted(
+        COMMANDS.items(), key=lambda one: _FILES.index(one[1].run.__module__)
+    ):
+        group = name.rpartition(" ")[0]
+        if group and group not in below:
+            several = parsers.add_parser(group, help=vlm.SUMMARY, description=vlm.SUMMARY)
+            below[group] = several.add_subparsers(dest="action", required=True)
+        command.add(name, below.get(group, parsers))
     return parser
 
 

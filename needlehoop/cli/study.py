@@ -1,4 +1,4 @@
-"""``needlehoop plot``, ``report``, ``compare``, ``status`` and ``top``."""
+"""Commands that read the files of a study's runs: its figures, tables, pages and best agents."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from needlehoop.cli.command import KEYS, argument, command
 from needlehoop.runs.files import CONFIG
 
 if TYPE_CHECKING:
@@ -22,73 +23,24 @@ _TOP = 3
 """Camera sets that the paper gave other rewards."""
 
 _STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
+_OUT = "where to write (the study's folder; of the paper's numbers, results/paper; of several"
+_OUT += " folders, one beside the first that has all their names, as a_vs_b)"
 
 
-def add_commands(commands: Any) -> None:
-    """Add the commands to the subparsers of ``needlehoop``."""
-    for name, run, summary in (
-        ("plot", _plot, "Draw a study's figures and write its tables."),
-        ("report", _report, "Write a study's report: one HTML page with everything in it."),
-    ):
-        command = commands.add_parser(name, help=summary, description=summary)
-        if name == "plot":
-            command.add_argument("study", metavar="STUDY", help=_STUDY)
-        else:
-            several = f"{_STUDY}; of several, beside each other, one page with a switch"
-            command.add_argument("study", metavar="STUDY", nargs="+", help=several)
-        command.add_argument(
-            "--out",
-            type=Path,
-            metavar="FOLDER",
-            help="where to write (the study's folder; for the paper's numbers, results/paper;"
-            " for several studies, a folder beside the first that has all their names)",
-        )
-        command.set_defaults(run=run, overrides=[])
-    summary = "Set runs, or studies with other settings, beside each other."
-    command = commands.add_parser(
-        "compare",
-        help=summary,
-        description=summary,
-        epilog="Prints the settings that differ, the evaluations with the difference and its"
-        " interval, and how soon each run got how far. Writes these, learning curves and the films"
-        " as one HTML page. Studies are compared where they have runs of the same cameras and"
-        " reward.",
-    )
-    help_ = "a run's folder, or a study's; two or more of one kind"
-    command.add_argument("study", metavar="FOLDER", nargs="+", help=help_)
-    command.add_argument(
-        "--out",
-        type=Path,
-        metavar="FOLDER",
-        help="where to write (a folder beside the first that has all their names, as a_vs_b)",
-    )
-    command.set_defaults(run=_compare, overrides=[])
-    summary = "Show what of a study is done, running, stopped, failed or missing."
-    command = commands.add_parser(
-        "status",
-        help=summary,
-        description=summary,
-        epilog="With the words of a sweep (experiment=table2 seed=0,1,2; or cams=… reward=…"
-        " seed=…), its runs, those included that nobody has started. Without, the runs that are"
-        " there or that sweeps have tried, and every seed of one for all others.",
-    )
-    command.add_argument("study", type=Path, metavar="STUDY", help="a study's folder")
-    command.add_argument("overrides", nargs="*", metavar="key=value")
-    command.set_defaults(run=_status)
-    summary = "Print a study's best camera sets by measured return, as cams= takes them."
-    command = commands.add_parser("top", help=summary, description=summary)
-    command.add_argument("study", metavar="STUDY", help=_STUDY)
-    command.add_argument(
-        "--count", type=int, metavar="N", help="how many (3, or all where there are fewer)"
-    )
-    command.set_defaults(run=_top, overrides=[], out=None)
+def _one_study(help_: str = _STUDY, **more: Any) -> Any:
+    return argument("study", metavar="STUDY", help=help_, **more)
 
 
-def _plot(options: argparse.Namespace) -> None:
+def _out(help_: str = _OUT, **more: Any) -> Any:
+    return argument("--out", type=Path, metavar="FOLDER", help=help_, **more)
+
+
+@command(_one_study(), _out())
+def plot(options: argparse.Namespace) -> None:
+    """Draw a study's figures and write its tables."""
     from needlehoop.study.render.figures import draw
     from needlehoop.study.report.tables import write_tables
 
-    _no_more(options)
     findings, out = _open(options.study, options.out)
     for drawn in draw(findings, out / "figures"):
         for path in drawn.files:
@@ -100,13 +52,13 @@ def _plot(options: argparse.Namespace) -> None:
     _say_left_out(findings)
 
 
-def _report(options: argparse.Namespace) -> None:
+@command(_one_study(f"{_STUDY}; of several, one page with a switch", nargs="+"), _out())
+def report(options: argparse.Namespace) -> None:
+    """Write a study's report: one HTML page with everything in it."""
     from needlehoop.study.render.figures import draw
     from needlehoop.study.report.page import Part, write_report
 
-    _no_more(options)
-    words = [_word(study) for study in options.study]
-    opened = [_open(word, options.out) for word in words]
+    opened = [_open(study, options.out) for study in _named(options)]
     if len(opened) == 1:
         out = opened[0][1]
     else:
@@ -121,7 +73,7 @@ def _report(options: argparse.Namespace) -> None:
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
         parts.append(Part(findings, draw(findings, figures)))
     page = out / "report.html"
-    write_report(parts, page, f"needlehoop report {' '.join(words)}")
+    write_report(parts, page, f"needlehoop report {' '.join(options.study)}")
     print(page)
     for findings, _ in opened:
         _say_left_out(findings)
@@ -161,14 +113,20 @@ def _seen(folder: Path, cams: list[str]) -> dict[str, Any]:
     return tiles(replace(checked_job(values).env, reward=NONE), cams)
 
 
-def _compare(options: argparse.Namespace) -> None:
+@command(argument("study", metavar="FOLDER", nargs="+", help="of runs, or of studies"), _out())
+def compare(options: argparse.Namespace) -> None:
+    """Set runs, or studies with other settings, beside each other.
+
+    Prints the settings that differ, the evaluations with the difference and its interval, and how
+    soon each run got how far. Writes these, learning curves and the films as one HTML page.
+    Studies are compared where they have runs of the same cameras and reward.
+    """
     from needlehoop.study.data.records import read_run, read_study
     from needlehoop.study.render.figures import Drawn
     from needlehoop.study.render.style import save, styled
     from needlehoop.study.report import comparison
 
-    _no_more(options)
-    folders = [Path(_word(study)) for study in options.study]
+    folders = [Path(study) for study in _named(options)]
     runs = [folder for folder in folders if (folder / CONFIG).is_file()]
     if runs and len(runs) < len(folders):
         raise ValueError(f"{runs[0]} is a run, and others are studies; name one kind of them")
@@ -195,8 +153,8 @@ def _compare(options: argparse.Namespace) -> None:
             files = save(comparison.comparison_chart(one), out / one.file)
         charts.append(Drawn(one.file, f"{one.title}: learning curves.", tuple(files), None))
     page = out / "comparison.html"
-    command = f"needlehoop compare {' '.join(options.study)}"
-    comparison.write_comparison(found, tables, charts, page, command)
+    typed = f"needlehoop compare {' '.join(options.study)}"
+    comparison.write_comparison(found, tables, charts, page, typed)
     print(f"{page}; its tables and charts are beside it")
     for one in left_out:
         print(f"left out: {one}")
@@ -208,14 +166,22 @@ def _joint(names: list[str], word: str) -> str:
     return joint if len(joint) <= _LONGEST else f"{names[0]}{word}{len(names) - 1}_others"
 
 
-def _word(study: str) -> str:
-    """A study as it is named; an override is none."""
-    if "=" in study:
-        raise ValueError(f"{study!r} is not understood; it takes studies")
-    return study
+def _named(options: argparse.Namespace) -> list[str]:
+    """The studies that are named; a setting is none."""
+    for study in options.study:
+        if "=" in study:
+            raise ValueError(f"{study!r} is not understood; it takes studies")
+    return options.study
 
 
-def _status(options: argparse.Namespace) -> None:
+@command(_one_study("a study's folder", type=Path), KEYS)
+def status(options: argparse.Namespace) -> None:
+    """Show what of a study is done, running, stopped, failed or missing.
+
+    With the words of a sweep (experiment=table2 seed=0,1,2; or cams=… reward=… seed=…), its runs,
+    those included that nobody has started. Without, the runs that are there or that sweeps have
+    tried, and every seed of one for all others.
+    """
     from needlehoop.study.data.records import Study, read_study
     from needlehoop.study.data.sweeps import planned, read_job_ends
     from needlehoop.study.report.status import describe, standings
@@ -229,9 +195,13 @@ def _status(options: argparse.Namespace) -> None:
     print(describe(standings(study, ends, expected), study))
 
 
-def _top(options: argparse.Namespace) -> None:
-    _no_more(options)
-    findings, _ = _open(options.study, options.out)
+@command(
+    _one_study(),
+    argument("--count", type=int, metavar="N", help="how many (3, or all where there are fewer)"),
+)
+def top(options: argparse.Namespace) -> None:
+    """Print a study's best camera sets by measured return, as cams= takes them."""
+    findings, _ = _open(options.study, None)
     ranked = findings.ranked
     count = min(_TOP, len(ranked)) if options.count is None else options.count
     if not 1 <= count <= len(ranked):
@@ -255,12 +225,21 @@ def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:
 
 def _say_left_out(findings: StudyFindings) -> None:
     if findings.left_out:
-        print(f"left out: {len(findings.left_out)}")
-        for one in findings.left_out:
-            print(f"  {one}")
+        print(f"left out: {len(findings.left_out)}", *findings.left_out, sep="\n  ")
 
 
-def _no_more(options: argparse.Namespace) -> None:
-    """These commands take no overrides."""
-    if options.overrides:
-        raise ValueError(f"{options.overrides[0]!r} is not understood; it takes one study")
+@command(
+    _one_study("a study's folder, with policies", type=Path),
+    _out("a new folder (agents)", default=Path("agents")),
+)
+def pack(options: argparse.Namespace) -> None:
+    """Pack the trained agents of a study, one of each camera set, as files for a release.
+
+    A file of each: <cameras>.safetensors.xz, in bfloat16, 2 MiB at most. agents.csv says how often
+    each succeeds, and SHA256SUMS is for sha256sum -c. After xz --decompress agents/*.xz,
+    needlehoop.load_policy('dep_front+rgb_side') finds one.
+    """
+    from needlehoop.api.trained import pack
+
+    for path in pack(options.study, options.out):
+        print(f"{path}: {path.stat().st_size:,} bytes")

@@ -6,11 +6,11 @@ most command lines before the simulator and the agent are imported.
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,10 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop.config import composing, own_folder
-from needlehoop.runs.interruption import terminable
+from needlehoop.config import composing, options, own_folder
+from needlehoop.runs.machine import terminable
 from needlehoop.runs.reading import printable
-from needlehoop.training import sweep, sweep_checks
+from needlehoop.training import sweep
 
 KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
 """What tells of a mistake or of the machine: a line will do. All else is ours, with its trace."""
@@ -41,11 +41,11 @@ def run(words: Sequence[str], command: str) -> None:
     name = command.removeprefix("python ")
     words = [composing.quoted(word) for word in words]
     try:
-        given, folders = composing.prepare(words)
+        given, _ = composing.prepare(words)
         _check(given, words)
     except ValueError as error:
         sys.exit(f"{name}: {in_a_line(error)}")
-    if said := sweep_checks.reminder(given):
+    if said := sweep.reminder(given):
         print(f"{name}: {said}", file=sys.stderr)
 
     # A closure: the process of a launcher has another command line.
@@ -56,22 +56,19 @@ def run(words: Sequence[str], command: str) -> None:
         return _run_one(composed, command, given, own)
 
     # Hydra's parser takes settings in one piece, with nothing between them.
-    asked = [*own_folder.search_path(folders), *given, *sweep_checks.direction(given)]
-    sys.argv[1:] = sorted(asked, key=lambda word: word not in sweep_checks.MULTIRUN)
+    asked = [*given, *sweep.direction(given)]
+    sys.argv[1:] = sorted(asked, key=lambda word: word not in sweep.MULTIRUN)
     # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")(
-        job
-    )
+    main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")
     try:
         # A scheduler's SIGTERM stops a sweep as Ctrl-C does.
         with _in_a_line(name), terminable():
-            main()
+            main(job)()
     except KeyboardInterrupt:
-        sweeps = sweep_checks.MULTIRUN & set(given) or any("+experiment=" in word for word in given)
-        sys.exit(
-            f"{name}: stopped" + ("; the same command goes on with the sweep" if sweeps else "")
-        )
+        sweeps = sweep.MULTIRUN & set(given) or options.typed(given, "experiment")
+        more = "; the same command goes on with the sweep" if sweeps else ""
+        sys.exit(f"{name}: stopped{more}")
 
 
 @contextmanager
@@ -79,13 +76,9 @@ def _in_a_line(name: str) -> Iterator[None]:
     """Ends the process with one line for what is known to go wrong."""
     try:
         yield
-    except KNOWN as error:
-        sys.exit(f"{name}: {in_a_line(error)}")
-    except RuntimeError as error:
-        # Where there is one, it has been imported.
-        from needlehoop.rewards import RewardError
-
-        if not isinstance(error, RewardError):
+    except Exception as error:
+        # No reward is imported to tell whether it is what failed.
+        if not isinstance(error, KNOWN) and type(error).__name__ != "RewardError":
             raise
         sys.exit(f"{name}: {in_a_line(error)}")
 
@@ -99,11 +92,11 @@ def in_a_line(error: BaseException) -> str:
 def _check(words: Sequence[str], typed: Sequence[str]) -> None:
     """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
     for word in words:
-        sweep_checks.check_plugin(word)
+        sweep.check_plugin(word)
     flags = {word for word in words if word.startswith("-")}
-    if flags and flags <= sweep_checks.MULTIRUN:
-        composing.check_choice(word for word in words if word not in flags)
-    elif not flags and not any(word.startswith("+experiment=") for word in words):
+    if flags and flags <= sweep.MULTIRUN:
+        options.check_choice((word for word in words if word not in flags), composing.CONF)
+    elif not flags and not options.typed(words, "experiment"):
         composing.compose(typed, "config")
 
 
@@ -121,31 +114,23 @@ def _run_one(
         # Hydra would print all settings before it passed an error on.
         with _in_a_line(command.removeprefix("python ")):
             return begin(values, overrides, command)[1]
-    objective = math.nan
-
     words = [word for word in typed if not word.startswith("-")]
     values["label"] = sweep.label_of(values, words, own.sweeper.params or {}, own.overrides.task)
-
-    def share() -> str:
-        nonlocal objective
-        from needlehoop.training.options import check_options
-
-        check_options(values)
-        values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
-        if values["existing"] == "auto":
-            values["existing"] = "resume"
-        end, objective = begin(values, overrides, command)
-        return end
-
-    sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
-    return objective
+    values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
+    values["existing"] = "resume" if values["existing"] == "auto" else values["existing"]
+    share = partial(begin, values, overrides, command)
+    return sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
 
 
 def begin(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
+    """Do one run; how it ended, and its objective.
+
+    Raises:
+        ValueError: before anything heavy is imported, for what is wrong with its settings.
+    """
     from needlehoop.training.options import check_options
 
     check_options(values)
-    # What the line before refuses does not wait for this.
     from needlehoop.training.loop import start
 
     return start(values, overrides, command)

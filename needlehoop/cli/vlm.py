@@ -6,79 +6,24 @@ import argparse
 import json
 import re
 import sys
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.cli.command import add_command
+from needlehoop.cli.command import JSON, KEYS, argument, command
 from needlehoop.runs.reading import printable
 
 if TYPE_CHECKING:
     from needlehoop.vlm.inquiry import Inquiry
 
-_SHARED = (
-    "vlm=replay|gemini|openai|manual vlm.told=full|names|nothing study=main overwrite=false"
-    " attempts=3 size=384 vlm.recording=claude"
-)
+SUMMARY = "Ask a vision-language model about cameras and rewards; check reward programs."
 
 _PROGRAM = "FILE, flavour, study, recording, sample, unit"
 """The words of ``check`` that choose the program."""
 
-_STOPPED = 130
-"""Exit status of a command that Ctrl-C stopped."""
 
-
-def add_commands(commands: Any) -> None:
-    """Add ``vlm`` and its commands to the subparsers of ``needlehoop``."""
-    summary = "Ask a vision-language model about cameras and rewards; check reward programs."
-    parser = commands.add_parser("vlm", help=summary, description=summary)
-    below = parser.add_subparsers(dest="action", required=True)
-
-    def add(name: str, run: Callable[[argparse.Namespace], None], summary: str, keys: str) -> None:
-        add_command(below, name, partial(_stoppable, run), summary, keys)
-
-    summary = "Ask which views and renderings suit the task's parts."
-    add("question", _question, summary, f"shown=[rgb,dep,seg] {_SHARED}")
-    summary = "Ask for rankings of camera sets."
-    own = (
-        "lists=[[rgb_default,dep_front+seg_side]] samples=1 afresh=false sets=[rgb_front,…]"
-        " words=true group=5 rounds=4 pictures=FOLDER about=…"
-    )
-    add("rank", _rank, summary, f"{own} {_SHARED}")
-    summary = "Ask for a reward program for a camera set."
-    own = (
-        "cams=[dep_front,seg_side]|[…],[…]|all flavour=image|text samples=1 revise=RUN"
-        " gates.margin=2"
-    )
-    add("reward", _reward, summary, f"{own} {_SHARED}")
-    summary = "Compile a reward program, put it through the gates, print its card."
-    check = below.add_parser(
-        "check",
-        help=summary,
-        description=f"{summary} Exit status 1 where it is refused.",
-        epilog="Keys: gates.range=refuse|clip gates.margin=2 gates.audit=flag|refuse and the rest"
-        " of conf/gates; without FILE, cams=[dep_front,seg_side] flavour=image|text study=main"
-        " recording=paper sample=1; unit=0.1 (m per scene unit of the program); and all of"
-        " conf/env.yaml but the reward.",
-    )
-    check.add_argument("overrides", nargs="*", metavar="FILE | key=value")
-    check.add_argument("--json", action="store_true", help="print one line of JSON")
-    check.set_defaults(run=_check, command="vlm check")
-
-
-def _stoppable(
-    run: Callable[[argparse.Namespace], None], options: argparse.Namespace
-) -> int | None:
-    """Ctrl-C ends a command without loss: all answers so far are recorded."""
-    try:
-        return run(options)
-    except KeyboardInterrupt:
-        print("needlehoop vlm: stopped; the same command goes on", file=sys.stderr)
-        return _STOPPED
-
-
-def _question(options: argparse.Namespace) -> None:
+@command(KEYS, config="vlm_question", goes_on=True)
+def vlm_question(options: argparse.Namespace) -> None:
+    """Ask which views and renderings suit the task's parts."""
     from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, "vlm_question")
@@ -99,7 +44,9 @@ def _question(options: argparse.Namespace) -> None:
     _report(inquiry, "questions.csv")
 
 
-def _rank(options: argparse.Namespace) -> None:
+@command(KEYS, config="vlm_rank", goes_on=True)
+def vlm_rank(options: argparse.Namespace) -> None:
+    """Ask for rankings of camera sets."""
     from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, "vlm_rank")
@@ -132,38 +79,41 @@ def _rank(options: argparse.Namespace) -> None:
     _report(inquiry, f"rankings{how}.csv", f"agreement{how}.csv")
 
 
-def _reward(options: argparse.Namespace) -> None:
+@command(KEYS, config="vlm_reward", goes_on=True)
+def vlm_reward(options: argparse.Namespace) -> None:
+    """Ask for a reward program for a camera set.
+
+    cams=[…],[…] asks for one for each of several sets, cams=all for each of the paper's.
+    """
     from needlehoop.config import composing, strict
     from needlehoop.vlm.config import Gates, Samples
 
     # All camera sets are checked before the first is asked for.
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
-    flavour = strict.value(several[0], "flavour", str)
-    samples = strict.value(several[0], "samples", Samples)
-    revised = strict.value(several[0], "revise", str | None)
+    own = strict.read(several[0], flavour=str, samples=Samples, revise=str | None)
     for values in several:
         strict.as_type(values["gates"], Gates, "gates")
         _understood(values)
-    from needlehoop.training.missing_reward import rules_of
+    from needlehoop.training.which_run import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.record import RefusalError
     from needlehoop.vlm.writing import read_run
 
-    if revised is not None and (samples > 1 or len(several) > 1):
+    if own.revise is not None and (own.samples > 1 or len(several) > 1):
         raise ValueError("revise: one run for one camera set and one sample")
-    trained = None if revised is None else read_run(Path(revised), several[0]["size"])
+    trained = None if own.revise is None else read_run(Path(own.revise), several[0]["size"])
     rules, failed = None, []
     for values in several:
         with _open(values) as inquiry:
             if len(several) > 1:
                 print("+".join(values["cams"]))
-                if inquiry.has_rewards(flavour, samples) and not values["overwrite"]:
+                if inquiry.has_rewards(own.flavour, own.samples) and not values["overwrite"]:
                     print("  is there already")
                     continue
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                paths, comparison = inquiry.reward(flavour, rules, samples, trained)
+                paths, comparison = inquiry.reward(own.flavour, rules, own.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
@@ -230,7 +180,12 @@ def _report(inquiry: Inquiry, *written: str | Path) -> None:
     print(f"the paper:  {papers_totals()}")
 
 
-def _check(options: argparse.Namespace) -> int:
+@command(argument("overrides", nargs="*", metavar="FILE | key=value"), JSON, config="check")
+def vlm_check(options: argparse.Namespace) -> int:
+    """Compile a reward program, put it through the gates, print its card.
+
+    Exit status 1 where it is refused.
+    """
     from needlehoop.config import composing, strict
     from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
@@ -253,16 +208,13 @@ def _check(options: argparse.Namespace) -> int:
 
     settings = settings_from(values)
     gates = strict.as_type(values["gates"], Gates, "gates")
-    flavour, study, results = (
-        strict.value(values, key, str) for key in ("flavour", "study", "results")
-    )
-    recording = strict.value(values, "recording", str | None)
-    sample = strict.value(values, "sample", Count)
-    check_name("study", study)
+    kinds = {"flavour": str, "study": str, "results": str, "recording": str | None, "sample": Count}
+    own = strict.read(values, **kinds)
+    check_name("study", own.study)
     if files:
         source = read(Path(files[0]))
-    elif settings.cams or flavour == "text":
-        source = find(settings.cams, flavour, study, results, recording, sample)
+    elif settings.cams or own.flavour == "text":
+        source = find(settings.cams, **vars(own))
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
     source = scaled(source, strict.value(values, "unit", Positive | None), "unit")

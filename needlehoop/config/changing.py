@@ -14,7 +14,7 @@ from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from needlehoop.config import composing, own_folder, task_options
+from needlehoop.config import composing, options, own_folder
 from needlehoop.config.strict import shown
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
@@ -36,12 +36,9 @@ def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
     Args:
         command: its config, ``conf/<command>.yaml``, has the keys of its own.
     """
-    keys = {*_keys(command)}
-    own: list[str] = []
-    others: list[str] = []
-    for word in words:
-        (own if _top(word) in keys else others).append(word)
-    return own, others
+    given, keys = list(words), _keys(command)
+    own = [word for word in given if _top(word) in keys]
+    return own, [word for word in given if word not in own]
 
 
 def changed(
@@ -65,7 +62,7 @@ def changed(
         return dict(recorded), {}
     task = recorded["task"]["name"]
     rest, folders = composing.prepare(given, task, recorded.get("task_dir"))
-    composing.check_choice(rest)
+    options.check_choice(rest, CONF)
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
     chosen = {_top(word): word for word in rest if re.split("=", word.lstrip("+"))[0] in groups}
     base = dict(recorded)
@@ -81,9 +78,9 @@ def changed(
     defaults = [*({group: None} for group in chosen), "_self_"]
     ConfigStore.instance().store(name=RECORDED, node={"defaults": defaults, **node})
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        found = composing.compose_here([*rest, *own_folder.search_path(folders)], RECORDED)
+        found = composing.compose_here(rest, RECORDED)
     if "task" in chosen and found["task"].get("name") != task:
-        valid = ", ".join(task_options.variants(task, [CONF, *folders]))
+        valid = ", ".join(options.variants(task, [CONF, *folders]))
         raise ValueError(
             f"{chosen['task']} is another task than the run's, {task}; choose from {valid}"
         )
@@ -99,8 +96,20 @@ def changed(
 def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None) -> set[str]:
     """The first parts of the words' keys; arguments and errors as in ``changed``."""
     tops = {_top(word) for word in words} - {own_folder.KEY}
-    for top in tops:
-        _check(top, recorded, command)
+    valid = sorted({"views", "renderings", *_keys("env")} - _NO_CONDITIONS)
+    choose = f"choose from {', '.join(valid)}"
+    for top in tops - {*valid}:
+        if top in _SEEN:
+            raise ValueError(
+                f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))},"
+                f" and nothing else; {choose}"
+            )
+        if top in recorded or top in _NO_CONDITIONS:
+            raise ValueError(
+                f"{top}: it is no condition under which a trained agent acts; {choose}"
+            )
+        known = {*(_keys(command) if command else []), *valid}
+        raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted(known))}")
     return tops
 
 
@@ -113,23 +122,6 @@ def setting(word: str) -> tuple[str, str]:
 def _top(word: str) -> str:
     """The first part of a word's key."""
     return re.split(r"[=.]", word.lstrip("+"), maxsplit=1)[0]
-
-
-def _check(top: str, recorded: Mapping[str, Any], command: str | None) -> None:
-    """Raises ``ValueError`` for a top-level key that may not be changed."""
-    valid = sorted({"views", "renderings", *_keys("env")} - _NO_CONDITIONS)
-    if top in valid:
-        return
-    choose = f"choose from {', '.join(valid)}"
-    if top in _SEEN:
-        raise ValueError(
-            f"{top}: the agent's networks take what the run sees, {shown(recorded.get(top))}, and"
-            f" nothing else; {choose}"
-        )
-    if top in recorded or top in _NO_CONDITIONS:
-        raise ValueError(f"{top}: it is no condition under which a trained agent acts; {choose}")
-    keys = _keys(command) if command else []
-    raise ValueError(f"{top}: unknown key; choose from {', '.join(sorted({*keys, *valid}))}")
 
 
 def _keys(config: str) -> list[str]:

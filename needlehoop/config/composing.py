@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from needlehoop.config import camera_groups, own_folder, task_options
+from needlehoop.config import options, own_folder
 from needlehoop.runs.shipped import CONF
 
 _typed: set[str] | None = None
@@ -49,33 +49,18 @@ def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any
     Raises:
         ValueError: an unknown key, option or value; the message lists the valid ones.
     """
-    words, folders = prepare(overrides)
+    words, _ = prepare(overrides)
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose_here([*words, *own_folder.search_path(folders)], config)
+        return compose_here(words, config)
 
 
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
     """The same, where Hydra is set up and knows the options already."""
+    options.check_choice(overrides, CONF)
     try:
-        camera_groups.check_choice(overrides, CONF)
         return plain(hydra_compose(config, overrides=list(overrides)))
     except (HydraException, OmegaConfBaseException) as error:
-        message = _explain(error, config)
-        if not any(word.partition("=")[0].lstrip("+~") in message for word in overrides):
-            message += f" (in: {' '.join(overrides)})"
-        raise ValueError(message) from error
-
-
-def check_choice(words: Iterable[str]) -> None:
-    """Check the choices of options in the words of a sweep.
-
-    Raises:
-        ValueError: a bad choice, or a word is no override.
-    """
-    try:
-        camera_groups.check_choice(words, CONF)
-    except HydraException as error:
-        raise ValueError(_one_line(str(error))) from error
+        raise ValueError(options.of_words(_explain(error, config), overrides)) from error
 
 
 def in_brackets(words: Iterable[str]) -> list[str]:
@@ -120,9 +105,9 @@ def prepare(
     rest, folders = own_folder.part(words)
     folders += [] if task_dir is None else [Path(task_dir) / "conf"]
     allow_variables(rest)
-    camera_groups.register(rest, CONF, *folders)
-    task_options.register(rest, [CONF, *folders], task)
-    return in_brackets(rest), folders
+    options.register_cameras(rest, [CONF, *folders])
+    options.register_task(rest, [CONF, *folders], task)
+    return [*own_folder.search_path(folders), *in_brackets(rest)], folders
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
@@ -134,7 +119,7 @@ def plain(composed: DictConfig) -> dict[str, Any]:
     whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     assert isinstance(whole, dict)
     values = {str(key): value for key, value in whole.items()}
-    camera_groups.check_cameras(values.pop(camera_groups.CAMERAS, {}))
+    options.check_cameras(values.pop(options.CAMERAS, {}))
     return values
 
 
@@ -144,10 +129,12 @@ def _explain(error: Exception, config: str) -> str:
     if option := re.search(r"Could not load '([^']+)/[^']+'", text):
         # One of several options of a group; of a single one, Hydra itself lists the others.
         valid = GlobalHydra.instance().config_loader().get_group_options(option.group(1))
-        return f"{_one_line(text)} Available options in {option.group(1)!r}: {' '.join(valid)}"
+        return (
+            f"{options.one_line(text)} Available options in {option.group(1)!r}: {' '.join(valid)}"
+        )
     found = re.search(r"Could not override '([^']+)'", text)
     if not found:
-        return _one_line(text)
+        return options.one_line(text)
     here: Any = hydra_compose(config)
     known: list[str] = []
     for key in found.group(1).split("."):
@@ -155,13 +142,8 @@ def _explain(error: Exception, config: str) -> str:
             break
         if key not in here:
             where = ".".join(known) or "the top level"
-            valid = ", ".join(sorted({*map(str, here)} - {camera_groups.CAMERAS}))
+            valid = ", ".join(sorted({*map(str, here)} - {options.CAMERAS}))
             return f"{found.group(1)}: unknown key {key!r} in {where}; choose from {valid}"
         known.append(key)
         here = here[key]
-    return _one_line(text)
-
-
-def _one_line(text: str) -> str:
-    """Hydra's message without the folders it searched."""
-    return re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()
+    return options.one_line(text)

@@ -19,8 +19,7 @@ from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult
 
-from needlehoop.config import camera_groups
-from needlehoop.runs.reading import UnreadableError, read_yaml
+from needlehoop.config.options import options, read_option, typed
 from needlehoop.runs.shipped import CONF
 
 KEY, TASK_KEY = "conf_dir", "task_dir"
@@ -40,14 +39,9 @@ class BoundedSource(FileConfigSource):
     def load_config(self, config_path: str) -> ConfigResult:
         """Raises ``ValueError`` for a file that is no small mapping in YAML; names it."""
         file = Path(self.path) / self._normalize_file_name(config_path)
-        if file.exists():
-            try:
-                values = read_yaml(file)
-            except UnreadableError as error:
-                raise ValueError(f"{file} {error}") from error
-            # It is imported, and a file must not decide that.
-            if TASK_KEY in values:
-                raise ValueError(f"{file}: {TASK_KEY} counts only where you type it")
+        # It is imported, and a file must not decide that.
+        if file.exists() and TASK_KEY in read_option(file):
+            raise ValueError(f"{file}: {TASK_KEY} counts only where you type it")
         return super().load_config(config_path)
 
     def is_config(self, config_path: str) -> bool:
@@ -66,12 +60,11 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
             none named.
     """
     given = list(words)
-    own = [word for word in given if word.startswith(f"{KEY}=")]
-    folders = [Path(word.partition("=")[2]).expanduser().resolve() for word in own]
+    folders = [Path(path).expanduser().resolve() for path in typed(given, KEY)]
     for folder in folders:
         _check(folder, KEY)
-    rest = [word for word in given if word not in own]
-    chosen, task = task_folder(rest), task_words(rest)
+    rest = [word for word in given if not word.startswith(f"{KEY}=")]
+    chosen, task = task_folder(rest), typed(rest, "task")
     if chosen is not None:
         _check(chosen / "conf", TASK_KEY)
         rest = [word for word in rest if not word.startswith(f"{TASK_KEY}=")]
@@ -85,16 +78,11 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
 
 def task_folder(words: Iterable[str]) -> Path | None:
     """The folder that ``task_dir=`` names, if it does; of several the last."""
-    named = [word.partition("=")[2] for word in words if word.startswith(f"{TASK_KEY}=")]
+    named = typed(words, TASK_KEY)
     if not named or named[-1] in ("", "null"):
         return None
     plain = re.sub(r"^(['\"])(.*)\1$", r"\2", named[-1])
     return Path(plain).expanduser().resolve()
-
-
-def task_words(words: Iterable[str]) -> list[str]:
-    """What ``task=`` is in a command line."""
-    return [word.partition("=")[2] for word in words if word.lstrip("+").startswith("task=")]
 
 
 def search_path(folders: Iterable[Path]) -> list[str]:
@@ -141,7 +129,7 @@ def _check(folder: Path, key: str) -> None:
     for group in sorted(one.name for one in folder.iterdir() if one.is_dir()):
         if group not in valid:
             raise ValueError(f"{key}: {group!r} is no group; choose from {', '.join(valid)}")
-        ours = {*_files(CONF / group), *camera_groups.options(CONF, group)}
+        ours = {*_files(CONF / group), *options(CONF, group)}
         for name in sorted({*_files(folder / group)} & ours):
             raise ValueError(f"{key}: {group}/{name}.yaml: the name is taken; choose another")
 

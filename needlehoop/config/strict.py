@@ -38,17 +38,14 @@ class Range:
 
     def check(self, value: float) -> None:
         """Raises ``ValueError`` for a number out of the range."""
-        if value > self.low or (value == self.low and not self.above):
-            if value <= self.high:
-                return
+        if value > self.high:
             raise ValueError(f"{shown(value)} must be at most {self.high:g}")
-        if (self.low, self.above) == (0, True):
-            raise ValueError(f"{shown(value)} must be positive")
+        if value > self.low or (value == self.low and not self.above):
+            return
+        least = f"must be {'above' if self.above else 'at least'} {self.low:g}"
         if self.low == 0:
-            raise ValueError(f"{shown(value)} is negative; it must be at least 0")
-        raise ValueError(
-            f"{shown(value)} must be {'above' if self.above else 'at least'} {self.low:g}"
-        )
+            least = "must be positive" if self.above else f"is negative; it {least}"
+        raise ValueError(f"{shown(value)} {least}")
 
 
 class OneOf:
@@ -166,8 +163,6 @@ def _made(value: Any, kind: Any, path: str, wrong: list[str]) -> Any:
     if type(None) in inner:
         (other,) = (one for one in inner if one is not type(None))
         return None if value is None else _made(value, other, path, wrong)
-    if kind == tuple[str, ...]:
-        return _names(value)
     if origin is tuple:
         return _row(value, inner, path, wrong)
     if origin in (Mapping, dict):
@@ -209,18 +204,13 @@ def _hints(kind: Any) -> dict[str, Any]:
     return {f.name: found[f.name] for f in fields(kind)}
 
 
-def _names(value: Any) -> tuple[str, ...]:
-    """A list of names, also as one text with commas."""
-    names = value.split(",") if isinstance(value, str) else value
-    if not isinstance(names, list | tuple):
-        raise ValueError(f"{shown(value)} is no list of names")
-    return tuple(_text(name) for name in names)
-
-
 def _row(value: Any, kinds: tuple[Any, ...], path: str, wrong: list[str]) -> tuple[Any, ...]:
-    """``tuple[kind, ...]``, or as many values as a tuple has kinds."""
+    """``tuple[kind, ...]``, or as many values as a tuple has kinds; names also as ``a,b``."""
+    are_names = kinds == (str, Ellipsis)
+    if are_names and isinstance(value, str):
+        value = value.split(",")
     if not isinstance(value, list | tuple):
-        raise ValueError(f"{shown(value)} is no list")
+        raise ValueError(f"{shown(value)} is no list{' of names' if are_names else ''}")
     if kinds[-1] is Ellipsis:
         kinds = (kinds[0],) * len(value)
     if len(value) != len(kinds):

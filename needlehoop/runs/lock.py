@@ -8,6 +8,8 @@ import json
 import os
 import platform
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from needlehoop.runs.files import naming
@@ -22,8 +24,9 @@ class HeldError(ValueError):
     """Another process is at work in the folder; says which."""
 
 
-class Lock:
-    """Holds a folder for this process, from its making until ``release``.
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """A context in which no other process holds a folder; empty folders above it vanish after it.
 
     The lock is flock(2) on ``.<name>.lock`` beside the folder, so the folder may be made, moved
     and replaced meanwhile. The kernel releases it when the process ends, however it ends.
@@ -40,84 +43,66 @@ class Lock:
     Raises:
         HeldError: another process holds it.
     """
-
-    def __init__(self, folder: Path):
-        place = folder.resolve()
-        self._folder = folder
-        self._path = place.with_name(f".{place.name}.lock")
-        self._made = [above for above in place.parents if not above.exists()]
-        place.parent.mkdir(parents=True, exist_ok=True)
+    place = folder.resolve()
+    path = place.with_name(f".{place.name}.lock")
+    made = [above for above in place.parents if not above.exists()]
+    place.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        file = _taken(path, folder)
         try:
-            self._file = self._take()
-        except BaseException:
-            self._tidy()
-            raise
-
-    def release(self) -> None:
-        """Release the lock; remove its file, and empty folders that were made above it."""
-        if self._file >= 0:
-            # While it is held: whoever opened it before sees that it is gone.
-            self._path.unlink(missing_ok=True)
-            os.close(self._file)
-            self._file = -1
-            self._tidy()
-
-    def __enter__(self) -> Lock:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-    def _take(self) -> int:
-        while True:
-            file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+            yield
+        finally:
             try:
-                self._lock(file)
-                if _is(file, self._path):
-                    with naming(self._path):
-                        os.ftruncate(file, 0)
-                        os.pwrite(file, _note().encode(), 0)
-                    return file
-            except BaseException:
+                # While it is held: whoever opened it before sees that it is gone.
+                path.unlink(missing_ok=True)
+            finally:
                 os.close(file)
-                raise
-            # Its last holder took it away between our opening and locking it.
-            os.close(file)
+    finally:
+        # Those with something in them stay.
+        with suppress(OSError):
+            for above in made:
+                above.rmdir()
 
-    def _lock(self, file: int) -> None:
+
+def _taken(path: Path, folder: Path) -> int:
+    """The descriptor of a lock's file, which is locked and notes its holder."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            holder = _holder(file)
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                raise HeldError(self._refusal(*holder)) from error
-            if error.errno not in _MISSING:
-                with naming(self._path):
-                    raise
-            if holder[0] == platform.node() and _is_alive(holder[1]):
-                raise HeldError(self._refusal(*holder)) from error
-            print(
-                f"{self._path.parent}: its file system has no locks; do not work on"
-                f" {self._folder} from two machines",
-                file=sys.stderr,
-            )
-
-    def _refusal(self, host: str, process: int) -> str:
-        who = f"process {process} on {host}" if process else "another process"
-        return f"{self._folder} is in the hands of {who}; wait for it, or stop it first"
-
-    def _tidy(self) -> None:
-        for folder in self._made:
-            try:
-                folder.rmdir()
-            except OSError as error:
-                if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT):
-                    raise
-                return
+            with naming(path):
+                _lock(file, folder)
+                if _is(file, path):
+                    os.ftruncate(file, 0)
+                    note = {"host": platform.node(), "process": os.getpid()}
+                    os.pwrite(file, json.dumps(note).encode() + b"\n", 0)
+                    return file
+        except BaseException:
+            os.close(file)
+            raise
+        # Its last holder took it away between our opening and locking it.
+        os.close(file)
 
 
-def _note() -> str:
-    return json.dumps({"host": platform.node(), "process": os.getpid()}) + "\n"
+def _lock(file: int, folder: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        host, process = _holder(file)
+        is_here = host == platform.node() and _is_alive(process)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES) or (
+            error.errno in _MISSING and is_here
+        ):
+            who = f"process {process} on {host}" if process else "another process"
+            raise HeldError(
+                f"{folder} is in the hands of {who}; wait for it, or stop it first"
+            ) from error
+        if error.errno not in _MISSING:
+            raise
+        print(
+            f"{folder.parent}: its file system has no locks; do not work on {folder} from two"
+            " machines",
+            file=sys.stderr,
+        )
 
 
 def _holder(file: int) -> tuple[str, int]:
@@ -138,12 +123,8 @@ def _is(file: int, path: Path) -> bool:
 
 
 def _is_alive(process: int) -> bool:
-    if process < 1 or process == os.getpid():
-        return False
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True
+    except OSError as error:
+        return error.errno == errno.EPERM
+    return process != os.getpid()

@@ -1,13 +1,17 @@
-"""The machine that a process runs on, and what files note of it: commit, versions, time."""
+"""A process and its machine: what files note of them, and the signals that stop a process."""
 
 from __future__ import annotations
 
 import os
 import platform
 import resource
+import signal
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -74,3 +78,36 @@ def commit() -> str | None:
         return commit + ("+" if git("status", "--porcelain", "--", *source) else "")
     except (OSError, subprocess.CalledProcessError):
         return None
+
+
+@contextmanager
+def interruption() -> Iterator[threading.Event]:
+    """A context in which the first Ctrl-C or SIGTERM only sets the event; the second acts at once.
+
+    So a run can finish its buffer and write a checkpoint.
+    """
+    asked = threading.Event()
+
+    def note(number: int, frame: Any) -> None:
+        asked.set()
+        before.close()
+        print("\nstopping after this buffer; once more to stop at once", file=sys.stderr)
+
+    with ExitStack() as before:
+        for kind in (signal.SIGINT, signal.SIGTERM):
+            before.callback(signal.signal, kind, signal.signal(kind, note))
+        yield asked
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """A context in which SIGTERM raises ``KeyboardInterrupt``, as Ctrl-C does."""
+
+    def stop(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -60,16 +60,14 @@ def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> byte
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(descriptor, "rb") as file:
             state = os.fstat(descriptor)
-            if not stat.S_ISREG(state.st_mode):
-                raise UnreadableError("is no plain file")
+            is_plain = stat.S_ISREG(state.st_mode)
             # Some plain files, such as those of /proc, have more in them than they say.
-            data = file.read(most + 1) if state.st_size <= most else b""
-    except OSError as error:
-        raise UnreadableError(f"can't be read: {error.strerror}") from error
-    except ValueError as error:
-        if isinstance(error, UnreadableError):
-            raise
-        raise UnreadableError("can't be read: its name has a null character") from error
+            data = file.read(most + 1) if is_plain and state.st_size <= most else b""
+    except (OSError, ValueError) as error:
+        # ValueError: its name has a null character.
+        raise UnreadableError(f"can't be read: {getattr(error, 'strerror', error)}") from error
+    if not is_plain:
+        raise UnreadableError("is no plain file")
     if max(state.st_size, len(data)) > most:
         raise UnreadableError(f"is larger than {most:,} bytes")
     return data
@@ -127,7 +125,7 @@ def parse_json(text: str | bytes) -> Any:
         raise
     except (ValueError, RecursionError) as error:
         raise UnreadableError("is no JSON, or cut off") from error
-    check_depth(found)
+    _check_depth(found)
     return found
 
 
@@ -155,13 +153,13 @@ def read_yaml(path: Path, within: Path | None = None) -> dict[str, Any]:
     return _keys(found)
 
 
-def check_depth(value: Any, depth: int = 0) -> None:
+def _check_depth(value: Any, depth: int = 0) -> None:
     """Raises ``UnreadableError`` for lists and keys too deep within each other."""
     if depth > _DEPTH:
         raise UnreadableError("is too deep")
     if isinstance(value, dict | list):
         for inner in value.values() if isinstance(value, dict) else value:
-            check_depth(inner, depth + 1)
+            _check_depth(inner, depth + 1)
 
 
 def _keys(found: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import math
 import shlex
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from typing import Any
 
 import torch
@@ -24,8 +25,7 @@ from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger, build_logger
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
-from needlehoop.runs.interruption import Interruption, terminable
-from needlehoop.runs.machine import peak_memory
+from needlehoop.runs.machine import interruption, peak_memory, terminable
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
 from needlehoop.training.which_run import open_session
@@ -57,7 +57,7 @@ def train(
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
     shown = {"return": math.nan, "success": math.nan}
     bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
-    with bar, Interruption() as interruption:
+    with bar, interruption() as asked:
         for buffer, losses in learner:
             update = learner.done_updates
             _check_finite(losses, update)
@@ -81,7 +81,7 @@ def train(
                     _keep(job, run, learner.agent, BEST, evaluation)
 
             paused = until is not None and until <= learner.steps and update < job.updates
-            stopping = interruption.asked or paused
+            stopping = asked.is_set() or paused
             if stopping or update % job.checkpoint_every == 0 or update == job.updates:
                 wall = time.perf_counter() - began
                 run.save({"learner": learner.state_dict(), "update": update, "wall_time": wall})
@@ -90,7 +90,7 @@ def train(
                 break
     if learner.done_updates == job.updates:
         return "done"
-    return "stopped" if interruption.asked else "paused"
+    return "stopped" if asked.is_set() else "paused"
 
 
 def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
@@ -171,11 +171,10 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
     until, objective = values["until"], values["objective"]
     with open_session(values, overrides, command) as session:
         job, run = session.job, session.run
-        if session.is_finished:
+        if run.manifest().get("finished"):
             return "done before", _achieved(run, objective)
-        logger = build_logger(job, session.values, run.folder, session.steps)
-        try:
-            if session.is_trained:
+        with closing(build_logger(job, run.config(), run.folder, session.steps)) as logger:
+            if session.steps == job.updates * job.buffer:
                 end = "done"
             elif until is not None and until <= session.steps:
                 run.note(stopped=True)
@@ -192,8 +191,6 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
                     end = "stopped"
             print(f"{end}; go on with: {command} {shlex.quote(f'resume={run.folder}')}")
             return end, math.nan
-        finally:
-            logger.close()
 
 
 def _achieved(run: Run, objective: str) -> float:

@@ -4,45 +4,40 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Annotated, Any
 
 from needlehoop.config import strict
-from needlehoop.config.strict import OneOf, Range, shown
+from needlehoop.config.strict import OneOf, Range
 from needlehoop.learning.job import Job, typed_job
 from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
 
-
-@dataclass(frozen=True)
-class Options:
-    """What to do with a run that exists; values in ``conf/config.yaml``."""
-
-    resume: str | None
-    """The folder of a run to go on with; ``None``: the other settings name the run."""
-    overwrite: bool
-    """Whether it is set aside and a new run begins."""
-    existing: Annotated[str, OneOf("auto", "stop", "resume")]
-    until: Annotated[int, Range(1, 10**15)] | None
-    """Environment steps after which a run pauses."""
-    trust: bool
-    """Whether Python code that the files of ``resume`` name as its reward may run."""
-    objective: str
-    """The number of a finished run's evaluation that a search for settings makes high."""
-
-    def __post_init__(self) -> None:
-        if self.resume is not None and not self.resume.strip():
-            raise ValueError("resume: give the folder of a run")
+Steps = Annotated[int, Range(1, 10**15)]
 
 
-def check_options(values: Mapping[str, Any]) -> Options:
+def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
     """Check all settings of a training except its reward's program, which may not exist yet.
+
+    Returns:
+        What to do with a run that exists: ``resume``, ``overwrite``, ``existing``, ``until``,
+        ``trust`` and ``objective``, as ``conf/config.yaml`` explains them.
 
     Raises:
         ValueError: one of them is wrong, or they do not go together; says which.
     """
-    options = strict.as_type(values, Options)
+    options = strict.read(
+        values,
+        resume=str | None,
+        overwrite=bool,
+        existing=Annotated[str, OneOf("auto", "stop", "resume")],
+        until=Steps | None,
+        trust=bool,
+        objective=str,
+    )
+    if options.resume is not None and not options.resume.strip():
+        raise ValueError("resume: give the folder of a run")
     inquiry(values)
     strict.as_type(values["gates"], Gates, "gates")
     if options.resume is None:
@@ -59,9 +54,7 @@ def check_options(values: Mapping[str, Any]) -> Options:
 
 def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
     """How a reward would be asked for, and which model; errors as in ``check_options``."""
-    asking = values["asking"]
-    if not isinstance(asking, Mapping):
-        raise ValueError(f"asking: {shown(asking)} has no keys")
+    asking = strict.value(values, "asking", Mapping[str, Any])
     where = {name: values[name] for name in ("results", "study")}
     asked = strict.as_type({**where, **asking, "overwrite": False}, InquiryConfig)
     return asked, provider_config(values["vlm"])
@@ -69,11 +62,9 @@ def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
 
 def provider_config(values: Any) -> Any:
     """Who answers, from the group ``vlm``; errors as in ``check_options``."""
-    if not isinstance(values, Mapping):
-        raise ValueError(f"vlm: {shown(values)} has no keys")
-    return strict.as_type(
-        values, config_of(strict.structure(values.get("kind"), str, "vlm.kind")), "vlm"
-    )
+    given = strict.structure(values, Mapping[str, Any], "vlm")
+    kind = strict.structure(given.get("kind"), str, "vlm.kind")
+    return strict.structure(given, config_of(kind), "vlm")
 
 
 def check_memory(job: Job) -> None:

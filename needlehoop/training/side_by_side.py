@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from functools import partial
 from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 import cloudpickle
@@ -22,9 +22,10 @@ from hydra.core.utils import JobReturn, JobStatus
 from joblib import register_parallel_backend
 from joblib.parallel import ThreadingBackend
 
-from needlehoop.runs.interruption import terminable
+from needlehoop.runs.machine import terminable
 from needlehoop.runs.reading import printable
 
+_SPAWN = get_context("spawn")
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _STOPPED = 130
 """Exit status of a process whose run was stopped by a signal."""
@@ -40,7 +41,6 @@ class OwnProcesses(ThreadingBackend):
 
     def __init__(self, **kwargs: Any):
         super().__init__(**kwargs)
-        self._context = get_context("spawn")
         self._running: set[Any] = set()
         self._lock = threading.Lock()
         self._is_stopping = False
@@ -54,19 +54,28 @@ class OwnProcesses(ThreadingBackend):
 
         A second signal while runs finish their buffers stops them at once.
         """
-        self._ask_to_stop()
         try:
-            self._wait()
+            self._stop()
         except KeyboardInterrupt:
-            self._ask_to_stop()
-            self._wait()
+            self._stop()
         super().terminate()
+
+    def _stop(self) -> None:
+        """Ask all that runs to stop, and wait until it has."""
+        with self._lock:
+            self._is_stopping = True
+            running = [*self._running]
+        for process in running:
+            process.terminate()
+        for process in running:
+            # Not join: the thread that started it does that.
+            wait([process.sentinel])
 
     def _run(self, call: Callable[[], Any]) -> list[JobReturn]:
         # The process inherits the mask: at a terminal Ctrl-C is not for it, but for its parent.
         signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
-        receiver, sender = self._context.Pipe(duplex=False)
-        process = self._context.Process(target=_work, args=(cloudpickle.dumps(call), sender))
+        receiver, sender = _SPAWN.Pipe(duplex=False)
+        process = _SPAWN.Process(target=_work, args=(cloudpickle.dumps(call), sender))
         with self._lock:
             if self._is_stopping:
                 return []
@@ -87,20 +96,6 @@ class OwnProcesses(ThreadingBackend):
             # A killed process left its note as it was: the summary names the run.
             objective = math.nan
         return [JobReturn(status=JobStatus.COMPLETED, _return_value=objective)]
-
-    def _ask_to_stop(self) -> None:
-        with self._lock:
-            self._is_stopping = True
-            for process in self._running:
-                process.terminate()
-
-    def _wait(self) -> None:
-        with self._lock:
-            running = [*self._running]
-        for process in running:
-            # Not join: the thread that started it does that.
-            while process in self._running:
-                threading.Event().wait(0.05)
 
 
 def _work(call: bytes, sender: Connection) -> None:

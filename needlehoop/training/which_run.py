@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
+from needlehoop.config import strict
+from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.learning.job import Job, checked_job, typed_job
 from needlehoop.learning.learner import check_state
 from needlehoop.learning.subject import flown_job
-from needlehoop.runs.checkpoint import Checkpoint
+from needlehoop.rewards import written
 from needlehoop.runs.files import CHECKPOINT, CONFIG
-from needlehoop.runs.lock import Lock
+from needlehoop.runs.lock import held
 from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
-from needlehoop.training.missing_reward import ask_where_missing, objections
-from needlehoop.training.options import check_options
+from needlehoop.training.options import check_options, inquiry
+from needlehoop.vlm.card import card
+from needlehoop.vlm.config import Gates
+from needlehoop.vlm.inquiry import Inquiry
+from needlehoop.vlm.writing import ProgramRules, program_rules
 
 _OF_NO_CONSEQUENCE = (
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger", "wandb"),
@@ -36,44 +41,27 @@ _OF_ONE_RUN = {"resume", "overwrite", "existing", "until"}
 
 
 @dataclass(frozen=True)
-class Session(AbstractContextManager):
-    """A run to train; no other process writes into its folder until the context ends."""
+class Session:
+    """A run to train."""
 
     job: Job
     run: Run
-    values: dict[str, Any]
-    """The composed config that the run began with."""
-    state: dict[str, Any] | None
+    state: dict[str, Any] | None = None
     """Its checkpoint; ``None``: it begins."""
-    lock: Lock | None
-    """On its folder; ``None`` where nothing is left to do."""
     weights: dict[str, Any] | None = None
     """Weights of the agent that it begins with; ``None``: new ones."""
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if self.lock is not None:
-            if error is not None:
-                self.run.unmake()
-            self.lock.release()
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether nothing is left to do."""
-        return bool(self.run.manifest().get("finished"))
 
     @property
     def steps(self) -> int:
         """Environment steps that are done."""
         return 0 if self.state is None else self.state["update"] * self.job.buffer
 
-    @property
-    def is_trained(self) -> bool:
-        """Whether only the final evaluation is left to do."""
-        return self.state is not None and self.state["update"] == self.job.updates
 
-
-def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Session:
+@contextmanager
+def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Iterator[Session]:
     """The run that a composed config asks for; its folder is made.
+
+    No other process writes into the folder until the context ends, unless the run is finished.
 
     Args:
         command: the command before it: ``python train.py`` or ``needlehoop train``.
@@ -97,7 +85,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
                 "resume: a run goes on with its own settings; give no others with it, or begin"
                 f" another with its agent: {_with_agent(run, others, command)}"
             )
-        return _continue(run, asked.trust)
+        yield from _continued(run, asked.trust)
+        return
     # Everything else is checked before a model is asked for a program.
     ask_where_missing(values, typed_job({**values, "reward": rewards.NONE}).env)
     values = {**values, "reward": rewards.pin(values["reward"])}
@@ -109,23 +98,100 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         run = Run.open(folder)
         _check_same(run, values)
         # Its reward is the one that was typed, source included.
-        return _continue(run, trust=True, again=True)
+        yield from _continued(run, trust=True, again=True)
+        return
     weights = None if job.init is None else initial_weights(job)
     against = objections(values, job.env)
     if against:
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
-    lock = Lock(folder)
-    try:
+    with held(folder):
         reward = rewards.text(rewards.load(job.env.reward, job.env.definition))
         run = Run.create(folder, _plain(values), reward, asked.overwrite)
-        # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
-        words = [*command.removeprefix("python ").split(), *overrides]
-        run.note(task=task_note(job.env.definition), command=words, gates=against)
-    except BaseException:
-        lock.release()
-        raise
-    return Session(job, run, values, None, lock, weights)
+        try:
+            # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
+            words = [*command.removeprefix("python ").split(), *overrides]
+            run.note(task=task_note(job.env.definition), command=words, gates=against)
+            yield Session(job, run, weights=weights)
+        except BaseException:
+            run.unmake()
+            raise
+
+
+def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
+    """The rest of a run, for ``open_session``.
+
+    Args:
+        again: whether one that ended before its first checkpoint begins again.
+
+    Raises:
+        ValueError: something in its folder is damaged, or another process is at work there.
+    """
+    values = run.config()
+    job, _ = flown_job(values, (), trust)
+    if run.manifest().get("finished"):
+        yield Session(job, run)
+        return
+    with held(run.folder):
+        path = run.folder / CHECKPOINT
+        if again and not run.manifest().get("steps") and not path.exists():
+            run.go_on(None)
+            run.note(**provenance(), wall_time=0.0, stopped=False)
+            weights = None if job.init is None else initial_weights(job)
+            yield Session(job, run, weights=weights)
+            return
+        checkpoint = run.checkpoint()
+        if other := _differing(checkpoint.config, values):
+            raise ValueError(
+                f"{path} was trained with another {other} than {CONFIG} has now; put the"
+                " file back, or begin a run of its own with study="
+            )
+        state = checkpoint.state
+        check_state(path, state, job)
+        run.go_on(checkpoint)
+        run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
+        yield Session(job, run, state)
+
+
+def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
+    """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
+
+    It is kept in the study's folder, where the reward looks for it. ``vlm=replay`` is not asked:
+    it has only what is recorded.
+
+    Args:
+        settings: its scene and cameras, with any reward.
+
+    Raises:
+        ValueError: no key, or a value that is not valid.
+        RewardError: no reply, or no program that was accepted.
+    """
+    reward: Mapping[str, Any] = values["reward"]
+    if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
+        return
+    asked, provider = inquiry(values)
+    try:
+        with Inquiry(settings, asked, provider) as opened:
+            flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
+            paths, _ = opened.reward(flavour, rules_of(values), sample)
+    except RuntimeError as error:
+        raise rewards.RewardError(f"reward: no program was written: {error}") from error
+    print(f"reward written to {paths[-1]}")
+
+
+def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
+    """What the gates refuse or flag in a training's reward; nothing where it is no program."""
+    reward = rewards.load(settings.reward, settings.definition)
+    if not isinstance(reward, written.Written):
+        return []
+    found = card(reward.program, settings, strict.as_type(values["gates"], Gates, "gates"))
+    return [*(f"refused, {one}" for one in found.reasons), *found.flags]
+
+
+def rules_of(values: Mapping[str, Any]) -> ProgramRules:
+    """The language of rewards and its judge, for a composed config."""
+    gates = strict.as_type(values["gates"], Gates, "gates")
+    return program_rules(settings_from(dict(values)), gates)
 
 
 def _with_agent(run: Run, words: list[str], command: str) -> str:
@@ -139,40 +205,6 @@ def _with_agent(run: Run, words: list[str], command: str) -> str:
     return f"{command} {shlex.join([*kept, *new])}"
 
 
-def _continue(run: Run, trust: bool, again: bool = False) -> Session:
-    """The rest of a run.
-
-    Args:
-        again: whether one that ended before its first checkpoint begins again.
-
-    Raises:
-        ValueError: something in its folder is damaged, or another process is at work there.
-    """
-    values = run.config()
-    job, _ = flown_job(values, (), trust)
-    if run.manifest().get("finished"):
-        return Session(job, run, values, None, None)
-    lock = Lock(run.folder)
-    try:
-        begun = run.manifest().get("steps")
-        if again and not begun and not (run.folder / CHECKPOINT).exists():
-            run.go_on(None)
-            run.note(**provenance(), wall_time=0.0, stopped=False)
-            weights = None if job.init is None else initial_weights(job)
-            return Session(job, run, values, None, lock, weights)
-        checkpoint = run.checkpoint()
-        path = run.folder / CHECKPOINT
-        _check_config(path, checkpoint, values)
-        check_state(path, checkpoint.state, job)
-        run.go_on(checkpoint)
-        state = checkpoint.state
-        run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
-        return Session(job, run, values, state, lock)
-    except BaseException:
-        lock.release()
-        raise
-
-
 def task_note(task: Task) -> dict[str, Any]:
     """What studies need of a task, as plain values: they read files and import no task."""
     return {
@@ -182,16 +214,6 @@ def task_note(task: Task) -> dict[str, Any]:
         "phases": [[phase.name, phase.ends] for phase in task.phases],
         "cheat": task.cheat is not None,
     }
-
-
-def _check_config(path: Path, checkpoint: Checkpoint, values: Mapping[str, Any]) -> None:
-    """Raises ``ValueError`` if a checkpoint was trained with other settings than its run has."""
-    other = _differing(checkpoint.config, values)
-    if other:
-        raise ValueError(
-            f"{path} was trained with another {other} than {CONFIG} has now; put the"
-            " file back, or begin a run of its own with study="
-        )
 
 
 def _check_same(run: Run, values: Mapping[str, Any]) -> None:

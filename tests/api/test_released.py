@@ -11,7 +11,7 @@ import pytest
 from tiny_runs import TINY, composed, run_composed
 
 import needlehoop
-from needlehoop.api import released
+from needlehoop.api import trained as agents_of_runs
 from needlehoop.cli.main import main
 
 IMAGES = [*(word for word in TINY if not word.startswith("obs")), "image_size=16"]
@@ -78,7 +78,7 @@ def test_what_cannot_be_packed_is_said_and_leaves_nothing(trained, tmp_path, mon
     assert "no finished run has a policy.safetensors" in capsys.readouterr().err
     assert main(["pack", str(trained), "--out", "mine"]) == 2
     assert "--out: 'mine' exists" in capsys.readouterr().err
-    monkeypatch.setattr(released, "_LARGEST", 1_000)
+    monkeypatch.setattr(agents_of_runs, "_LARGEST", 1_000)
     assert main(["pack", str(trained)]) == 2
     assert "a released agent may have 1,000" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "mine"]

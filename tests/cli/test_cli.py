@@ -1,5 +1,6 @@
 """The commands, as typed."""
 
+import inspect
 import json
 import os
 import subprocess
@@ -8,10 +9,13 @@ import sys
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from needlehoop.cli import look
+from needlehoop.cli.command import COMMANDS
 from needlehoop.cli.main import main
+from needlehoop.runs.shipped import CONF
 
 
 def test_snapshot_writes_the_contact_sheet(tmp_path, capsys):
@@ -201,6 +205,19 @@ def test_view_without_a_display_says_so(capsys, monkeypatch):
     assert "no display" in capsys.readouterr().err
 
 
+def test_help_says_what_a_command_does_and_shows_its_keys(capsys):
+    for name, command in COMMANDS.items():
+        with pytest.raises(SystemExit) as stopped:
+            main([*name.split(), "--help"])
+        assert stopped.value.code == 0
+        shown = capsys.readouterr().out
+        assert inspect.getdoc(command.run).split()[0] in shown, name
+        keys = yaml.safe_load((CONF / f"{command.config or 'env'}.yaml").read_text())
+        # Those of every environment are only named.
+        own = {*keys} - {"defaults"} if command.config not in (None, "env") else ()
+        assert [key for key in own if f"\n{key}:" not in shown] == [], name
+
+
 def test_an_unknown_option_is_refused(capsys):
     with pytest.raises(SystemExit) as stopped:
         main(["expert", "--jsn"])
@@ -223,10 +240,10 @@ def test_a_reader_that_goes_ends_a_command_without_a_word():
 
 
 def test_another_pipe_that_breaks_is_an_error(monkeypatch, capfd):
-    def broken(options):
+    def broken(*_):
         raise BrokenPipeError(32, "Broken pipe")
 
-    monkeypatch.setattr(look, "_signals", broken)
+    monkeypatch.setattr(look, "environment", broken)
     assert main(["signals"]) == 2
     assert "Broken pipe" in capfd.readouterr().err
 

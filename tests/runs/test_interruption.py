@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from needlehoop.runs.interruption import Interruption
+from needlehoop.runs.machine import interruption
 
 KINDS = (signal.SIGINT, signal.SIGTERM)
 
@@ -33,11 +33,11 @@ def installed() -> list[object]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_first_signal_only_asks(kind, handlers, capsys):
-    with Interruption() as interruption:
-        assert not interruption.asked
+    with interruption() as asked:
+        assert not asked.is_set()
         assert all(ours is not found for ours, found in zip(handlers, installed(), strict=True))
         os.kill(os.getpid(), kind)
-        assert interruption.asked
+        assert asked.is_set()
     assert "once more to stop at once" in capsys.readouterr().err
     assert installed() == handlers
 
@@ -48,7 +48,7 @@ def test_the_first_signal_only_asks(kind, handlers, capsys):
 )
 def test_the_second_acts_at_once_and_the_handlers_are_put_back(first, second, raised, handlers):
     def signalled() -> None:
-        with Interruption():
+        with interruption():
             signal.raise_signal(first)
             signal.raise_signal(second)
 
@@ -58,6 +58,6 @@ def test_the_second_acts_at_once_and_the_handlers_are_put_back(first, second, ra
 
 
 def test_the_handlers_are_put_back_after_an_error_that_passes_through(handlers):
-    with pytest.raises(OSError, match="disk"), Interruption():
+    with pytest.raises(OSError, match="disk"), interruption():
         raise OSError("disk")
     assert installed() == handlers

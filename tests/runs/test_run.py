@@ -98,15 +98,12 @@ def test_overwrite_begins_anew_and_keeps_what_was_there_under_a_number(run, fold
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_a_run_begins_where_one_died_in_the_making_or_nothing_is(folder, overwrite):
-    (folder / "empty").mkdir(parents=True)
-    assert Run.create(folder / "empty", VALUES, "", overwrite).config() == VALUES
-    (folder / "dead").mkdir()
-    names = {REWARD, MANIFEST, "reward.txt.partial"}
-    for name in names:
-        (folder / "dead" / name).write_text("half a run")
-    assert Run.create(folder / "dead", VALUES, "", overwrite).config() == VALUES
-    assert {path.name for path in (folder / "dead.1").iterdir()} == names
+def test_a_run_begins_where_nothing_is_or_one_died_in_the_making(folder, overwrite):
+    folder.mkdir(parents=True)
+    (folder.parent / ".seed0.new").mkdir()
+    (folder.parent / ".seed0.new" / REWARD).write_text("half a run")
+    assert Run.create(folder, VALUES, "", overwrite).config() == VALUES
+    assert [path.name for path in folder.parent.iterdir()] == ["seed0"]
 
 
 @pytest.mark.parametrize("name", [REWARD, MANIFEST, CONFIG])

@@ -19,7 +19,6 @@ import torch
 from strength import ALL, CRASH_POINTS
 from tiny_runs import PLACE, TINY, composed, outcome, refusal, run_composed, run_train
 
-from needlehoop.runs import lock
 from needlehoop.runs import run as run_files
 
 SWEEP_POINTS = max(2, CRASH_POINTS // 6)
@@ -68,16 +67,9 @@ def _writes(given: tuple[Any, ...], named: dict[str, Any]) -> bool:
 
 @contextmanager
 def machine(at: int = 0) -> Iterator[Machine]:
-    """One that counts, or kills; what its dead process held is free afterwards."""
-    own, held = Machine(at), []
-    real_take = lock.Lock._take
-
-    def take(self: lock.Lock) -> int:
-        held.append(real_take(self))
-        return held[-1]
-
+    """One that counts, or kills. What its dead process held is free afterwards: it is closed."""
+    own = Machine(at)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lock.Lock, "_take", take)
         for module, names in OPERATIONS.items():
             for name in names:
                 real = getattr(module, name)
@@ -85,12 +77,7 @@ def machine(at: int = 0) -> Iterator[Machine]:
         try:
             yield own
         except Killed:
-            for descriptor in held:
-                try:
-                    os.close(descriptor)
-                except OSError:
-                    # It let go before it died.
-                    continue
+            return
 
 
 def killed(run: Callable[[], None], at: int) -> bool:

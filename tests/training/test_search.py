@@ -10,7 +10,7 @@ import pytest
 import yaml
 from tiny_runs import TINY, refusal
 
-from needlehoop.training import sweep_checks
+from needlehoop.training import sweep
 
 ROOT = Path(__file__).parents[2]
 SEARCH = [
@@ -49,9 +49,9 @@ def test_a_search_finds_the_trial_with_the_highest_objective(tmp_path, more):
 
 def test_a_search_makes_its_objective_high_unless_told_otherwise():
     search = ["-m", "hydra/sweeper=optuna"]
-    assert sweep_checks.direction(search) == ["hydra.sweeper.direction=maximize"]
-    assert sweep_checks.direction([*search, "hydra.sweeper.direction=minimize"]) == []
-    assert sweep_checks.direction(["-m", "seed=0,1"]) == []
+    assert sweep.direction(search) == ["hydra.sweeper.direction=maximize"]
+    assert sweep.direction([*search, "hydra.sweeper.direction=minimize"]) == []
+    assert sweep.direction(["-m", "seed=0,1"]) == []
 
 
 def test_an_objective_is_a_number_of_evaluations(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ import pytest
 from tiny_runs import TINY
 
 from needlehoop.runs.files import OUTCOME
-from needlehoop.runs.lock import Lock
+from needlehoop.runs.lock import held
 from needlehoop.training.sweep import attempt, summary
 
 ROOT = Path(__file__).parents[2]
@@ -85,16 +85,17 @@ def test_a_killed_worker_costs_its_run_and_sigterm_stops_the_others_in_order(tmp
     for seed in (1, 2):
         assert manifest(tmp_path, seed)["stopped"] is True
     for seed in (0, 1, 2):
-        Lock(folder(tmp_path, seed)).release()
+        with held(folder(tmp_path, seed)):
+            pass
 
 
 def test_the_summary_names_a_killed_run(tmp_path):
     note = {"run": "seed=0", "cameras": "signals", "reward": "sparse", "seed": 0}
 
-    def killed() -> str:
+    def killed() -> tuple[str, float]:
         (tmp_path / "1").mkdir()
         (tmp_path / "1" / OUTCOME).write_text((tmp_path / "0" / OUTCOME).read_text())
-        return "done"
+        return "done", 0.5
 
     (tmp_path / "0").mkdir()
     attempt(killed, tmp_path / "0", note)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -225,9 +226,9 @@ def test_the_hint_at_the_end_is_true_of_the_settings(settings, hint):
 def test_a_stopped_run_is_noted_and_stops_the_sweep(tmp_path):
     for job in ("0", "1", "2", "10"):
         (tmp_path / job).mkdir()
-    sweep.attempt(lambda: "done before", tmp_path / "0", {"run": "seed=0"})
+    sweep.attempt(lambda: ("done before", 0.5), tmp_path / "0", {"run": "seed=0"})
     with pytest.raises(KeyboardInterrupt):
-        sweep.attempt(lambda: "stopped", tmp_path / "1", {"run": "seed=1"})
+        sweep.attempt(lambda: ("stopped", math.nan), tmp_path / "1", {"run": "seed=1"})
     # Killed before, and while, it wrote its note.
     (tmp_path / "10" / "outcome.json").write_text('{"run": ')
     lines, failed = sweep.summary(tmp_path)

@@ -6,7 +6,7 @@ import pytest
 from tiny_runs import run_train
 
 from needlehoop.cli.main import main
-from needlehoop.training import sweep, sweep_checks
+from needlehoop.training import sweep
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def started(monkeypatch, tmp_path) -> list[str]:
     ],
 )
 def test_a_pair_after_m_is_told_from_two_runs(words, said):
-    line = sweep_checks.reminder(words.split())
+    line = sweep.reminder(words.split())
     if said is None:
         assert line is None
     else:
@@ -117,8 +117,8 @@ def test_an_install_trains_with_the_same_command(started, monkeypatch, capfd):
 def test_a_launcher_that_is_not_installed_names_its_extra(name, monkeypatch):
     words = ["-m", "cams=[seg_side]", f"hydra/launcher={name}"]
     for word in words:
-        sweep_checks.check_plugin(word)
-    monkeypatch.setattr(sweep_checks, "find_spec", lambda _: None)
+        sweep.check_plugin(word)
+    monkeypatch.setattr(sweep, "find_spec", lambda _: None)
     with pytest.raises(SystemExit) as refused:
         run_train(*words)
     assert f"pip install 'needlehoop[{name}]'" in str(refused.value)

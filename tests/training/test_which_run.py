@@ -14,7 +14,7 @@ import yaml
 from tiny_runs import PLACE, TINY, composed, outcome, run_composed, run_train
 
 from needlehoop.runs import run as run_files
-from needlehoop.runs.lock import HeldError, Lock
+from needlehoop.runs.lock import HeldError, held
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_run_whose_files_lag_behind_its_checkpoint_goes_on_to_the_same_bits(fo
 
 def test_a_run_under_way_is_left_alone(folder):
     before = kept(folder)
-    with Lock(folder):
+    with held(folder):
         for words in (
             [f"resume={folder}"],
             [*TINY, "overwrite=true"],
@@ -103,7 +103,7 @@ def test_a_run_under_way_is_left_alone(folder):
 @pytest.mark.full
 def test_two_sweeps_share_a_study(folder, capfd):
     words = ["-m", *TINY, "seed=0,1"]
-    with Lock(folder), pytest.raises(SystemExit) as caught:
+    with held(folder), pytest.raises(SystemExit) as caught:
         run_train(*words)
     assert caught.value.code == 1
     said = capfd.readouterr().out

@@ -23,7 +23,7 @@ from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
 from needlehoop.training import loop as page
-from needlehoop.training import missing_reward, which_run
+from needlehoop.training import which_run
 from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.writing import ProgramRules
 
@@ -51,7 +51,7 @@ def values(source: str) -> list[float]:
 @pytest.fixture(autouse=True)
 def rules(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     rules = ProgramRules(0.0, 9.0, judge, values)
-    monkeypatch.setattr(missing_reward, "rules_of", lambda _: rules)
+    monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
 
 
 @pytest.fixture(scope="module")
@@ -524,7 +524,7 @@ def test_a_mistake_is_one_message_that_names_the_key(study, capsys, server):
     for arguments, said in MISTAKES:
         assert main(["vlm", *arguments]) == 2, arguments
         error = capsys.readouterr().err
-        assert error.startswith("needlehoop vlm: ")
+        assert error.startswith(f"needlehoop vlm {arguments[0]}: ")
         assert said in error
     assert server.requests == []
 
