@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
-from needlehoop.study.data.contents import check_picture
+from needlehoop.study.data.contents import check_media
 from needlehoop.study.data.paper import HUMAN, LISTS, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.render.stress import stress_figure
@@ -283,7 +283,7 @@ def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
     if not source.exists():
         return Drawn("contact_sheet", caption, (), how)
     try:
-        check_picture(source)
+        check_media(source)
     except UnreadableError as error:
         return Drawn("contact_sheet", caption, (), f"{source} {error}; {how} overwrite=true")
     folder.mkdir(parents=True, exist_ok=True)

@@ -334,7 +334,7 @@ def _facts(runs: Sequence[Record]) -> list[str]:
 
 
 def _has(run: Record, column: str) -> bool:
-    return run.metrics is not None and column in run.metrics.columns
+    return run.metrics is not None and column in run.metrics
 
 
 def _at(run: Record, column: str, steps: int) -> float | None:

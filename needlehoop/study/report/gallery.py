@@ -12,7 +12,7 @@ from typing import Any
 
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
-from needlehoop.study.data.contents import check_picture
+from needlehoop.study.data.contents import check_media
 from needlehoop.study.data.paper import reward_order
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.stats.findings import Result, StudyFindings
@@ -90,7 +90,7 @@ def tiles_of(study: Study | None) -> tuple[dict[str, str], list[str]]:
             if path is None:
                 problems.append(f"no picture of {name}")
             else:
-                check_picture(path)
+                check_media(path)
                 found[name] = inline(path)
         except UnreadableError as error:
             problems.append(f"{path} {error}; remove it, and it is drawn anew")

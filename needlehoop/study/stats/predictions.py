@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from needlehoop.runs.files import EXPERT
-from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS, VLM, Answers, read_answers
+from needlehoop.study.data.contents import read_entries
 from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import Final, final
 from needlehoop.study.stats.statistics import estimate, rate
@@ -31,6 +30,14 @@ _PROBE = Path("probe/ranking.csv")
 
 _STUDIES = {"imitation": IMITATION, "fast": FAST}
 """Studies that predict what others measure, by their folders beside them."""
+
+
+@dataclass(frozen=True)
+class _Probed:
+    """A row of the probe's table."""
+
+    cameras: str
+    score: float
 
 
 @dataclass(frozen=True)
@@ -130,7 +137,8 @@ def predictions(
         return tuple(found), left_out
     if (results / _PROBE).exists():
         try:
-            found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
+            scores = {one.cameras: one.score for one in read_entries(results / _PROBE, _Probed)}
+            found.append(scored(PROBE, scores, lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
     for name, who in _STUDIES.items():
@@ -197,18 +205,3 @@ def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Predicti
         for cameras, own in ends.items()
     }
     return scored(who, scores, lists)
-
-
-def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:
-    """The probe's scores by set; its table has the sets' labels.
-
-    Raises:
-        UnreadableError: it is no table of the probe's.
-    """
-    rows = list(csv.DictReader(io.StringIO(read_text(path))))
-    try:
-        scores = {row["cameras"]: float(row["score"]) for row in rows}
-    except (KeyError, TypeError, ValueError) as error:
-        raise UnreadableError("is no ranking of a probe") from error
-    names = {name for members in lists for name in members}
-    return {name: scores[name] for name in names if name in scores}

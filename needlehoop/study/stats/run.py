@@ -126,7 +126,7 @@ def final(run: Record) -> Final | None:
 
     return Final(
         value=mean("return"),
-        human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
+        human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows else None,
         shares={name: mean(name) for name in run.task.columns},
         episodes=int(episodes.sum()),
         steps=newest,
@@ -156,7 +156,7 @@ def grid_of(runs: Iterable[Record]) -> np.ndarray:
     """Steps for the curves of runs, some with metrics, from 0 to what the longest has."""
     own = list(runs)
     # No more points than buffers, or a short run's line has stairs.
-    buffers = max(len(run.metrics) for run in own if run.metrics is not None)
+    buffers = max(len(run.metrics["step"]) for run in own if run.metrics is not None)
     return np.linspace(0, max(run.steps for run in own), min(_POINTS, buffers) + 1)
 
 
@@ -178,7 +178,7 @@ def steps_to_share(run: Record, column: str, share: float) -> float | None:
 
     ``None`` where it never is, or where the run has no metrics with this column.
     """
-    if run.metrics is None or column not in run.metrics.columns:
+    if run.metrics is None or column not in run.metrics:
         return None
     steps = run.metrics["step"]
     # Before that, the mean is of too few episodes.
