@@ -17,8 +17,7 @@ from needlehoop.study.render.curves import MissingDataError, draw_panel, name_en
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
-from needlehoop.study.report.gallery import Films, filmed_run
-from needlehoop.study.report.page import render, shown_figure, write_with_films
+from needlehoop.study.report.page import films_of, write_page
 from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
     BUFFERS,
@@ -264,17 +263,10 @@ def write_comparison(
         out: an HTML file; films for which it has no room are linked to from its folder.
         made: the command that makes this page, for the record.
     """
-    names = [*dict.fromkeys(name for one in found for name in one.runs)]
-    shown = [(one, [shown_figure(chart)]) for one, chart in zip(found, charts, strict=True)]
-
-    def page(films: Films) -> str:
-        title = " and ".join(names)
-        return render(
-            "comparison.html", title=title, tables=tables, shown=shown, films=films, made=made
-        )
-
-    filmed = [map(filmed_run, one.runs.values()) for one in found]
-    write_with_films(page, [[run.video for run in own if run and run.video] for own in filmed], out)
+    title = " and ".join(dict.fromkeys(name for one in found for name in one.runs))
+    shown = [*zip(found, charts, strict=True)]
+    films = [films_of(one.runs.values()) for one in found]
+    write_page("comparison.html", out, films, title=title, tables=tables, shown=shown, made=made)
 
 
 def comparison_chart(one: Comparison) -> Figure:

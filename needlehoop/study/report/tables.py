@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -470,10 +470,10 @@ def _agreed(found: Agreement | None, remark: str = "") -> Row:
     }
 
 
-def list_name(findings: StudyFindings, members: frozenset[str]) -> str:
+def list_name(findings: StudyFindings, members: Iterable[str]) -> str:
     """A list's name; a list that is not the paper's is named by what is in it."""
     names = {frozenset(own): LISTS.get(name) for name, own in findings.lists.items()}
-    return names.get(members) or ", ".join(sorted(members))
+    return names.get(frozenset(members)) or ", ".join(sorted(members))
 
 
 def improvements(findings: StudyFindings) -> Table:

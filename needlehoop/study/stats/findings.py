@@ -13,7 +13,7 @@ import numpy as np
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers, read_answers
-from needlehoop.study.data.paper import HUMAN
+from needlehoop.study.data.paper import HUMAN, reward_order
 from needlehoop.study.data.records import LeftOut, Record, Study, read_study
 from needlehoop.study.stats.predictions import (
     IMITATION,
@@ -96,6 +96,13 @@ class StudyFindings:
     def ranked(self) -> tuple[Result, ...]:
         """Results with the main reward, the best first."""
         return tuple(result for result in self.results if result.reward == self.main_reward)
+
+    @property
+    def by_reward(self) -> dict[str, list[Result]]:
+        """Results by reward: first the one under which cameras are compared."""
+        rewards = {result.reward for result in self.results}
+        order = sorted(rewards, key=lambda own: (own != self.main_reward, reward_order(own)))
+        return {own: [one for one in self.results if one.reward == own] for own in order}
 
     @property
     def lists(self) -> dict[str, tuple[str, ...]]:
