@@ -6,7 +6,7 @@ import pytest
 from study_files import write_study
 
 from needlehoop.study.render.curves import MissingDataError
-from needlehoop.study.render.stress import stress_figure
+from needlehoop.study.render.figures import stress_figure
 from needlehoop.study.report import tables
 from needlehoop.study.stats.findings import study_findings
 from needlehoop.study.stats.stress import robustness

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.curves import MissingDataError, draw_panel, name_ends, smoothed
+from needlehoop.study.render.curves import MissingDataError, draw_panels, name_ends
 from needlehoop.study.render.figures import Drawn
-from needlehoop.study.render.style import new_figure, short
+from needlehoop.study.render.style import in_percent, new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
 from needlehoop.study.report.page import films_of, write_page
 from needlehoop.study.stats.findings import Result, result_of
@@ -25,9 +25,9 @@ from needlehoop.study.stats.run import (
     RETURN,
     SUCCESS,
     final,
-    grid_of,
     has_curve,
     share_at,
+    smooth,
     steps_to_share,
 )
 from needlehoop.study.stats.statistics import (
@@ -272,23 +272,20 @@ def write_comparison(
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
     runs = one.every
-    steps = grid_of(runs)
     shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
-    drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
+    drawn = [column for column in shown if all(column in (run.metrics or ()) for run in runs)]
     if not drawn:
         raise MissingDataError("no learning curves")
     figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
+    lines = [(short(name), own, number) for number, (name, own) in enumerate(one.runs.items())]
     ends = []
-    for axes, (column, text) in zip(grid[:, 0], drawn.items(), strict=True):
+    for axes, column in zip(grid[:, 0], drawn, strict=True):
         if column != "return":
-            axes.set_ylim(-0.03, 1.03)
-            axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-        lines = [(short(study), own, i) for i, (study, own) in enumerate(one.runs.items())]
-        smoothly = partial(smoothed, column=column)
-        ends.append(draw_panel(axes, steps, lines, smoothly, f"{text} in training"))
+            in_percent(axes, room=0.03)
+        words = f"{shown[column]} in training"
+        ends += draw_panels([axes], [("", lines)], partial(smooth, column=column), words)
     grid[0, 0].set_title(short(one.title))
-    grid[-1, 0].set_xlabel("environment steps, millions")
-    name_ends(figure, grid[:, 0], ends, steps[-1])
+    name_ends(figure, grid[:, 0], ends)
     return figure
 
 
@@ -325,14 +322,8 @@ def _facts(runs: Sequence[Record]) -> list[str]:
     return [*dict.fromkeys([*ends, *(run.task.goal for run in runs)])]
 
 
-def _has(run: Record, column: str) -> bool:
-    return run.metrics is not None and column in run.metrics
-
-
 def _at(run: Record, column: str, steps: int) -> float | None:
-    if not _has(run, column):
-        return None
-    value = float(share_at(run, column, np.array([float(steps)]))[0])
+    value = float(share_at(run, np.array([float(steps)]), column)[0])
     return None if np.isnan(value) else value
 
 

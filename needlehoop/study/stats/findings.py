@@ -143,24 +143,14 @@ class StudyFindings:
         return {name: float(iqm(np.array(own))) for name, own in self.by_set(measure).items()}
 
     @property
-    def rankings(self) -> tuple[Prediction, ...]:
-        """Predictions, then measurements."""
-        lists = self.lists.values()
-        found = [*self.predictions]
-        for who, values in self._measured_here.items():
-            ours = scored(who, values, lists, whole=False)
-            found += [ours] if who == MEASURED or ours.lists else []
-        if self.is_papers:
-            found.append(scored(PAPERS_MEASURED, paper.measured(), lists))
-        return tuple(found)
-
-    @property
     def truths(self) -> dict[str, Mapping[str, float]]:
         """What predictions are held against: values by camera set, by what they are.
 
         Imitation predicts, and is predicted: what flies ranks cameras as well.
         """
-        found = dict(self._measured_here)
+        found: dict[str, Mapping[str, float]] = {}
+        if self.study is not None:
+            found = {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
         for one in self.predictions:
@@ -169,11 +159,14 @@ class StudyFindings:
         return found
 
     @property
-    def _measured_here(self) -> dict[str, Mapping[str, float]]:
-        """By final return, and over training; nothing of the paper's."""
-        if self.study is None:
-            return {}
-        return {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
+    def rankings(self) -> tuple[Prediction, ...]:
+        """Predictions, then measurements."""
+        found, lists = [*self.predictions], self.lists.values()
+        for who, values in self.truths.items():
+            one = scored(who, values, lists, whole=who == PAPERS_MEASURED)
+            if who != IMITATION and (one.lists or who != TRAINING.name):
+                found.append(one)
+        return tuple(found)
 
     def predictions_of(self, truth: str) -> list[Prediction]:
         """Those that are held against one of ``truths``; the paper's returns against ours."""

@@ -87,14 +87,17 @@ def recorded_answers() -> tuple[Answers, ...]:
     return tuple(found)
 
 
-def _asked_otherwise(who: str, folder: Path, within: str) -> tuple[list[Prediction], list[LeftOut]]:
-    """Rankings of the same model that were asked for in other ways."""
-    found, left_out = [], []
+def _said_by(
+    who: str, answers: Answers | None, folder: Path, within: str
+) -> tuple[list[Prediction], list[LeftOut]]:
+    """A model's rankings, and those of the same model that were asked for in other ways."""
+    found = [said(who, answers)] if answers and answers.rankings else []
+    left_out = []
     for how, name in LESS.items():
-        answers, unread = read_answers(folder, within, name)
+        other, unread = read_answers(folder, within, name)
         left_out += [one for one in unread if one.path.name == name]
-        if answers is not None and answers.rankings:
-            found.append(said(f"{who}, {how}", answers))
+        if other is not None and other.rankings:
+            found.append(said(f"{who}, {how}", other))
     return found, left_out
 
 
@@ -123,14 +126,13 @@ def predictions(
     if papers:
         found = [said(PAPERS_VLM, paper.answers())]
         for answers in recorded_answers():
-            otherwise, unread = _asked_otherwise(answers.source, RECORDINGS / answers.source, ".")
-            found += [said(answers.source, answers), *otherwise]
+            told, unread = _said_by(answers.source, answers, RECORDINGS / answers.source, ".")
+            found += told
             left_out += unread
-    mine = [] if own is None or not own.rankings else [said(OWN_VLM, own)]
+    mine, unread = [], []
     if measured is not None:
-        otherwise, unread = _asked_otherwise(OWN_VLM, results / measured, VLM)
-        mine += otherwise
-        left_out += unread
+        mine, unread = _said_by(OWN_VLM, own, results / measured, VLM)
+    left_out += unread
     # A study that replays a recording says nothing that is not there already.
     found += [one for one in mine if all(one.lists != other.lists for other in found)]
     if not papers:
@@ -190,18 +192,19 @@ def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Predicti
 
     Imitation by success, since no reward taught it; the others by final return.
     """
+    imitated = who == IMITATION
     ends: dict[str, list[Final]] = {}
     for run in read_study(folder).runs:
-        # Of a labelled run, other settings than its cameras may have decided.
-        if run.config.get("label") is not None:
-            continue
         end = final(run)
-        if (run.place.reward == EXPERT) == (who == IMITATION) and end is not None and end.finished:
+        # Of a labelled run, other settings than its cameras may have decided.
+        if end is None or not end.finished or run.config.get("label") is not None:
+            continue
+        if (run.place.reward == EXPERT) == imitated:
             ends.setdefault(run.place.cameras, []).append(end)
     scores = {
-        cameras: rate([end.success for end in own], [end.episodes for end in own]).value
-        if who == IMITATION
-        else estimate([[end.value for end in own]]).value
+        cameras: rate([end.success for end in own], [end.episodes for end in own])
+        if imitated
+        else estimate([[end.value for end in own]])
         for cameras, own in ends.items()
     }
-    return scored(who, scores, lists)
+    return scored(who, {cameras: one.value for cameras, one in scores.items()}, lists)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from needlehoop.study.data.contents import ALL, NONE
+from needlehoop.study.data.contents import ALL, NONE, Stressed
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.statistics import SeedEstimate, rate
 
@@ -22,6 +24,8 @@ class Robustness:
     result: Result
     success: dict[tuple[str, int], SeedEstimate]
     """By axis and severity, as far as all these runs were tested."""
+    mean: SeedEstimate | None
+    """Success at ``SEVERITY``, the mean over axes."""
 
     @property
     def name(self) -> str:
@@ -43,39 +47,33 @@ class Robustness:
     def axes(self) -> dict[str, SeedEstimate]:
         """Success at ``SEVERITY`` by axis, the worst first."""
         own = {
-            axis: one
-            for (axis, severity), one in self.success.items()
-            if severity == SEVERITY and axis not in (NONE, ALL)
+            axis: self.success[axis, level] for axis, level in self.success if _summed(axis, level)
         }
         return dict(sorted(own.items(), key=lambda item: item[1].value))
 
-    @property
-    def mean(self) -> SeedEstimate | None:
-        """Success at ``SEVERITY``, the mean over axes."""
-        shares, episodes = [], []
-        for run in self.result.runs:
-            own = [row for row in run.stress if row.axis in self.axes and row.severity == SEVERITY]
-            if own:
-                shares.append(float(np.mean([row.success for row in own])))
-                episodes.append(sum(row.episodes for row in own))
-        return rate(shares, episodes) if shares else None
+
+def _summed(axis: str, severity: int) -> bool:
+    return severity == SEVERITY and axis not in (NONE, ALL)
 
 
 def robustness(findings: StudyFindings) -> list[Robustness]:
     """Every camera set with a stressed run, the best mean at ``SEVERITY`` first."""
-    found = [one for result in findings.results if (one := _of(result)) is not None]
+    found = []
+    for result in findings.results:
+        runs = [run.stress for run in result.runs if run.stress]
+        by: defaultdict[tuple[str, int], list[Stressed]] = defaultdict(list)
+        for row in chain(*runs):
+            by[row.axis, row.severity].append(row)
+        success = {key: _rate(own) for key, own in by.items() if len(own) == len(runs)}
+        if (NONE, 0) not in success:
+            continue
+        shown = {key for key in success if _summed(*key)}
+        axes = [own for run in runs if (own := [r for r in run if (r.axis, r.severity) in shown])]
+        shares = [float(np.mean([row.success for row in own])) for own in axes]
+        episodes = [sum(row.episodes for row in own) for own in axes]
+        found.append(Robustness(result, success, rate(shares, episodes) if shares else None))
     return sorted(found, key=lambda one: -(one.mean.value if one.mean else 0.0))
 
 
-def _of(result: Result) -> Robustness | None:
-    runs = [run for run in result.runs if run.stress]
-    by: defaultdict[tuple[str, int], list[tuple[float, int]]] = defaultdict(list)
-    for run in runs:
-        for row in run.stress:
-            by[row.axis, row.severity].append((row.success, row.episodes))
-    whole = {
-        key: rate([share for share, _ in own], [n for _, n in own])
-        for key, own in by.items()
-        if len(own) == len(runs)
-    }
-    return Robustness(result, whole) if (NONE, 0) in whole else None
+def _rate(rows: Sequence[Stressed]) -> SeedEstimate:
+    return rate([row.success for row in rows], [row.episodes for row in rows])
