@@ -45,7 +45,7 @@ def checked(kind: Any, value: Any) -> Any:
     try:
         return TypeAdapter(kind).validate_python(value)
     except ValidationError as error:
-        odd = (".".join(map(str, one["loc"])) for one in error.errors())
+        odd = (".".join(map(str, one["loc"])) or "rows" for one in error.errors())
         raise UnreadableError(f"has no usable {', '.join(dict.fromkeys(odd))}") from error
 
 

@@ -24,7 +24,7 @@ from needlehoop.study.stats.run import (
     CHEAT,
     RETURN,
     SUCCESS,
-    final,
+    Measure,
     has_curve,
     share_at,
     smooth,
@@ -51,7 +51,6 @@ _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engin
 
 _SD = "return_sd"
 
-_SUCCESS, _RETURN = Column.of(SUCCESS), Column.of(RETURN)
 _MILLIONS = Column("", "M steps", ".2f", 1e-6)
 
 
@@ -144,29 +143,23 @@ def outcomes(found: Sequence[Comparison], of: str) -> Table:
     """
     rows: list[Row] = []
     for one in found:
-        bases: list[SeedEstimate] | None = None
+        first: dict[Measure, SeedEstimate] = {}
         for name, runs in one.runs.items():
-            place = runs[0].place
-            row: Row = {**_place_of(runs[0]), Column(of): name}
-            pairs = [(run, end) for run in runs if (end := final(run)) is not None]
-            result = result_of(place.cameras, place.reward, pairs) if pairs else None
-            own = result and [_success(result), _over_episodes(result)]
-            bases = bases or own
-            success, returned = own or (None, None)
-            base_success, base_return = bases or (None, None)
-            if place.reward != one.every[0].place.reward:
-                # Points of another reward.
-                base_return = None
+            result = result_of(runs)
+            own = _measured(result) if result else {}
+            first = first or own
+            # Points of another reward are not compared.
+            same = runs[0].place.reward == one.every[0].place.reward
+            success = own.get(SUCCESS)
             rows.append(
-                row
-                | {
-                    Column("runs"): len(pairs) or None,
+                {
+                    **_place_of(runs[0]),
+                    Column(of): name,
+                    Column("runs"): result and len(result.runs),
                     Column("episodes"): result and sum(end.episodes for end in result.finals),
-                    _SUCCESS: success and _shown(success.value, success.interval),
-                    _less(_SUCCESS): _beyond(success, base_success),
+                    **_beside(SUCCESS, success, first.get(SUCCESS)),
                     Column.of(CHEAT): result and result.cheat and result.cheat.value,
-                    _RETURN: returned and _shown(returned.value, returned.interval),
-                    _less(_RETURN): _beyond(returned, base_return),
+                    **_beside(RETURN, own.get(RETURN), first.get(RETURN) if same else None),
                     Column("intervals"): success and success.interval and success.interval.over,
                 }
             )
@@ -186,16 +179,13 @@ def _place_of(run: Record) -> Row:
     }
 
 
-def _less(column: Column) -> Column:
-    """The column of differences of a column's numbers."""
-    return replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
-
-
-def _beyond(own: SeedEstimate | None, base: SeedEstimate | None) -> Estimated | None:
-    """How far a value is from another one."""
-    if own is None or base is None or own is base:
-        return None
-    return _shown(own.value - base.value, difference(base, own))
+def _beside(measure: Measure, own: SeedEstimate | None, first: SeedEstimate | None) -> Row:
+    """A value, and how far it is from the first named's."""
+    column, beyond = Column.of(measure), None
+    if own is not None and first is not None and own is not first:
+        beyond = _shown(own.value - first.value, difference(first, own))
+    less = replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
+    return {column: own and _shown(own.value, own.interval), less: beyond}
 
 
 def progress(found: Sequence[Comparison], of: str = "study") -> Table:
@@ -215,7 +205,7 @@ def progress(found: Sequence[Comparison], of: str = "study") -> Table:
             **{column: steps_to_share(run, *stone) for column, stone in milestones.items()},
             replace(_MILLIONS, name="compared after"): one.steps,
             **{Column.share(fact): _at(run, fact, one.steps) for fact in facts},
-            _RETURN: _at(run, "return", one.steps),
+            Column.of(RETURN): _at(run, "return", one.steps),
         }
         for one in found
         for study, runs in one.runs.items()
@@ -294,21 +284,15 @@ def _shown(value: float, interval: Interval | None) -> Estimated:
     return Estimated(value, interval and replace(interval, over=OVER_SEEDS))
 
 
-def _success(result: Result) -> SeedEstimate:
-    """Every run says how often it succeeds."""
-    assert result.success is not None
-    return result.success
-
-
-def _over_episodes(result: Result) -> SeedEstimate:
-    """The final return; of one run, with an interval over its episodes."""
-    (run, *others), found = result.runs, result.value
+def _measured(result: Result) -> dict[Measure, SeedEstimate]:
+    """Final success and return; the return of one run has an interval over its episodes."""
+    success, value, (run, *others) = result.success, result.value, result.runs
     spread = (run.evaluation or {}).get(_SD)
-    if others or not run.finished or not isinstance(spread, int | float):
-        return found
-    half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
-    ends = Interval(found.value - half, found.value + half, OVER_EPISODES)
-    return replace(found, interval=ends)
+    if not others and run.finished and isinstance(spread, int | float):
+        half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
+        ends = Interval(value.value - half, value.value + half, OVER_EPISODES)
+        value = replace(value, interval=ends)
+    return {RETURN: value} | ({SUCCESS: success} if success else {})
 
 
 def _brief(value: str | None) -> str | None:

@@ -200,19 +200,14 @@ def study_findings(folder: Path) -> StudyFindings:
     lists = [*lists_of(answers, papers).values()]
     foretold, unreadable = predictions(answers, home.parent, lists, home.name, papers)
     left_out = [*study.left_out, *unread, *unreadable]
-    results = []
-    for (cameras, reward), runs in groupby(
-        study.runs, key=lambda run: (run.place.cameras, run.place.reward)
-    ):
-        pairs = []
-        for run in runs:
-            if (found := final(run)) is None:
-                where = run.folder.relative_to(folder)
-                left_out.append(LeftOut(where, "not evaluated yet: it has no final value"))
-            else:
-                pairs.append((run, found))
-        if pairs:
-            results.append(result_of(cameras, reward, pairs))
+    groups = groupby(study.runs, key=lambda run: (run.place.cameras, run.place.reward))
+    results = [one for _, runs in groups if (one := result_of([*runs])) is not None]
+    counted = {run.place for result in results for run in result.runs}
+    left_out += [
+        LeftOut(run.folder.relative_to(folder), "not evaluated yet: it has no final value")
+        for run in study.runs
+        if run.place not in counted
+    ]
     return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
 
 
@@ -244,15 +239,18 @@ def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
     return tuple(sorted(results, key=lambda one: (-one.value.value, one.cameras, one.reward)))
 
 
-def result_of(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
-    """The result of runs with one camera set and one reward, and their final values."""
-    finals = tuple(found for _, found in pairs)
+def result_of(runs: Sequence[Record]) -> Result | None:
+    """The result of runs with one camera set and one reward; ``None`` if none has a final value."""
+    known = [(run, found) for run in runs if (found := final(run)) is not None]
+    if not known:
+        return None
+    counted, finals = zip(*known, strict=True)
     episodes = [found.episodes for found in finals]
     cheats = [found.cheat for found in finals if found.cheat is not None]
     return Result(
-        cameras,
-        reward,
-        tuple(run for run, _ in pairs),
+        runs[0].place.cameras,
+        runs[0].place.reward,
+        counted,
         finals,
         value=estimate([[found.value for found in finals]]),
         success=rate([found.success for found in finals], episodes),
