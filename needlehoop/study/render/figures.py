@@ -31,9 +31,8 @@ from needlehoop.study.render.style import (
     short,
     styled,
 )
-from needlehoop.study.stats.findings import Result, StudyFindings
-from needlehoop.study.stats.statistics import ENOUGH, SeedEstimate, no_interval
-from needlehoop.study.stats.stress import robustness
+from needlehoop.study.stats.findings import Result, StudyFindings, robustness
+from needlehoop.study.stats.statistics import ENOUGH, Interval, SeedEstimate, no_interval
 
 CONTACT_SHEET = "contact_sheet.png"
 """In a study's folder; only the simulator can make one, so it is copied."""
@@ -94,26 +93,27 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     Raises:
         MissingDataError: no run says how often it succeeds.
     """
-    results = [r for r in findings.results if r.success is not None and r.cheat is not None]
+    results = [
+        (one.success, one.cheat, one)
+        for one in findings.results
+        if one.success is not None and one.cheat is not None
+    ]
     if not results:
         raise MissingDataError("no success and cheat rates")
-    results.sort(key=lambda r: (-_value(r.success), _value(r.cheat), r.cameras, r.reward))
-    figure, grid = new_figure(17 + _ROW * len(results))
-    axes = grid[0, 0]
-    _rows(axes, [_name(result, findings) for result in results])
-    for estimates, sign, colour in (
-        ([r.success for r in results], 1, SUCCESS),
-        ([r.cheat for r in results], -1, CHEAT),
-    ):
-        for y, found in enumerate(estimates):
-            assert found is not None
+    results.sort(key=lambda own: (-own[0].value, own[1].value, own[2].cameras, own[2].reward))
+    successes, cheats, shown = zip(*results, strict=True)
+    figure, ((axes,),) = new_figure(17 + _ROW * len(shown))
+    _rows(axes, [_name(result, findings) for result in shown])
+    for rates, sign, colour in ((successes, 1, SUCCESS), (cheats, -1, CHEAT)):
+        for y, found in enumerate(rates):
             axes.barh(y, sign * found.value, height=0.66, color=colour)
-            beyond = max(found.value, _high(found))
-            if ends := found.interval:
-                axes.plot([sign * ends.low, sign * ends.high], [y, y], color=INK, linewidth=0.8)
+            low, high = _ends(found)
+            if found.interval:
+                axes.plot([sign * low, sign * high], [y, y], color=INK, linewidth=0.8)
             if found.value > 0:
                 said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
-                axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
+                beyond = max(found.value, high) + 0.03
+                axes.text(sign * beyond, y, said, va="center", ha=side, fontsize=6)
     axes.axvline(0, color=INK, linewidth=0.6)
     axes.spines["left"].set_visible(False)
     # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
@@ -239,11 +239,11 @@ def _bars(
     """Bars with intervals, and their values in units of ``1 / unit`` beside the axes."""
     for y, found in enumerate(estimates):
         axes.barh(y, found.value, height=0.66, color=colour, alpha=0.75)
-        if ends := found.interval:
+        if found.interval:
             # In front of the paper's mark, which would hide a narrow one.
-            axes.plot([ends.low, ends.high], [y, y], color=INK, linewidth=0.9, zorder=6)
-    lowest = min(0.0, *(e.interval.low if e.interval else e.value for e in estimates))
-    highest = max(full, *(max(e.value, _high(e)) for e in estimates))
+            axes.plot(_ends(found), [y, y], color=INK, linewidth=0.9, zorder=6)
+    lowest = min(0.0, *(_ends(one)[0] for one in estimates))
+    highest = max(full, *(max(one.value, _ends(one)[1]) for one in estimates))
     axes.set_xlim(lowest, highest)
     for y, found in enumerate(estimates):
         said = form.format(unit * found.value)
@@ -255,12 +255,10 @@ def _name(result: Result, findings: StudyFindings) -> str:
     return result.cameras if own else f"{result.cameras}: {reward_label(result.reward)}"
 
 
-def _value(found: SeedEstimate | None) -> float:
-    return 0.0 if found is None else found.value
-
-
-def _high(found: SeedEstimate) -> float:
-    return found.interval.high if found.interval else 0.0
+def _ends(found: SeedEstimate) -> tuple[float, float]:
+    """Of the interval; of a value without one, the value twice."""
+    ends = found.interval or Interval(found.value, found.value)
+    return ends.low, ends.high
 
 
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -221,18 +221,25 @@ def progress(found: Sequence[Comparison], of: str = "study") -> Table:
 
 def differences(found: Sequence[Comparison], of: str = "study") -> Table:
     """Settings and commits in which the studies or runs differ; seeds where they are runs."""
-    runs: dict[str, list[Record]] = {}
-    for one in found:
-        for study, own in one.runs.items():
-            runs.setdefault(study, []).extend(own)
     hidden = {*_WHICH, *(["seed"] if of == "study" else [])}
-    values = {study: _values(own, hidden) for study, own in runs.items()}
+    names = dict.fromkeys(name for one in found for name in one.runs)
     rows: list[Row] = []
-    for key in sorted({key for own in values.values() for key in own}):
-        line = [own.get(key) for own in values.values()]
+    settings = {
+        name: [
+            {**run.settings, "commit": str(run.manifest.get("commit", ""))}
+            for one in found
+            for run in one.runs.get(name, ())
+        ]
+        for name in names
+    }
+    every = {key for own in settings.values() for one in own for key in one}
+    for key in sorted(every - hidden):
+        # Where runs of a study differ among themselves, all its values.
+        told = [dict.fromkeys(one[key] for one in own if key in one) for own in settings.values()]
+        line = [" / ".join(values) if values else None for values in told]
         if len({*line}) > 1:
-            columns = map(Column, ("setting", *values))
-            rows.append(dict(zip(columns, map(_brief, (key, *line)), strict=True)))
+            cells = map(_brief, (key, *line))
+            rows.append(dict(zip(map(Column, ("setting", *names)), cells, strict=True)))
     note = "Empty: a setting that did not exist when the run was made."
     return Table.of("settings", "What differs", rows, note)
 
@@ -309,14 +316,3 @@ def _facts(runs: Sequence[Record]) -> list[str]:
 def _at(run: Record, column: str, steps: int) -> float | None:
     value = float(share_at(run, np.array([float(steps)]), column)[0])
     return None if np.isnan(value) else value
-
-
-def _values(runs: Sequence[Record], hidden: Set[str]) -> dict[str, str]:
-    """Each setting of a study's runs; where they differ among themselves, all its values."""
-    found: dict[str, dict[str, None]] = {}
-    for run in runs:
-        settings = {**run.settings, "commit": str(run.manifest.get("commit", ""))}
-        for key, value in settings.items():
-            if key not in hidden:
-                found.setdefault(key, {})[value] = None
-    return {key: " / ".join(own) for key, own in found.items()}

@@ -21,11 +21,10 @@ from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
 from needlehoop.study.report.tables import all_tables, list_name, reached
-from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import RETURN, final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
-from needlehoop.study.stats.stress import SEVERITY, robustness
 
 CAMERAS = "cameras"
 """A study's folder with what an agent sees through each camera; for the paper's task, beside it."""

@@ -17,7 +17,7 @@ from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.render.table import Cell, Column, Of, Row, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
-from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_answers
 from needlehoop.study.stats.run import (
     BEST,
@@ -38,7 +38,6 @@ from needlehoop.study.stats.statistics import (
     improvement,
     no_interval,
 )
-from needlehoop.study.stats.stress import SEVERITY, robustness
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""

@@ -88,17 +88,16 @@ def recorded_answers() -> tuple[Answers, ...]:
 
 
 def _said_by(
-    who: str, answers: Answers | None, folder: Path, within: str
-) -> tuple[list[Prediction], list[LeftOut]]:
+    who: str, answers: Answers | None, folder: Path, within: str, left_out: list[LeftOut]
+) -> list[Prediction]:
     """A model's rankings, and those of the same model that were asked for in other ways."""
     found = [said(who, answers)] if answers and answers.rankings else []
-    left_out = []
     for how, name in LESS.items():
         other, unread = read_answers(folder, within, name)
         left_out += [one for one in unread if one.path.name == name]
         if other is not None and other.rankings:
             found.append(said(f"{who}, {how}", other))
-    return found, left_out
+    return found
 
 
 def predictions(
@@ -125,26 +124,20 @@ def predictions(
     left_out: list[LeftOut] = []
     if papers:
         found = [said(PAPERS_VLM, paper.answers())]
-        for answers in recorded_answers():
-            told, unread = _said_by(answers.source, answers, RECORDINGS / answers.source, ".")
-            found += told
-            left_out += unread
-    mine, unread = [], []
+        for told in recorded_answers():
+            found += _said_by(told.source, told, RECORDINGS / told.source, ".", left_out)
     if measured is not None:
-        mine, unread = _said_by(OWN_VLM, own, results / measured, VLM)
-    left_out += unread
-    # A study that replays a recording says nothing that is not there already.
-    found += [one for one in mine if all(one.lists != other.lists for other in found)]
-    if not papers:
-        return tuple(found), left_out
-    if (results / _PROBE).exists():
+        mine = _said_by(OWN_VLM, own, results / measured, VLM, left_out)
+        # A study that replays a recording says nothing that is not there already.
+        found += [one for one in mine if all(one.lists != other.lists for other in found)]
+    if papers and (results / _PROBE).exists():
         try:
             scores = {one.cameras: one.score for one in read_entries(results / _PROBE, _Probed)}
             found.append(scored(PROBE, scores, lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
     for name, who in _STUDIES.items():
-        if name != measured and (results / name).is_dir():
+        if papers and name != measured and (results / name).is_dir():
             found.append(_trained(who, results / name, lists))
     return tuple(one for one in found if one.lists), left_out
 

@@ -112,6 +112,7 @@ def final(run: Record) -> Final | None:
         said["episodes"], steps, finished = episodes.sum(), newest, False
     else:
         return None
+    tried = run.finished and rows is not None and last is not None
     return Final(
         value=float(said["return"]),
         human=said.get(HUMAN_RETURN),
@@ -119,7 +120,7 @@ def final(run: Record) -> Final | None:
         shares={name: float(said[name]) for name in run.task.columns},
         area=_over_training(run, "return"),
         success_area=_over_training(run, "success"),
-        best=_best(run),
+        best=max(success for _, success in evaluations(run)) if tried else None,
         episodes=int(said["episodes"]),
         steps=steps,
         finished=finished,
@@ -198,12 +199,6 @@ def _over_training(run: Record, column: str) -> float | None:
         return None
     values = run.metrics[column]
     return float(np.nanmean(values)) if not np.isnan(values).all() else None
-
-
-def _best(run: Record) -> float | None:
-    if not run.finished or run.evaluations is None or run.evaluation is None:
-        return None
-    return max(success for _, success in evaluations(run))
 
 
 def _trained(run: Record) -> int:
