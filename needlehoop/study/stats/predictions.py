@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from pydantic import FiniteFloat
+
 from needlehoop.runs.files import EXPERT
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.shipped import RECORDINGS
@@ -37,7 +39,7 @@ class _Probed:
     """A row of the probe's table."""
 
     cameras: str
-    score: float
+    score: FiniteFloat
 
 
 @dataclass(frozen=True)
