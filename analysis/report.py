@@ -9,8 +9,7 @@ from markdown_it import MarkdownIt
 
 from analysis.findings import ROOT, STUDIES, study
 from needlehoop.study.render.figures import draw
-from needlehoop.study.report.gallery import inline
-from needlehoop.study.report.page import Part, write_report
+from needlehoop.study.report.page import Part, inline, write_report
 
 OUT = ROOT / "results" / "report.html"
 

@@ -81,7 +81,7 @@ def report(options: argparse.Namespace) -> None:
 
 def _draw_cameras(findings: StudyFindings) -> None:
     """Draw what a study's cameras see where there is no picture yet, from its runs' settings."""
-    from needlehoop.study.report.gallery import CAMERAS, undrawn
+    from needlehoop.study.report.page import CAMERAS, undrawn
 
     study = findings.study
     if study is None:

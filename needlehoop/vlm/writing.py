@@ -302,10 +302,10 @@ def read_run(folder: Path, size: int) -> Trained:
 def _curves(rows: Rows) -> str:
     """Some rows of the metrics, evenly over the training; terms by their names in the program."""
     # Facts would tell what success is.
-    columns = ["return", *(c for c in rows.columns if c.startswith("term_")), "success"]
+    columns = ["return", *(c for c in rows if c.startswith("term_")), "success"]
     names = (column.removeprefix("term_") for column in columns[:-1])
     lines = [", ".join(("step", *names, "done"))]
-    for row in sorted({round(i * (len(rows) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
+    for row in sorted({round(i * (len(rows["step"]) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
         values = (f"{rows[column][row]:.3g}" for column in columns)
         lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
     return "\n".join(lines)

@@ -152,7 +152,7 @@ def test_a_table_that_two_processes_wrote_is_not_counted(study, run, capsys):
     path = run / "metrics.csv"
     whole = path.read_text().splitlines()
     for spoil, said in (
-        (lambda rows: rows[:5] + rows[3:], "do not rise, 1 times, first at 3"),
+        (lambda rows: rows[:5] + rows[3:], "updates that do not rise"),
         (lambda rows: [rows[0], *sorted(rows[1:] * 2)], "updates that do not rise"),
         (lambda rows: [rows[0], *rows[:0:-1]], "updates that do not rise"),
     ):
@@ -221,7 +221,7 @@ def test_numbers_and_names_without_end_end_neither_plot_nor_report(study, tmp_pa
         out = [] if command == "status" else ["--out", str(tmp_path / "out")]
         assert main([command, str(study), *out]) == 0
         said = capsys.readouterr().out
-        assert "dep_default/human/seed0/metrics.csv: has return that is too large" in said
+        assert "dep_default/human/seed0/metrics.csv: has return that is not between" in said
         assert "dep_default/human/seed0/evaluation.json: has no usable return" in said
         assert "its config.yaml has no usable cams.0" in said
         assert "not drawn, V" not in said

@@ -18,7 +18,7 @@ from study_files import REWARDED, write_answers, write_run, write_study
 
 from needlehoop.cli.main import main
 from needlehoop.config.composing import compose
-from needlehoop.study.report import gallery, page
+from needlehoop.study.report import page
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "conf"
 
@@ -326,7 +326,7 @@ def film_of(size: int) -> bytes:
 @pytest.fixture
 def small(sketched, monkeypatch) -> None:
     """Pages have room for a third of the films' bytes."""
-    monkeypatch.setattr(gallery, "_FILM", 600_000)
+    monkeypatch.setattr(page, "_FILM", 600_000)
     monkeypatch.setattr(page, "_LONGEST", 3_000_000)
 
 

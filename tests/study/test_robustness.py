@@ -6,10 +6,9 @@ import pytest
 from study_files import write_study
 
 from needlehoop.study.render.curves import MissingDataError
-from needlehoop.study.render.stress import stress_figure
+from needlehoop.study.render.figures import stress_figure
 from needlehoop.study.report import tables
-from needlehoop.study.stats.findings import study_findings
-from needlehoop.study.stats.stress import robustness
+from needlehoop.study.stats.findings import robustness, study_findings
 
 PAIRS = (("dep_front+seg_side", "human"), ("rgb_default", "human"))
 HEAD = "axis,severity,amount,unit,episodes,success"

@@ -98,12 +98,6 @@ def test_the_chance_to_be_better_is_mann_and_whitneys(a, b):
     assert 0.0 <= low <= high <= 1.0
 
 
-def test_no_value_no_estimate():
-    for strata in ([], [[]], [[1.0], []], [[float("nan")]], [[float("inf"), 1.0]]):
-        with pytest.raises(ValueError, match="strata"):
-            estimate(strata)
-
-
 def test_a_band_has_an_interval_only_where_there_are_three_runs():
     nan = np.nan
     curves = np.array([[nan, 1, 2, 3, 4], [nan, 3, 4, nan, nan], [nan, 2, 3, 5, nan]])

@@ -148,7 +148,7 @@ def test_a_probe_that_can_not_be_read_is_named(tmp_path):
     (tmp_path / "probe" / "ranking.csv").write_text("place,cameras\n1,x\n")
     found = study_findings(study)
     assert [str(one) for one in found.left_out] == [
-        "../probe/ranking.csv: is no ranking of a probe"
+        "../probe/ranking.csv: has no usable 0.score, rows"
     ]
 
 

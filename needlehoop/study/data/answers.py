@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field
 
 from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.study.data.contents import checked
 from needlehoop.study.data.records import LeftOut
 
 QUESTIONS, RANKINGS = "questions.json", "rankings.json"
@@ -21,9 +24,6 @@ LESS = {
 
 VLM = "vlm"
 """Where a study keeps them."""
-
-_NO_FACTS = ("subtasks", "suits", "goal", "layouts", "layouts_sure", "placements")
-"""Answers that every task has; the others are each about a fact."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,46 @@ class Answers:
     rankings: tuple[Ranking, ...] = ()
 
 
+class _Reasoned(BaseModel, strict=True):
+    name: str
+    reason: str
+
+
+class _List(BaseModel, strict=True):
+    """A list of ``rankings.json``: each sample is an order, the best first."""
+
+    rankings: Annotated[list[list[_Reasoned]], Field(min_length=1)]
+    sure: list[list[Annotated[float, Field(ge=0, le=1)]]] = []
+    """Of each sample that states them, the probabilities of its neighbours."""
+
+    def ranking(self) -> Ranking:
+        """The places are means over the samples, the reasons those of the first."""
+        orders = [[place.name for place in sample] for sample in self.rankings]
+        names = {*orders[0]}
+        if not names or any(sorted(order) != sorted(names) for order in orders):
+            raise UnreadableError("has rankings of one list that differ in what they rank")
+        if self.sure and len(self.sure) != len(orders):
+            raise UnreadableError("has no usable sure: not one for each ranking")
+        means = {name: sum(own.index(name) + 1 for own in orders) / len(orders) for name in names}
+        sure = tuple(
+            pair
+            for order, stated in zip(orders, self.sure, strict=False)
+            for pair in zip(order, order[1:], stated, strict=False)
+        )
+        first = orders[0].index
+        places = sorted(means.items(), key=lambda item: (item[1], first(item[0])))
+        return Ranking(dict(places), {one.name: one.reason for one in self.rankings[0]}, sure)
+
+
+class _File(BaseModel):
+    """Questions or rankings."""
+
+    models: list[str]
+    answers: dict[str, Any] | None = None
+    asked: dict[str, str] = {}
+    lists: list[_List] = []
+
+
 def read_answers(
     folder: Path, within: str = VLM, rankings: str = RANKINGS
 ) -> tuple[Answers | None, list[LeftOut]]:
@@ -78,18 +118,15 @@ def read_answers(
         if not (folder / name).exists():
             continue
         try:
-            found = read_json(folder / name, within=folder)
-            if name.name == QUESTIONS:
-                asked = _part(found, "asked", dict) if "asked" in found else {}
-                questions = as_rows(_part(found, "answers", dict), asked)
-            else:
-                ranked = tuple(_ranking(entry) for entry in _part(found, "lists", list))
-            models += [model for model in _part(found, "models", list) if model not in models]
+            said: _File = checked(_File, read_json(folder / name, within=folder))
+            questions += as_rows(said.answers, said.asked) if said.answers is not None else ()
+            ranked += tuple(one.ranking() for one in said.lists)
+            models += said.models
         except UnreadableError as error:
             left_out.append(LeftOut(name, str(error)))
     if not questions and not ranked:
         return None, left_out
-    return Answers(", ".join(map(str, models)), questions, ranked), left_out
+    return Answers(", ".join(dict.fromkeys(models)), questions, ranked), left_out
 
 
 def as_rows(
@@ -104,84 +141,31 @@ def as_rows(
     Raises:
         UnreadableError: one is missing or of another form.
     """
-    subtasks, suits = _part(answers, "subtasks", dict), _part(answers, "suits", dict)
-    parts = [_part(subtasks, part, dict) for part in ("first", "second")]
-    said = [
-        Answer(
-            "The task in two subtasks",
-            "; ".join(_part(part, "name", str) for part in parts),
-            "; ".join(_part(part, "description", str) for part in parts),
-        )
-    ]
-    for number, part in enumerate(("first", "second"), start=1):
-        said += _choice(_part(suits, part, dict), f"for subtask {number}")
-    said += _choice(_part(answers, "goal", dict), "to see that the goal is reached")
-    for fact in (key for key in answers if key not in _NO_FACTS):
-        so = _part(asked, fact, str) if fact in asked else f"it is {fact}"
-        said += _choice(_part(answers, fact, dict), f"to see that {so}")
-    layouts = _ranked(_part(answers, "layouts", list))
-    best = next(iter(layouts))
-    said.append(Answer("Best combination of views", best.replace("_", " "), layouts[best]))
-    placements = _part({"placements": {}, **answers}, "placements", dict)
+    try:
+        return checked(tuple[Answer, ...], [*_rows({**answers}, asked)])
+    except (KeyError, IndexError, TypeError, AttributeError) as error:
+        raise UnreadableError(f"has no usable answers: {error!r}") from error
+
+
+def _rows(answers: dict[str, Any], asked: Mapping[str, str]) -> Iterator[Answer]:
+    parts = answers.pop("subtasks")
+    both = [[parts[part][key] for part in ("first", "second")] for key in ("name", "description")]
+    yield Answer("The task in two subtasks", *map("; ".join, both))
+    suits, layouts = answers.pop("suits"), answers.pop("layouts")
+    placements = answers.pop("placements", {})
+    answers.pop("layouts_sure", None)
+    choices = {"for subtask 1": suits["first"], "for subtask 2": suits["second"]}
+    choices["to see that the goal is reached"] = answers.pop("goal")
+    # What is left are facts.
+    choices |= {
+        f"to see that {asked.get(fact, f'it is {fact}')}": own for fact, own in answers.items()
+    }
+    for purpose, choice in choices.items():
+        for what in ("view", "rendering"):
+            yield Answer(f"Best {what} {purpose}", choice[what], choice[f"{what}_reason"])
+    best = layouts[0]
+    yield Answer("Best combination of views", best["name"].replace("_", " "), best["reason"])
     for count, how_many in (("1", "one camera"), ("2", "two cameras")):
         if count in placements:
-            places = _ranked(_part(_part(placements, count, dict), "places", list))
-            best = next(iter(places))
-            said.append(Answer(f"Best placement of {how_many}", best, places[best]))
-    return tuple(said)
-
-
-def _choice(choice: Mapping[str, Any], purpose: str) -> list[Answer]:
-    return [
-        Answer(
-            f"Best {what} {purpose}",
-            _part(choice, what, str),
-            _part(choice, f"{what}_reason", str),
-        )
-        for what in ("view", "rendering")
-    ]
-
-
-def _ranking(entry: Any) -> Ranking:
-    """One list; the places are means over the samples, the reasons those of the first."""
-    if not isinstance(entry, dict):
-        raise UnreadableError("has an entry of lists without keys")
-    samples = [_ranked(sample) for sample in _part(entry, "rankings", list)]
-    stated = _part(entry, "sure", list) if "sure" in entry else [[]] * len(samples)
-    if len(stated) != len(samples) or not all(isinstance(own, list) for own in stated):
-        raise UnreadableError("has other probabilities than those of its rankings")
-    if not samples or any(set(sample) != set(samples[0]) for sample in samples):
-        raise UnreadableError("has rankings of one list that differ in what they rank")
-    orders = [list(sample) for sample in samples]
-    means = {
-        name: sum(order.index(name) + 1 for order in orders) / len(orders) for name in orders[0]
-    }
-    sure = tuple(
-        (first, second, _probability(own))
-        for order, probabilities in zip(orders, stated, strict=True)
-        for first, second, own in zip(order, order[1:], probabilities, strict=False)
-    )
-    return Ranking(dict(sorted(means.items(), key=lambda item: item[1])), samples[0], sure)
-
-
-def _probability(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
-        raise UnreadableError("has a probability that is none")
-    return float(value)
-
-
-def _ranked(places: Sequence[Any]) -> dict[str, str]:
-    """Reasons by name, the best first."""
-    if not places or not all(isinstance(place, dict) for place in places):
-        raise UnreadableError("has a ranking without places")
-    reasons = {_part(place, "name", str): _part(place, "reason", str) for place in places}
-    if len(reasons) < len(places):
-        raise UnreadableError("has a ranking that names something twice")
-    return reasons
-
-
-def _part(entry: Mapping[str, Any], key: str, kind: type) -> Any:
-    found = entry.get(key)
-    if not isinstance(found, kind):
-        raise UnreadableError(f"has no usable {key}")
-    return found
+            best = placements[count]["places"][0]
+            yield Answer(f"Best placement of {how_many}", best["name"], best["reason"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,21 +14,26 @@ from pydantic import BaseModel, Field, StringConstraints, TypeAdapter, Validatio
 
 from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes, read_text
 
-_LARGEST = float(2**53)
-"""No number of a run is larger: sums and axes would overflow."""
+LARGEST = float(2**53)
+"""No number of a run is larger: sums and axes would overflow, and whole numbers are none."""
+
+Rows = Mapping[str, np.ndarray]
+"""A table of numbers, ``(n,)`` for each column; NaN where a cell is empty."""
+
+Ranges = Mapping[str, tuple[float, float]]
+"""The lowest and the highest number that may stand under each name."""
+
+RETURN_RANGE = (-1e9, 1e9)
+_KNOWN: Ranges = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
+"""Columns of each table of a run; empty in a row in which no episode ended."""
 
 _RISING = ("update", "step")
 
-RETURN_RANGE = (-1e9, 1e9)
-_KNOWN = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
-"""Columns of each table of a run; empty in a row in which no episode ended."""
+_FILM, _PICTURE = (b"moov",), (b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82")
+"""What an MP4 file has at its end, and a PNG file at its beginning and end."""
 
-_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-_PICTURE = 64_000_000
-"""Bytes of a picture, at most."""
-
-_FILM = 256_000_000
-"""The same of a film."""
+_LARGEST_FILE = 256_000_000
+"""Bytes of a film or picture."""
 
 
 def checked(kind: Any, value: Any) -> Any:
@@ -41,27 +45,12 @@ def checked(kind: Any, value: Any) -> Any:
     try:
         return TypeAdapter(kind).validate_python(value)
     except ValidationError as error:
-        odd = (".".join(map(str, one["loc"])) for one in error.errors())
+        odd = (".".join(map(str, one["loc"])) or "rows" for one in error.errors())
         raise UnreadableError(f"has no usable {', '.join(dict.fromkeys(odd))}") from error
 
 
-@dataclass(frozen=True)
-class Rows:
-    """A table of numbers, ``(n,)`` for each column; NaN where a cell is empty."""
-
-    columns: Mapping[str, np.ndarray]
-
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values()), ()))
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.columns[name]
-
-
-def read_rows(
-    path: Path, ranges: Mapping[str, tuple[float, float]], within: Path
-) -> tuple[Rows, list[str]]:
-    """The whole rows of a run's table, in which updates and steps rise; what is wrong with others.
+def read_rows(path: Path, ranges: Ranges, within: Path) -> tuple[Rows, bool]:
+    """A run's table, in which updates and steps rise; and whether its last row was torn off.
 
     Args:
         path: of a CSV file of numbers.
@@ -74,82 +63,50 @@ def read_rows(
     # A row without a line's end was cut off by a kill, even if it looks whole.
     whole, _, torn = read_text(path, TABLE, within).rpartition("\n")
     try:
-        header, *body = [*csv.reader(io.StringIO(whole))] or [[]]
-    except csv.Error as error:
-        raise UnreadableError(f"is no CSV file: {error}") from error
-    needed = (*_RISING, "wall_time", *ranges)
-    missing = [n for n in dict.fromkeys((*needed, *_KNOWN)) if n not in header]
-    if missing:
+        header, *body = csv.reader(io.StringIO(whole))
+        table = np.array([[float(cell or "nan") for cell in row] for row in body])
+        rows = dict(zip(header, table.T, strict=True))
+    except (csv.Error, ValueError) as error:
+        raise UnreadableError("is no table of numbers: a row is not whole, or none is") from error
+    needed = {**dict.fromkeys((*_RISING, "wall_time"), (0.0, LARGEST)), **ranges}
+    if missing := [name for name in {**needed, **_KNOWN} if name not in rows]:
         raise UnreadableError(f"is no table of a run: it has no column {', '.join(missing)}")
-    if len(set(header)) < len(header):
-        raise UnreadableError("names a column twice")
-    good: list[list[float]] = []
-    bad: list[str] = []
-    for number, cells in enumerate(body, start=2):
-        row = _numbers(cells, len(header))
-        if row is None or any(math.isnan(row[header.index(name)]) for name in needed):
-            bad.append(str(number))
-        else:
-            good.append(row)
-    if not good:
-        raise UnreadableError("has no whole row")
-    table = np.array(good, dtype=float)
-    if (large := np.nanmax(np.abs(table), axis=0, initial=0.0) > _LARGEST).any():
-        raise UnreadableError(f"has {header[int(large.argmax())]} that is too large for a run's")
-    rows = Rows({name: table[:, i] for i, name in enumerate(header)})
+    for name, column in rows.items():
+        low, high = needed.get(name) or _KNOWN.get(name) or (-LARGEST, LARGEST)
+        known = column if name in needed else column[~np.isnan(column)]
+        if not ((known >= low) & (known <= high)).all():
+            raise UnreadableError(f"has {name} that is not between {low:g} and {high:g}")
     for name in _RISING:
         # Two processes that write one table leave rows twice, or out of order.
-        falls = np.flatnonzero(np.diff(rows[name], prepend=-1.0) <= 0)
-        if len(falls):
-            raise UnreadableError(
-                f"has {name}s that do not rise, {len(falls)} times, first at"
-                f" {rows[name][falls[0]]:g}: more than one process wrote it"
-            )
-    for name, (low, high) in {**_KNOWN, **ranges}.items():
-        if ((rows[name] < low) | (rows[name] > high)).any():
-            raise UnreadableError(f"has {name} that are not between {low:g} and {high:g}")
-    problems = [f"row {', '.join(bad)} left out: not whole"] if bad else []
-    if torn:
-        problems.append("last row left out: torn off")
-    return rows, problems
+        if (np.diff(rows[name]) <= 0).any():
+            raise UnreadableError(f"has {name}s that do not rise: more than one process wrote it")
+    return rows, bool(torn)
 
 
-def _numbers(cells: list[str], width: int) -> list[float] | None:
-    """A row's numbers; ``None`` for a row that is too short, too long or not numbers."""
-    if len(cells) != width:
-        return None
+def read_entries(path: Path, kind: Any, within: Path | None = None) -> tuple[Any, ...]:
+    """The rows of a CSV file, each in the form of a dataclass whose fields are its columns.
+
+    Raises:
+        UnreadableError: no such table, or a row that makes no sense.
+    """
     try:
-        values = [float(cell) if cell else math.nan for cell in cells]
-    except ValueError:
-        return None
-    return None if any(map(math.isinf, values)) else values
+        rows = list(csv.DictReader(io.StringIO(read_text(path, TABLE, within))))
+    except csv.Error as error:
+        raise UnreadableError(f"is no CSV file: {error}") from error
+    return checked(Annotated[tuple[kind, ...], Field(min_length=1, max_length=10_000)], rows)
 
 
-def check_film(path: Path, within: Path) -> Path:
-    """The path of an MP4 file that lies in a folder and has the index that is written last.
+def check_media(path: Path, within: Path | None = None) -> Path:
+    """The path of an MP4 or a PNG file that is there to its end.
 
     Raises:
-        UnreadableError: empty, cut off, elsewhere, or something else.
+        UnreadableError: cut off, out of the folder ``within``, or something else.
     """
-    data = read_bytes(path, _FILM, within)
-    if not data:
-        raise UnreadableError("is empty")
-    if b"moov" not in data:
-        raise UnreadableError("is no film, or cut off")
+    what, marks = ("film", _FILM) if path.suffix == ".mp4" else ("picture", _PICTURE)
+    data = read_bytes(path, _LARGEST_FILE, within)
+    if not all(mark in data for mark in marks):
+        raise UnreadableError(f"is no {what}, or cut off")
     return path
-
-
-def check_picture(path: Path) -> None:
-    """Checks that a PNG file begins and ends as one.
-
-    Raises:
-        UnreadableError: empty, cut off, something else, or it cannot be opened.
-    """
-    data = read_bytes(path, _PICTURE)
-    if not data:
-        raise UnreadableError("is empty")
-    if not (data.startswith(_PNG_START) and data.endswith(_PNG_END)):
-        raise UnreadableError("is no picture, or cut off")
 
 
 _Name = Annotated[str, StringConstraints(pattern=r"^\w[\w -]{0,39}$")]
@@ -189,11 +146,8 @@ def task_of(manifest: Mapping[str, Any]) -> TaskNote:
     if manifest.get("task") is None:
         raise UnreadableError("says nothing of the task: its phases and cheats are not known")
     note: TaskNote = checked(_Manifest, manifest).task
-    told = {"success", note.goal, *(fact for _, fact in note.phases)}
-    if not told <= {*note.columns} or ("cheat" in note.columns) is not manifest["task"].get(
-        "cheat"
-    ):
-        raise UnreadableError("has no usable task")
+    if not {"success", note.goal, *(fact for _, fact in note.phases)} <= {*note.columns}:
+        raise UnreadableError("has no usable task.columns")
     return note
 
 
@@ -209,16 +163,3 @@ class Stressed:
     severity: Annotated[int, Field(ge=0, le=99)]
     episodes: Annotated[int, Field(gt=0, lt=10**9)]
     success: Annotated[float, Field(ge=0, le=1)]
-
-
-def read_stress(path: Path, within: Path) -> tuple[Stressed, ...]:
-    """The rows of a ``stress.csv``.
-
-    Raises:
-        UnreadableError: no such table, or a row that makes no sense.
-    """
-    try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path, TABLE, within))))
-    except csv.Error as error:
-        raise UnreadableError(f"is no CSV file: {error}") from error
-    return checked(Annotated[tuple[Stressed, ...], Field(min_length=1, max_length=10_000)], rows)

@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,25 +21,24 @@ from needlehoop.runs.reading import (
     read_yaml,
 )
 from needlehoop.study.data.contents import (
+    LARGEST,
     RETURN_RANGE,
     UNKNOWN,
+    Ranges,
     Rows,
     Stressed,
     TaskNote,
-    check_film,
+    check_media,
     checked,
+    read_entries,
     read_rows,
-    read_stress,
     task_of,
 )
-
-_LARGEST = float(2**53)
-"""Whole numbers beyond it are none any more, as numbers of a table."""
 
 HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
 """What an evaluation says of the human reward: its points, and its scene unit in m."""
 
-_MORE = {"steps_trained": (0.0, _LARGEST), HUMAN_RETURN: RETURN_RANGE, HUMAN_UNIT: (0.0, 1e9)}
+_MORE = {"steps_trained": (0.0, LARGEST), HUMAN_RETURN: RETURN_RANGE, HUMAN_UNIT: (0.0, 1e9)}
 """What ``evaluation.json`` may say besides, and the range of each number."""
 
 _RUN_FOLDER = re.compile(r"seed\d+")
@@ -170,19 +169,18 @@ class Study:
         return {run.task.name for run in self.runs} - {UNKNOWN.name} == {task}
 
 
-@dataclass
 class _Reading:
-    """What has been found so far."""
+    """Reads runs below a folder, and notes what is left out of them."""
 
-    root: Path
-    runs: dict[Place, Record] = field(default_factory=dict)
-    left_out: list[LeftOut] = field(default_factory=list)
+    def __init__(self, root: Path):
+        self.root = root
+        self.left_out: list[LeftOut] = []
 
     def leave(self, path: Path, reason: str) -> None:
         self.left_out.append(LeftOut(path.relative_to(self.root), reason))
 
     def read(self, path: Path, of: Callable[[Path], Any]) -> Any:
-        """What a file holds; ``None`` where there is none, or where it is left out."""
+        """What a file or folder holds; ``None`` where there is none, or where it is left out."""
         if not os.path.lexists(path):
             return None
         try:
@@ -191,11 +189,61 @@ class _Reading:
             self.leave(path, str(error))
             return None
 
-    def rows(self, path: Path, ranges: Mapping[str, tuple[float, float]]) -> Rows:
-        rows, problems = read_rows(path, ranges, self.root)
-        for problem in problems:
-            self.leave(path, problem)
+    def rows(self, path: Path, ranges: Ranges) -> Rows:
+        rows, torn = read_rows(path, ranges, self.root)
+        if torn:
+            self.leave(path, "last row left out: torn off")
         return rows
+
+    def run(self, folder: Path, others: Mapping[Place, Record] | None = None) -> Record:
+        """The run in a folder, whose files but for the config may be left out.
+
+        Args:
+            folder: of the run.
+            others: a study's runs so far; the folder must be called after the run's seed.
+
+        Raises:
+            UnreadableError: no config that can be read, or it is another run's.
+        """
+        root = self.root
+        place, config = self._place(folder)
+        if others is not None and folder.name != f"seed{place.seed}":
+            raise UnreadableError(f"its config has seed {place.seed}")
+        if others and place in others:
+            raise UnreadableError(f"is {place}, as is {others[place].folder}")
+        if not os.path.lexists(folder / files.MANIFEST):
+            self.leave(folder / files.MANIFEST, "is missing")
+        manifest = self.read(folder / files.MANIFEST, lambda path: read_json(path, within=root))
+        task = UNKNOWN
+        if manifest is not None:
+            task = self.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
+        outcome = _outcome(task)
+        self.read(folder / files.REWARD, lambda path: read_text(path, within=root))
+        return Record(
+            place,
+            folder,
+            config,
+            manifest or {},
+            task,
+            self.read(folder / files.METRICS, lambda path: self.rows(path, {})),
+            self.read(folder / files.EVALUATIONS, lambda path: self.rows(path, outcome)),
+            self.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
+            self.read(folder / files.VIDEO, lambda path: check_media(path, root)),
+            self.read(folder / files.STRESS, lambda path: read_entries(path, Stressed, root)) or (),
+        )
+
+    def _place(self, folder: Path) -> tuple[Place, dict[str, Any]]:
+        """Which run a folder's config says it is, and the config."""
+        path = folder / files.CONFIG
+        try:
+            if not path.exists():
+                raise UnreadableError("is missing")
+            config = read_yaml(path, self.root)
+            checked(_Config, config)
+        except UnreadableError as error:
+            raise UnreadableError(f"no run: its {files.CONFIG} {error}") from error
+        cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
+        return Place(cameras, folder.parent.name, config["seed"]), config
 
 
 def read_study(folder: Path) -> Study:
@@ -207,11 +255,14 @@ def read_study(folder: Path) -> Study:
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; give a study's, such as results/main")
     reading = _Reading(folder)
+    runs: dict[Place, Record] = {}
     for here, folders, names in os.walk(folder):
         place = Path(here)
         if _RUN_FOLDER.fullmatch(place.name):
             folders.clear()
-            _read_run(place, reading)
+            run = reading.read(place, lambda path: reading.run(path, runs))
+            if run is not None:
+                runs[run.place] = run
             continue
         # In the order of names, whatever the file system's is.
         folders[:] = sorted(
@@ -223,8 +274,8 @@ def read_study(folder: Path) -> Study:
         if place != folder and files.CONFIG in names:
             reading.leave(place, "holds a run but is not called seed<k>")
             folders.clear()
-    runs = tuple(reading.runs[place] for place in sorted(reading.runs))
-    return Study(folder, runs, tuple(sorted(reading.left_out, key=str)))
+    left_out = tuple(sorted(reading.left_out, key=str))
+    return Study(folder, tuple(runs[place] for place in sorted(runs)), left_out)
 
 
 def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
@@ -235,75 +286,18 @@ def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
     """
     reading = _Reading(folder)
     try:
-        config = _config(folder / files.CONFIG, folder)
+        return reading.run(folder), tuple(reading.left_out)
     except UnreadableError as error:
-        raise ValueError(f"{folder} is no run: its {files.CONFIG} {error}") from error
-    return _record(folder, config, reading), tuple(reading.left_out)
+        raise ValueError(f"{folder}: {error}") from error
 
 
-def _read_run(folder: Path, reading: _Reading) -> None:
-    try:
-        config = _config(folder / files.CONFIG, reading.root)
-    except UnreadableError as error:
-        reading.leave(folder, f"no run: its {files.CONFIG} {error}")
-        return
-    place = _place(folder, config)
-    if folder.name != f"seed{place.seed}":
-        reading.leave(folder, f"its config has seed {place.seed}")
-    elif place in reading.runs:
-        reading.leave(folder, f"is {place}, as is {reading.runs[place].folder}")
-    else:
-        reading.runs[place] = _record(folder, config, reading)
-
-
-def _place(folder: Path, config: Mapping[str, Any]) -> Place:
-    cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
-    return Place(cameras, folder.parent.name, config["seed"])
-
-
-def _record(folder: Path, config: Mapping[str, Any], reading: _Reading) -> Record:
-    """A run whose config can be read."""
-    root = reading.root
-    if not os.path.lexists(folder / files.MANIFEST):
-        reading.leave(folder / files.MANIFEST, "is missing")
-    manifest = reading.read(folder / files.MANIFEST, lambda path: read_json(path, within=root))
-    task = UNKNOWN
-    if manifest is not None:
-        task = reading.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
-    outcome = _outcome(task)
-    reading.read(folder / files.REWARD, lambda path: read_text(path, within=root))
-    return Record(
-        _place(folder, config),
-        folder,
-        config,
-        manifest or {},
-        task,
-        reading.read(folder / files.METRICS, lambda path: reading.rows(path, {})),
-        reading.read(folder / files.EVALUATIONS, lambda path: reading.rows(path, outcome)),
-        reading.read(folder / files.EVALUATION, lambda path: _evaluation(path, outcome, root)),
-        reading.read(folder / files.VIDEO, lambda path: check_film(path, root)),
-        reading.read(folder / files.STRESS, lambda path: read_stress(path, root)) or (),
-    )
-
-
-def _config(path: Path, root: Path) -> dict[str, Any]:
-    """A run's config; what the study uses of it is checked."""
-    if not path.exists():
-        raise UnreadableError("is missing")
-    config = read_yaml(path, root)
-    checked(_Config, config)
-    return config
-
-
-def _outcome(task: TaskNote) -> dict[str, tuple[float, float]]:
+def _outcome(task: TaskNote) -> Ranges:
     """What an evaluation says, and the range of each number."""
     shares = dict.fromkeys(task.columns, (0.0, 1.0))
-    return {"episodes": (1.0, _LARGEST), **shares, "return": RETURN_RANGE}
+    return {"episodes": (1.0, LARGEST), **shares, "return": RETURN_RANGE}
 
 
-def _evaluation(
-    path: Path, outcome: Mapping[str, tuple[float, float]], root: Path
-) -> dict[str, Any]:
+def _evaluation(path: Path, outcome: Ranges, root: Path) -> dict[str, Any]:
     """The long evaluation at the end of a run."""
     found = read_json(path, within=root)
     # Not every task's human reward has a unit.
@@ -315,8 +309,7 @@ def _evaluation(
 
 
 def _between(value: Any, low: float, high: float) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and low <= value <= high
+    return isinstance(value, int | float) and value is not True and low <= value <= high
 
 
 def typed_settings(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

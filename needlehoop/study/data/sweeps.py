@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
-from needlehoop.runs.files import DAGGER, EXPERT, OUTCOME, SWEEPS, labelled, name_of, seen
+from needlehoop.runs.files import DAGGER, EXPERT, OUTCOME, PPO, SWEEPS, labelled, name_of, seen
 from needlehoop.runs.reading import UnreadableError, read_json, read_yaml
 from needlehoop.runs.shipped import CONF
 from needlehoop.study.data.contents import checked
@@ -16,8 +16,8 @@ from needlehoop.study.data.paper import HUMAN
 from needlehoop.study.data.records import LeftOut, Place, typed_settings
 
 _KEYS = ("experiment", "algo", "cams", "reward", "seed")
-_MODEL, _OWN, PPO = "model", "conf_dir", "ppo"
-_NO_SETTINGS = ("defaults", "hydra", "study", "results")
+_MODEL, _OWN = "model", "conf_dir"
+_NO_SETTINGS = ("defaults", "hydra", "study", "results", "views")
 """Keys of an experiment's file that say nothing of how a run is trained."""
 
 _COMMA = re.compile(r",(?![^\[\]]*\])")
@@ -58,19 +58,20 @@ def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
     root = study.resolve().parent / SWEEPS
     found: dict[Place, JobEnd] = {}
     left_out: list[LeftOut] = []
-    for path in sorted(root.glob(f"*/*/{OUTCOME}")):
+    # The newest comes last.
+    for path in sorted(root.glob(f"*/*/{OUTCOME}"), key=lambda one: (_changed(one), one)):
         try:
             note: _Note = checked(_Note, read_json(path))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / path.relative_to(root.parent), str(error)))
             continue
-        place = Place(note.cameras, note.reward, note.seed)
-        end = JobEnd(path.stat().st_mtime, note.error)
-        if note.study == study.resolve().name and (
-            place not in found or found[place].when < end.when
-        ):
-            found[place] = end
+        if note.study == study.resolve().name:
+            found[Place(note.cameras, note.reward, note.seed)] = JobEnd(_changed(path), note.error)
     return found, left_out
+
+
+def _changed(path: Path) -> float:
+    return path.lstat().st_mtime
 
 
 def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
@@ -131,15 +132,13 @@ def _pair(word: str) -> tuple[str, str]:
     key = key.lstrip("+")
     known = {*_KEYS, _OWN, _MODEL, *read_yaml(CONF / "job.yaml"), *read_yaml(CONF / "env.yaml")}
     known |= {one.name for one in CONF.iterdir() if one.is_dir()} - {"defaults"}
-    if not found or key.partition(".")[0] not in known:
+    understood = found and key.partition(".")[0] in known
+    named = key in _KEYS or not (CONF / key).is_dir() or _COMMA.search(value)
+    if not understood or not named:
+        why = ": a run's files do not name it" if understood else ""
         raise ValueError(
-            f"{word!r} is not understood; choose from {', '.join(_KEYS)}, or any other key of a"
-            " training with a =, such as steps=500_000"
-        )
-    if (CONF / key).is_dir() and key not in _KEYS and not _COMMA.search(value):
-        raise ValueError(
-            f"{word!r} is not understood: a run's files do not name it; choose from"
-            f" {', '.join(_KEYS)}, or a key with a value, such as steps=500_000"
+            f"{word!r} is not understood{why}; choose from {', '.join(_KEYS)}, or any other key of"
+            " a training with a =, such as steps=500_000"
         )
     return key, value
 
@@ -163,8 +162,7 @@ def _experiment(name: str, folders: Sequence[Path]) -> tuple[dict[str, str], lis
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
     views = list(valid[name].get("views", ()))
-    left = (*_NO_SETTINGS, "views")
-    chosen = {key: value for key, value in valid[name].items() if key not in left}
+    chosen = {key: value for key, value in valid[name].items() if key not in _NO_SETTINGS}
     swept = valid[name]["hydra"]["sweeper"]["params"]
     params = {**typed_settings(chosen), **{key.lstrip("+"): str(swept[key]) for key in swept}}
     return params, views

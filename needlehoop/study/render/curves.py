@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import count
 from typing import Any
@@ -16,13 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import Record
-from needlehoop.study.render.style import (
-    COLOURS,
-    DASHES,
-    apart,
-    new_figure,
-    short,
-)
+from needlehoop.study.render.style import COLOURS, DASHES, apart, in_percent, new_figure, short
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.run import evaluations, grid_of, has_curve, smooth
 from needlehoop.study.stats.statistics import band
@@ -33,8 +27,11 @@ _PANEL = 7
 LineEnd = tuple[str, float, float, str]
 """A line's name, where it ends in millions of steps and in y, and its colour."""
 
-_Lines = list[tuple[str, tuple[Record, ...], int]]
-"""What a panel shows: name, runs and number of the colour of each curve."""
+Lines = Sequence[tuple[str, Sequence[Record], int]]
+"""What a panel shows: name, runs and number of the colour of each line."""
+
+Curve = Callable[[Record, np.ndarray], np.ndarray]
+"""A run's values on a grid of steps, NaN where it has none."""
 
 
 class MissingDataError(ValueError):
@@ -50,7 +47,7 @@ def learning_curves(findings: StudyFindings) -> Figure:
     Raises:
         MissingDataError: no run has a learning curve.
     """
-    drawn = {result.cameras: result for result in findings.ranked if _curves(result.runs)}
+    drawn = {one.cameras: one for one in findings.ranked if any(map(has_curve, one.runs))}
     if not drawn:
         raise MissingDataError("no learning curves")
     panels = [("", list(drawn.values()))]
@@ -62,9 +59,8 @@ def learning_curves(findings: StudyFindings) -> Figure:
         (title, [(short(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
-    ends = _panels(grid[:, 0], shown, partial(smoothed, column="return"), "return in training")
-    grid[-1, 0].set_xlabel("environment steps, millions")
-    name_ends(figure, grid[:, 0], ends, grid[0, 0].get_xlim()[1] * 1e6)
+    ends = draw_panels(grid[:, 0], shown, partial(smooth, column="return"), "return in training")
+    name_ends(figure, grid[:, 0], ends)
     return figure
 
 
@@ -102,28 +98,31 @@ def reward_comparison(findings: StudyFindings) -> Figure:
     Raises:
         MissingDataError: no camera set was trained with two rewards.
     """
-    panels = []
-    for result in findings.ranked:
-        rivals = [r for r in findings.results if r.cameras == result.cameras and _curves(r.runs)]
-        if len(rivals) > 1:
-            rivals.sort(key=lambda r: reward_order(r.reward))
-            panels.append((short(result.cameras), rivals))
+    rivals = {
+        result.cameras: [
+            one
+            for one in sorted(findings.results, key=lambda one: reward_order(one.reward))
+            if one.cameras == result.cameras and any(map(has_curve, one.runs))
+        ]
+        for result in findings.ranked
+    }
+    panels = {cameras: own for cameras, own in rivals.items() if len(own) > 1}
     if not panels:
         raise MissingDataError("no camera set with learning curves for two rewards")
     figure, grid = new_figure(17 + 36 * len(panels), len(panels), 3, sharex=True)
     # A reward keeps its colour from panel to panel.
-    colours = sorted({r.reward for _, rivals in panels for r in rivals}, key=reward_order)
-    shown = [
-        (title, [(short(reward_label(r.reward)), r.runs, colours.index(r.reward)) for r in rivals])
-        for title, rivals in panels
+    colours = sorted({one.reward for own in panels.values() for one in own}, key=reward_order)
+    lines: list[Lines] = [
+        [(one.reward, one.runs, colours.index(one.reward)) for one in own]
+        for own in panels.values()
     ]
-    untitled = [("", own) for _, own in shown]
-    _panels(grid[:, 0], shown, partial(smoothed, column="return"), "return in its own points")
-    _panels(grid[:, 1], untitled, partial(smoothed, column="success"), findings.goal)
-    _panels(grid[:, 2], untitled, _evaluated, "")
+    titled = [*zip(map(short, panels), lines, strict=True)]
+    untitled = [("", own) for own in lines]
+    draw_panels(grid[:, 0], titled, partial(smooth, column="return"), "return in its own points")
+    draw_panels(grid[:, 1], untitled, partial(smooth, column="success"), findings.goal)
+    draw_panels(grid[:, 2], untitled, _evaluated, "")
     for axes in grid[:, 1:].flat:
-        axes.set_ylim(-0.05, 1.05)
-        axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
+        in_percent(axes, room=0.05)
     for axes in grid[:, 2]:
         axes.tick_params(labelleft=False)
     for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
@@ -142,27 +141,33 @@ def reward_comparison(findings: StudyFindings) -> Figure:
     return figure
 
 
-def _panels(
-    column: Sequence[Axes],
-    panels: Sequence[tuple[str, _Lines]],
-    curves: Callable[[Sequence[Record], np.ndarray], np.ndarray],
-    words: str,
+def draw_panels(
+    column: Sequence[Axes], panels: Sequence[tuple[str, Lines]], curve: Curve, words: str
 ) -> list[list[LineEnd]]:
-    """Draw panels below each other; returns where each one's lines end.
+    """Draw panels over training below each other; returns where each one's lines end.
 
-    Runs without a value on the grid of steps have no line.
+    Runs without a value on the grid of steps are left out.
 
     Args:
         column: axes.
         panels: title and lines of each.
-        curves: of runs on a grid of steps, ``(seeds, points)``.
-        words: what they show.
+        curve: what they show.
+        words: the same in words.
     """
-    steps = grid_of(run for _, lines in panels for _, some, _ in lines for run in some)
+    steps = grid_of(run for _, lines in panels for _, runs, _ in lines for run in runs)
     ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
-        ends.append(draw_panel(axes, steps, lines, curves, words))
+        axes.set_ylabel(words)
+        axes.set_xlim(0, steps[-1] / 1e6)
+        axes.grid(axis="y", linewidth=0.3)
+        own = []
+        for name, runs, number in lines:
+            curves = np.array([curve(run, steps) for run in runs])
+            curves = curves[~np.isnan(curves).all(axis=1)]
+            if len(curves):
+                own.append(_draw_line(axes, steps, number, name, curves))
+        ends.append(own)
     # One scale for all panels makes them comparable.
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
@@ -171,28 +176,8 @@ def _panels(
     return ends
 
 
-def draw_panel(
-    axes: Axes,
-    steps: np.ndarray,
-    lines: _Lines,
-    curves: Callable[[Sequence[Record], np.ndarray], np.ndarray],
-    words: str,
-) -> list[LineEnd]:
-    """Draw lines over training, but for runs without any value; returns where they end."""
-    axes.set_ylabel(words)
-    axes.set_xlim(0, steps[-1] / 1e6)
-    axes.grid(axis="y", linewidth=0.3)
-    return [
-        _draw_line(axes, steps, number, name, values)
-        for name, runs, number in lines
-        if not np.isnan(values := curves(runs, steps)).all()
-    ]
-
-
-def name_ends(
-    figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]], longest: float
-) -> None:
-    """Write names beside lines that ``draw_panel`` drew, apart from each other, with thin leaders.
+def name_ends(figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]]) -> None:
+    """Write names beside lines that ``draw_panels`` drew, apart from each other, with thin leaders.
 
     It is the last thing that is done to a figure.
 
@@ -200,15 +185,15 @@ def name_ends(
         figure: with the axes in ``column`` below each other, and their limits set.
         column: axes.
         ends: of each one's lines.
-        longest: environment steps that the axes show.
     """
     # Room for the names, then names: they need to know how tall the axes came out.
+    column[-1].set_xlabel("environment steps, millions")
     column[-1].xaxis.set_major_locator(MaxNLocator(4))
     layout: Any = figure.get_layout_engine()
     longest_name = max(len(name) for own in ends for name, *_ in own)
     layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))
     figure.draw_without_rendering()
-    right = 1.06 * longest / 1e6
+    right = 1.06 * column[0].get_xlim()[1]
     for axes, own in zip(column, ends, strict=True):
         low, high = axes.get_ylim()
         # 6.5 pt letters need 8 pt from line to line.
@@ -258,15 +243,7 @@ def _stroke(number: int) -> tuple[str, Any]:
     return COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
 
 
-def _curves(runs: Iterable[Record]) -> list[Record]:
-    return [run for run in runs if has_curve(run)]
-
-
-def _evaluated(runs: Sequence[Record], steps: np.ndarray) -> np.ndarray:
+def _evaluated(run: Record, steps: np.ndarray) -> np.ndarray:
     """Success of the mean action, straight from evaluation to evaluation."""
-    found = [np.array(evaluations(run)).T for run in runs]
-    return np.array([np.interp(steps, *own, left=np.nan, right=np.nan) for own in found])
-
-
-def smoothed(runs: Iterable[Record], steps: np.ndarray, column: str) -> np.ndarray:
-    return np.array([smooth(run, column, steps) for run in _curves(runs)])
+    at, success = np.array(evaluations(run)).T
+    return np.interp(steps, at, success, left=np.nan, right=np.nan)

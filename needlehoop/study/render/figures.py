@@ -14,29 +14,36 @@ from matplotlib.ticker import MaxNLocator
 
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
-from needlehoop.study.data.contents import check_picture
+from needlehoop.study.data.contents import check_media
 from needlehoop.study.data.paper import HUMAN, LISTS, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
-from needlehoop.study.render.stress import stress_figure
 from needlehoop.study.render.style import (
     CHEAT,
     COLOURS,
+    DASHES,
     FAINT,
     INK,
     SUCCESS,
+    WIDTH,
+    in_percent,
     new_figure,
     save,
     short,
     styled,
 )
-from needlehoop.study.stats.findings import Result, StudyFindings
-from needlehoop.study.stats.statistics import ENOUGH, SeedEstimate, no_interval
+from needlehoop.study.stats.findings import Result, StudyFindings, robustness
+from needlehoop.study.stats.statistics import ENOUGH, Interval, SeedEstimate, no_interval
 
 CONTACT_SHEET = "contact_sheet.png"
 """In a study's folder; only the simulator can make one, so it is copied."""
 
 _ROW = 4.2
 """Height of a bar and its gap, mm."""
+
+_COSTS = 0.05
+"""Share of the success that an axis must cost some camera set to be drawn."""
+
+_COLUMNS, _MOST_SETS = 4, 7
 
 
 def final_values(findings: StudyFindings) -> Figure:
@@ -86,26 +93,27 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     Raises:
         MissingDataError: no run says how often it succeeds.
     """
-    results = [r for r in findings.results if r.success is not None and r.cheat is not None]
+    results = [
+        (one.success, one.cheat, one)
+        for one in findings.results
+        if one.success is not None and one.cheat is not None
+    ]
     if not results:
         raise MissingDataError("no success and cheat rates")
-    results.sort(key=lambda r: (-_value(r.success), _value(r.cheat), r.cameras, r.reward))
-    figure, grid = new_figure(17 + _ROW * len(results))
-    axes = grid[0, 0]
-    _rows(axes, [_name(result, findings) for result in results])
-    for estimates, sign, colour in (
-        ([r.success for r in results], 1, SUCCESS),
-        ([r.cheat for r in results], -1, CHEAT),
-    ):
-        for y, found in enumerate(estimates):
-            assert found is not None
+    results.sort(key=lambda own: (-own[0].value, own[1].value, own[2].cameras, own[2].reward))
+    successes, cheats, shown = zip(*results, strict=True)
+    figure, ((axes,),) = new_figure(17 + _ROW * len(shown))
+    _rows(axes, [_name(result, findings) for result in shown])
+    for rates, sign, colour in ((successes, 1, SUCCESS), (cheats, -1, CHEAT)):
+        for y, found in enumerate(rates):
             axes.barh(y, sign * found.value, height=0.66, color=colour)
-            beyond = max(found.value, _high(found))
-            if ends := found.interval:
-                axes.plot([sign * ends.low, sign * ends.high], [y, y], color=INK, linewidth=0.8)
+            low, high = _ends(found)
+            if found.interval:
+                axes.plot([sign * low, sign * high], [y, y], color=INK, linewidth=0.8)
             if found.value > 0:
                 said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
-                axes.text(sign * (beyond + 0.03), y, said, va="center", ha=side, fontsize=6)
+                beyond = max(found.value, high) + 0.03
+                axes.text(sign * beyond, y, said, va="center", ha=side, fontsize=6)
     axes.axvline(0, color=INK, linewidth=0.6)
     axes.spines["left"].set_visible(False)
     # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
@@ -148,6 +156,61 @@ def ranking_chart(findings: StudyFindings) -> Figure:
     return figure
 
 
+def stress_figure(findings: StudyFindings) -> Figure:
+    """A panel for each axis that costs some camera set anything, a line for each set.
+
+    Raises:
+        MissingDataError: no run was stressed.
+    """
+    found = robustness(findings)
+    if not found:
+        raise MissingDataError("no stress test; make one with: needlehoop stress <run>")
+    count = min(len(found), _MOST_SETS)
+    # From the best to the worst, evenly.
+    shown = [found[round(i * (len(found) - 1) / max(1, count - 1))] for i in range(count)]
+    worst: dict[str, float] = {}
+    for one in shown:
+        for (axis, severity), rate in one.success.items():
+            if severity:
+                lost = one.undisturbed.value - rate.value
+                worst[axis] = max(worst.get(axis, 0.0), lost)
+    axes = [axis for axis in worst if worst[axis] >= _COSTS] or list(worst)[:1]
+    # All at once is of one severity: it is in the table.
+    axes = sorted((axis for axis in axes if "." in axis), key=lambda axis: -worst[axis])
+    if not axes:
+        raise MissingDataError("no axis of its own in the stress test")
+    rows = -(-len(axes) // _COLUMNS)
+    figure, grid = new_figure(
+        18 + 22 * rows + 3 * len(shown), rows, _COLUMNS, sharex=True, sharey=True
+    )
+    figure.set_figwidth(2 * WIDTH)
+    for place, panel in enumerate(grid.flat):
+        if place >= len(axes):
+            panel.set_visible(False)
+            continue
+        axis = axes[place]
+        panel.set_title(axis, loc="left", fontsize=6.5)
+        for number, one in enumerate(shown):
+            at = sorted(s for name, s in one.success if name == axis)
+            values = [one.undisturbed.value, *(one.success[axis, s].value for s in at)]
+            panel.plot(
+                [0, *at], values, DASHES[number // len(COLOURS)], marker="o", markersize=2,
+                color=COLOURS[number % len(COLOURS)], clip_on=False,
+                label=short(one.name),
+            )  # fmt: skip
+        panel.set_xticks(sorted({0, *(s for one in shown for _, s in one.success)}))
+        in_percent(panel)
+        panel.grid(axis="y", color=FAINT, alpha=0.3, linewidth=0.4)
+    figure.supxlabel("severity (0: undisturbed)", fontsize=7)
+    figure.supylabel("success", fontsize=7)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=min(3, len(labels)), frameon=False,
+        fontsize=6.5,
+    )  # fmt: skip
+    return figure
+
+
 def _shades(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[str]) -> None:
     """The cells of one ranking, shaded from its best place to its worst."""
     for y, cameras in enumerate(ordered):
@@ -176,11 +239,11 @@ def _bars(
     """Bars with intervals, and their values in units of ``1 / unit`` beside the axes."""
     for y, found in enumerate(estimates):
         axes.barh(y, found.value, height=0.66, color=colour, alpha=0.75)
-        if ends := found.interval:
+        if found.interval:
             # In front of the paper's mark, which would hide a narrow one.
-            axes.plot([ends.low, ends.high], [y, y], color=INK, linewidth=0.9, zorder=6)
-    lowest = min(0.0, *(e.interval.low if e.interval else e.value for e in estimates))
-    highest = max(full, *(max(e.value, _high(e)) for e in estimates))
+            axes.plot(_ends(found), [y, y], color=INK, linewidth=0.9, zorder=6)
+    lowest = min(0.0, *(_ends(one)[0] for one in estimates))
+    highest = max(full, *(max(one.value, _ends(one)[1]) for one in estimates))
     axes.set_xlim(lowest, highest)
     for y, found in enumerate(estimates):
         said = form.format(unit * found.value)
@@ -192,12 +255,10 @@ def _name(result: Result, findings: StudyFindings) -> str:
     return result.cameras if own else f"{result.cameras}: {reward_label(result.reward)}"
 
 
-def _value(found: SeedEstimate | None) -> float:
-    return 0.0 if found is None else found.value
-
-
-def _high(found: SeedEstimate) -> float:
-    return found.interval.high if found.interval else 0.0
+def _ends(found: SeedEstimate) -> tuple[float, float]:
+    """Of the interval; of a value without one, the value twice."""
+    ends = found.interval or Interval(found.value, found.value)
+    return ends.low, ends.high
 
 
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
@@ -283,7 +344,7 @@ def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
     if not source.exists():
         return Drawn("contact_sheet", caption, (), how)
     try:
-        check_picture(source)
+        check_media(source)
     except UnreadableError as error:
         return Drawn("contact_sheet", caption, (), f"{source} {error}; {how} overwrite=true")
     folder.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import isotonic_regression
 
@@ -61,6 +62,12 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -
     """A column-wide figure and its axes ``(rows, columns)``; ``height`` in mm."""
     figure = Figure(figsize=(WIDTH, height / 25.4), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def in_percent(axes: Axes, room: float = 0.0) -> None:
+    """Shares of 0 to 1 from bottom to top, with ``room`` beyond both ends."""
+    axes.set_ylim(-room, 1 + room)
+    axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
 
 
 def short(name: str) -> str:

@@ -13,21 +13,9 @@ from needlehoop.study.stats.run import Measure
 from needlehoop.study.stats.statistics import OVER_EPISODES, Estimated, Interval
 
 _LATEX: Mapping[int, str] = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "{": r"\{",
-        "}": r"\}",
-        "$": r"\$",
-        "&": r"\&",
-        "#": r"\#",
-        "%": r"\%",
-        "_": r"\_",
-        "^": r"\textasciicircum{}",
-        "~": r"\textasciitilde{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "\n": " ",
-    }
+    {mark: f"\\{mark}" for mark in "{}$&#%_"}
+    | {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
+    | {"<": r"\textless{}", ">": r"\textgreater{}", "\n": " "}
 )
 _MARKDOWN: Mapping[int, str] = str.maketrans(
     {mark: f"\\{mark}" for mark in "\\`*_|<>[]"} | {"\n": " "}
@@ -152,23 +140,20 @@ class Table:
     def text(self) -> str:
         """Aligned columns for a terminal, under the title."""
         lines = [self.header, *self.texts]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(self.header))]
-        body = [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-            for line in lines
-        ]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        body = ("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
         return "\n".join((self.title, *body, *([self.note] if self.note else []), ""))
 
     def markdown(self) -> str:
         """A table of GitHub's Markdown, under its title."""
-        lines = [self.header, ("---",) * len(self.header), *self.texts]
-        escaped = [
-            line if i == 1 else tuple(cell.translate(_MARKDOWN) for cell in line)
-            for i, line in enumerate(lines)
-        ]
-        body = "\n".join(f"| {' | '.join(line)} |" for line in escaped)
-        note = f"\n\n{self.note.translate(_MARKDOWN)}" if self.note else ""
-        return f"**{self.title.translate(_MARKDOWN)}**\n\n{body}{note}\n"
+        head, *rows = (
+            f"| {' | '.join(cell.translate(_MARKDOWN) for cell in line)} |\n"
+            for line in (self.header, *self.texts)
+        )
+        rule = f"| {' | '.join(['---'] * len(self.header))} |\n"
+        note = f"\n{self.note.translate(_MARKDOWN)}\n" if self.note else ""
+        title = self.title.translate(_MARKDOWN)
+        return f"**{title}**\n\n{head}{rule}{''.join(rows)}{note}"
 
     def latex(self) -> str:
         """A floating table; needs the package ``booktabs``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,22 +13,21 @@ from matplotlib.figure import Figure
 
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.curves import MissingDataError, draw_panel, name_ends, smoothed
+from needlehoop.study.render.curves import MissingDataError, draw_panels, name_ends
 from needlehoop.study.render.figures import Drawn
-from needlehoop.study.render.style import new_figure, short
+from needlehoop.study.render.style import in_percent, new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
-from needlehoop.study.report.gallery import Films, filmed_run
-from needlehoop.study.report.page import render, shown_figure, write_with_films
+from needlehoop.study.report.page import films_of, write_page
 from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
     BUFFERS,
     CHEAT,
     RETURN,
     SUCCESS,
-    final,
-    grid_of,
+    Measure,
     has_curve,
     share_at,
+    smooth,
     steps_to_share,
 )
 from needlehoop.study.stats.statistics import (
@@ -52,7 +51,6 @@ _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engin
 
 _SD = "return_sd"
 
-_SUCCESS, _RETURN = Column.of(SUCCESS), Column.of(RETURN)
 _MILLIONS = Column("", "M steps", ".2f", 1e-6)
 
 
@@ -145,29 +143,23 @@ def outcomes(found: Sequence[Comparison], of: str) -> Table:
     """
     rows: list[Row] = []
     for one in found:
-        bases: list[SeedEstimate] | None = None
+        first: dict[Measure, SeedEstimate] = {}
         for name, runs in one.runs.items():
-            place = runs[0].place
-            row: Row = {**_place_of(runs[0]), Column(of): name}
-            pairs = [(run, end) for run in runs if (end := final(run)) is not None]
-            result = result_of(place.cameras, place.reward, pairs) if pairs else None
-            own = result and [_success(result), _over_episodes(result)]
-            bases = bases or own
-            success, returned = own or (None, None)
-            base_success, base_return = bases or (None, None)
-            if place.reward != one.every[0].place.reward:
-                # Points of another reward.
-                base_return = None
+            result = result_of(runs)
+            own = _measured(result) if result else {}
+            first = first or own
+            # Points of another reward are not compared.
+            same = runs[0].place.reward == one.every[0].place.reward
+            success = own.get(SUCCESS)
             rows.append(
-                row
-                | {
-                    Column("runs"): len(pairs) or None,
+                {
+                    **_place_of(runs[0]),
+                    Column(of): name,
+                    Column("runs"): result and len(result.runs),
                     Column("episodes"): result and sum(end.episodes for end in result.finals),
-                    _SUCCESS: success and _shown(success.value, success.interval),
-                    _less(_SUCCESS): _beyond(success, base_success),
+                    **_beside(SUCCESS, success, first.get(SUCCESS)),
                     Column.of(CHEAT): result and result.cheat and result.cheat.value,
-                    _RETURN: returned and _shown(returned.value, returned.interval),
-                    _less(_RETURN): _beyond(returned, base_return),
+                    **_beside(RETURN, own.get(RETURN), first.get(RETURN) if same else None),
                     Column("intervals"): success and success.interval and success.interval.over,
                 }
             )
@@ -187,16 +179,13 @@ def _place_of(run: Record) -> Row:
     }
 
 
-def _less(column: Column) -> Column:
-    """The column of differences of a column's numbers."""
-    return replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
-
-
-def _beyond(own: SeedEstimate | None, base: SeedEstimate | None) -> Estimated | None:
-    """How far a value is from another one."""
-    if own is None or base is None or own is base:
-        return None
-    return _shown(own.value - base.value, difference(base, own))
+def _beside(measure: Measure, own: SeedEstimate | None, first: SeedEstimate | None) -> Row:
+    """A value, and how far it is from the first named's."""
+    column, beyond = Column.of(measure), None
+    if own is not None and first is not None and own is not first:
+        beyond = _shown(own.value - first.value, difference(first, own))
+    less = replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
+    return {column: own and _shown(own.value, own.interval), less: beyond}
 
 
 def progress(found: Sequence[Comparison], of: str = "study") -> Table:
@@ -216,7 +205,7 @@ def progress(found: Sequence[Comparison], of: str = "study") -> Table:
             **{column: steps_to_share(run, *stone) for column, stone in milestones.items()},
             replace(_MILLIONS, name="compared after"): one.steps,
             **{Column.share(fact): _at(run, fact, one.steps) for fact in facts},
-            _RETURN: _at(run, "return", one.steps),
+            Column.of(RETURN): _at(run, "return", one.steps),
         }
         for one in found
         for study, runs in one.runs.items()
@@ -232,18 +221,25 @@ def progress(found: Sequence[Comparison], of: str = "study") -> Table:
 
 def differences(found: Sequence[Comparison], of: str = "study") -> Table:
     """Settings and commits in which the studies or runs differ; seeds where they are runs."""
-    runs: dict[str, list[Record]] = {}
-    for one in found:
-        for study, own in one.runs.items():
-            runs.setdefault(study, []).extend(own)
     hidden = {*_WHICH, *(["seed"] if of == "study" else [])}
-    values = {study: _values(own, hidden) for study, own in runs.items()}
+    names = dict.fromkeys(name for one in found for name in one.runs)
     rows: list[Row] = []
-    for key in sorted({key for own in values.values() for key in own}):
-        line = [own.get(key) for own in values.values()]
+    settings = {
+        name: [
+            {**run.settings, "commit": str(run.manifest.get("commit", ""))}
+            for one in found
+            for run in one.runs.get(name, ())
+        ]
+        for name in names
+    }
+    every = {key for own in settings.values() for one in own for key in one}
+    for key in sorted(every - hidden):
+        # Where runs of a study differ among themselves, all its values.
+        told = [dict.fromkeys(one[key] for one in own if key in one) for own in settings.values()]
+        line = [" / ".join(values) if values else None for values in told]
         if len({*line}) > 1:
-            columns = map(Column, ("setting", *values))
-            rows.append(dict(zip(columns, map(_brief, (key, *line)), strict=True)))
+            cells = map(_brief, (key, *line))
+            rows.append(dict(zip(map(Column, ("setting", *names)), cells, strict=True)))
     note = "Empty: a setting that did not exist when the run was made."
     return Table.of("settings", "What differs", rows, note)
 
@@ -264,39 +260,29 @@ def write_comparison(
         out: an HTML file; films for which it has no room are linked to from its folder.
         made: the command that makes this page, for the record.
     """
-    names = [*dict.fromkeys(name for one in found for name in one.runs)]
-    shown = [(one, [shown_figure(chart)]) for one, chart in zip(found, charts, strict=True)]
-
-    def page(films: Films) -> str:
-        title = " and ".join(names)
-        return render(
-            "comparison.html", title=title, tables=tables, shown=shown, films=films, made=made
-        )
-
-    filmed = [map(filmed_run, one.runs.values()) for one in found]
-    write_with_films(page, [[run.video for run in own if run and run.video] for own in filmed], out)
+    title = " and ".join(dict.fromkeys(name for one in found for name in one.runs))
+    shown = [*zip(found, charts, strict=True)]
+    films = [films_of(one.runs.values()) for one in found]
+    write_page("comparison.html", out, films, title=title, tables=tables, shown=shown, made=made)
 
 
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
     runs = one.every
-    steps = grid_of(runs)
     shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
-    drawn = {column: text for column, text in shown.items() if all(_has(r, column) for r in runs)}
+    drawn = [column for column in shown if all(column in (run.metrics or ()) for run in runs)]
     if not drawn:
         raise MissingDataError("no learning curves")
     figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
+    lines = [(short(name), own, number) for number, (name, own) in enumerate(one.runs.items())]
     ends = []
-    for axes, (column, text) in zip(grid[:, 0], drawn.items(), strict=True):
+    for axes, column in zip(grid[:, 0], drawn, strict=True):
         if column != "return":
-            axes.set_ylim(-0.03, 1.03)
-            axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-        lines = [(short(study), own, i) for i, (study, own) in enumerate(one.runs.items())]
-        smoothly = partial(smoothed, column=column)
-        ends.append(draw_panel(axes, steps, lines, smoothly, f"{text} in training"))
+            in_percent(axes, room=0.03)
+        words = f"{shown[column]} in training"
+        ends += draw_panels([axes], [("", lines)], partial(smooth, column=column), words)
     grid[0, 0].set_title(short(one.title))
-    grid[-1, 0].set_xlabel("environment steps, millions")
-    name_ends(figure, grid[:, 0], ends, steps[-1])
+    name_ends(figure, grid[:, 0], ends)
     return figure
 
 
@@ -305,21 +291,15 @@ def _shown(value: float, interval: Interval | None) -> Estimated:
     return Estimated(value, interval and replace(interval, over=OVER_SEEDS))
 
 
-def _success(result: Result) -> SeedEstimate:
-    """Every run says how often it succeeds."""
-    assert result.success is not None
-    return result.success
-
-
-def _over_episodes(result: Result) -> SeedEstimate:
-    """The final return; of one run, with an interval over its episodes."""
-    (run, *others), found = result.runs, result.value
+def _measured(result: Result) -> dict[Measure, SeedEstimate]:
+    """Final success and return; the return of one run has an interval over its episodes."""
+    success, value, (run, *others) = result.success, result.value, result.runs
     spread = (run.evaluation or {}).get(_SD)
-    if others or not run.finished or not isinstance(spread, int | float):
-        return found
-    half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
-    ends = Interval(found.value - half, found.value + half, OVER_EPISODES)
-    return replace(found, interval=ends)
+    if not others and run.finished and isinstance(spread, int | float):
+        half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
+        ends = Interval(value.value - half, value.value + half, OVER_EPISODES)
+        value = replace(value, interval=ends)
+    return {RETURN: value} | ({SUCCESS: success} if success else {})
 
 
 def _brief(value: str | None) -> str | None:
@@ -333,23 +313,6 @@ def _facts(runs: Sequence[Record]) -> list[str]:
     return [*dict.fromkeys([*ends, *(run.task.goal for run in runs)])]
 
 
-def _has(run: Record, column: str) -> bool:
-    return run.metrics is not None and column in run.metrics.columns
-
-
 def _at(run: Record, column: str, steps: int) -> float | None:
-    if not _has(run, column):
-        return None
-    value = float(share_at(run, column, np.array([float(steps)]))[0])
+    value = float(share_at(run, np.array([float(steps)]), column)[0])
     return None if np.isnan(value) else value
-
-
-def _values(runs: Sequence[Record], hidden: Set[str]) -> dict[str, str]:
-    """Each setting of a study's runs; where they differ among themselves, all its values."""
-    found: dict[str, dict[str, None]] = {}
-    for run in runs:
-        settings = {**run.settings, "commit": str(run.manifest.get("commit", ""))}
-        for key, value in settings.items():
-            if key not in hidden:
-                found.setdefault(key, {})[value] = None
-    return {key: " / ".join(own) for key, own in found.items()}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import base64
+import os
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -11,26 +14,20 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from needlehoop.runs import files
 from needlehoop.runs.reading import UnreadableError, read_text
-from needlehoop.study.data.answers import Answers, Ranking
+from needlehoop.study.data import paper
+from needlehoop.study.data.contents import check_media
 from needlehoop.study.data.paper import reward_label
-from needlehoop.study.data.records import Record
+from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
-from needlehoop.study.report.gallery import (
-    Films,
-    filmed_run,
-    films_of,
-    fitting,
-    inline,
-    rankings_by_reward,
-    tiles_of,
-)
 from needlehoop.study.report.tables import all_tables, list_name, reached
-from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import RETURN, final
 from needlehoop.study.stats.statistics import ENOUGH, no_interval
-from needlehoop.study.stats.stress import SEVERITY, robustness
+
+CAMERAS = "cameras"
+"""A study's folder with what an agent sees through each camera; for the paper's task, beside it."""
 
 _FIRST = ("final_values",)
 """Figures before all others."""
@@ -41,6 +38,14 @@ _FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
 _LONGEST = 10_000_000
 """Bytes of a page; films are left out of it to keep to this."""
 
+_FILM = 4_000_000
+"""Bytes of the longest film that is part of a page; a longer one is linked to."""
+
+_TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".mp4": "video/mp4"}
+
+_NOTED = ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu")
+"""What the page shows of a run's manifest."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -50,6 +55,26 @@ class Part:
     """Of a study, or of the paper."""
     figures: Sequence[Drawn]
     """As drawn; the page holds copies."""
+
+    @property
+    def films(self) -> list[list[Path]]:
+        """The films of each reward's ranking: the best and the worst first, the middle last."""
+        found = []
+        for results in self.findings.by_reward.values():
+            order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
+            found.append(films_of(results[number].runs for number in order))
+        return found
+
+
+def films_of(groups: Iterable[Sequence[Record]]) -> list[Path]:
+    """The film of each group of runs that has one: its first."""
+    filmed = map(filmed_run, groups)
+    return [run.video for run in filmed if run and run.video]
+
+
+def filmed_run(runs: Sequence[Record]) -> Record | None:
+    """The first run that has a film."""
+    return next((run for run in runs if run.video is not None), None)
 
 
 def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = "") -> None:
@@ -62,191 +87,164 @@ def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = 
         command: that makes this page, for the record.
         opening: HTML that stands before the first study.
     """
-    told = [_part(part, alone=len(parts) == 1) for part in parts]
+    title = f"Studies {', '.join(part.findings.title for part in parts)}"
+    if len(parts) == 1:
+        study = parts[0].findings.study
+        title = f"Study {parts[0].findings.title}" if study else "The paper's published numbers"
+    told = [_shown(part, alone=len(parts) == 1) for part in parts]
+    wanted = [films for part in parts for films in part.films]
+    values = {"title": title, "parts": told, "opening": opening, "made": command}
+    write_page("report.html", out, wanted, **values)
 
-    def page(films: Films) -> str:
-        values = {"title": _title(parts), "parts": told, "films": films, "opening": opening}
-        return render("report.html", **values, made=command)
 
-    write_with_films(page, [films for part in parts for films in films_of(part.findings)], out)
-
-
-def write_with_films(
-    page: Callable[[Films], str], wanted: Sequence[Sequence[Path]], out: Path
-) -> None:
-    """Write a page with as many films in it as there is room for, and links to the others.
+def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **values: Any) -> None:
+    """Write a page of ``html/`` with as many films in it as fit, and links to the others.
 
     Args:
-        page: as text.
-        wanted: films of each of its parts, the most wanted first.
+        template: its name.
         out: an HTML file.
+        wanted: films of each of its parts, the most wanted first.
+        values: of the template.
     """
-    # The page with links says how much room films have; a link is as long as a film's tags.
-    room = _LONGEST - len(page(Films(out.parent)).encode())
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page(Films(out.parent, fitting(wanted, room))), encoding="utf-8")
-
-
-def render(template: str, **values: Any) -> str:
-    """A page of ``html/``, with its style and script in it."""
     loader = PackageLoader("needlehoop.study.report", "html")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
     environment.globals |= {
         "filmed_run": filmed_run,
+        "happened": _happened,
+        "inline": inline,
+        "list_name": list_name,
+        "outcome": _outcome,
         "reward_label": reward_label,
         "of_return": Column.of(RETURN).text,
         "percent": Column("", form=".0f", scale=100.0).text,
         "tenths": Column("", form=".1f", scale=100.0).text,
+        "words": {"ENOUGH": ENOUGH, "SEVERITY": SEVERITY, "one_run": no_interval(1)},
     }
-    css, script = (loader.get_source(environment, f"report.{kind}")[0] for kind in ("css", "js"))
-    return environment.get_template(template).render(css=css, script=script, **values)
+    for kind in ("css", "js"):
+        environment.globals[kind] = loader.get_source(environment, f"report.{kind}")[0]
+
+    def page(embedded: Collection[Path]) -> str:
+        def film(path: Path) -> str:
+            if path in embedded:
+                return inline(path)
+            return Path(os.path.relpath(path, out.parent)).as_posix()
+
+        return environment.get_template(template).render(film=film, **values)
+
+    # The page with links says how much room films have; a link is as long as a film's tags.
+    room = _LONGEST - len(page(()).encode())
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(page([*_fitting(wanted, room)]), encoding="utf-8")
 
 
-def _part(part: Part, alone: bool) -> dict[str, Any]:
-    """What the page shows of a study."""
-    findings = part.findings
-    study = findings.study
-    figures = [shown_figure(drawn) for drawn in part.figures]
+def inline(path: Path) -> str:
+    """A file as an address that holds it."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    return f"data:{_TYPES[path.suffix]};base64,{data}"
+
+
+def _fitting(rankings: Sequence[Sequence[Path]], room: int) -> Iterator[Path]:
+    """The films that fit into ``room`` bytes of a page; rankings take turns."""
+    for film in (film for turn in zip_longest(*rankings) for film in turn if film):
+        size = film.stat().st_size
+        # Base64 turns 3 bytes into 4.
+        taken = 4 * -(-size // 3)
+        if size <= _FILM and taken <= room:
+            room -= taken
+            yield film
+
+
+def undrawn(study: Study) -> dict[Path, list[str]]:
+    """Cameras without a picture, by the folder of a run that can draw them."""
+    found: dict[Path, list[str]] = {}
+    for name, run, path in _pictures(study):
+        if path is None:
+            found.setdefault(run.folder, []).append(name)
+    return found
+
+
+def _pictures(study: Study) -> list[tuple[str, Record, Path | None]]:
+    """Each camera of a study, the first run that has it, and its picture if there is one."""
+    first: dict[str, Record] = {}
+    for run in study.runs:
+        for name in run.config["cams"]:
+            first.setdefault(name, run)
+    home = study.folder.resolve()
+    places = [home, home.parent] if study.is_of(paper.task()) else [home]
+    found = []
+    for name, run in sorted(first.items()):
+        paths = (place / CAMERAS / f"{name}.png" for place in places)
+        found.append((name, run, next((path for path in paths if path.exists()), None)))
+    return found
+
+
+def _tiles(study: Study) -> tuple[dict[str, str], list[str]]:
+    """What agents see: addresses that hold whole images, by camera; and why some are missing."""
+    found: dict[str, str] = {}
+    problems = []
+    for name, _, path in _pictures(study):
+        try:
+            if path is None:
+                problems.append(f"no picture of {name}")
+            else:
+                found[name] = inline(check_media(path))
+        except UnreadableError as error:
+            problems.append(f"{path} {error}; remove it, and it is drawn anew")
+    return found, problems
+
+
+def _shown(part: Part, alone: bool) -> dict[str, Any]:
+    """What the template shows of a study."""
+    findings, study = part.findings, part.findings.study
     ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
-    tiles, problems = tiles_of(study)
+    tiles, problems = _tiles(study) if study else ({}, [])
+    speakers = []
+    if study and findings.answers and findings.answers.rankings:
+        speakers = [findings.answers]
+    elif study and findings.is_papers:
+        speakers = [*recorded_answers()]
+    flat = {run.place: {*run.settings.items()} for run in study.runs} if study else {}
+    common = set.intersection(*flat.values()) if len(flat) > 1 else set()
     return {
         "findings": findings,
         # Names of a page's parts are unique in it.
         "mark": "" if alone else f"{findings.title}-",
-        "lead": _lead(findings),
+        "stressed": next((one for one in robustness(findings)[:1] if one.mean), None),
         "tiles": tiles,
         "problems": problems,
-        "first": [figure for figure in figures if figure["name"] in ahead],
-        "figures": [figure for figure in figures if figure["name"] not in ahead],
-        "rankings": rankings_by_reward(findings),
+        "first": [figure for figure in part.figures if figure.name in ahead],
+        "figures": [figure for figure in part.figures if figure.name not in ahead],
         "reached": reached(findings),
         "tables": all_tables(findings),
-        "reasons": _reasons(findings),
-        "answers": findings.answers.questions if study and findings.answers else (),
-        **_settings(study.runs if study else (), study and study.folder),
-    }
-
-
-def _title(parts: Sequence[Part]) -> str:
-    if len(parts) > 1:
-        return f"Studies {', '.join(part.findings.title for part in parts)}"
-    (part,) = parts
-    found = part.findings
-    return f"Study {found.title}" if found.study else "The paper's published numbers"
-
-
-def _lead(findings: StudyFindings) -> list[str]:
-    if findings.study is None:
-        return [
-            "Returns and rankings as published in K. Raghuvanshi, Leveraging VLMs for Optimising"
-            " Camera Inputs for Surgical Robotic Reinforcement Learning. Not measured here.",
-            f"One run for each camera set: {no_interval(1)}.",
+        "speakers": speakers,
+        "common": sorted(common),
+        "runs": [
+            (run, _facts(run) + sorted(flat[run.place] - common), _reward(run, study.folder))
+            for run in study.runs
         ]
-    runs = findings.study.runs
-    done = sum(run.finished for run in runs)
-    lead = [f"{len(runs)} runs, {done} of them finished; {len(findings.left_out)} left out."]
-    if findings.ranked:
-        best, worst = findings.ranked[0], findings.ranked[-1]
-        lead.append(f"Best cameras: {_outcome(best)}.")
-        if worst is not best:
-            lead.append(f"Worst: {_outcome(worst)}.")
-    for one in robustness(findings)[:1]:
-        if one.mean is not None:
-            lead.append(
-                f"Under disturbances {one.result.cameras} does best:"
-                f" {100 * one.mean.value:.0f} % at severity {SEVERITY}, mean over axes."
-            )
-    if any(result.unfinished for result in findings.results):
-        lead.append(
-            "Values of unfinished runs are of agents still in training: the mean over their"
-            " evaluations in the last tenth of the steps so far."
-        )
-    fewest, most = findings.seeds, max((r.value.seeds for r in findings.results), default=0)
-    if fewest:
-        seeds = f"{fewest} to {most} seeds" if fewest < most else f"{fewest} seeds"
-        lead.append(
-            f"{'One seed' if most == 1 else seeds} each. Intervals are 95 %: of returns over seeds,"
-            f" where there are {ENOUGH} or more; of rates over seeds as well, over all episodes"
-            " (Wilson's) where there are fewer."
-        )
-    return lead
+        if study
+        else [],
+    }
 
 
 def _outcome(result: Result) -> str:
     interval = Column.of(RETURN).text(result.value.interval_or_why)
-    found = f"{result.cameras}, return {result.value.value:.2f} ({interval})"
+    found = f"return {result.value.value:.2f} ({interval})"
     if result.success is not None:
         found += f", success {100 * result.success.value:.0f} %"
     return found
 
 
-def shown_figure(drawn: Drawn) -> dict[str, str | None]:
-    """The sharpest file of a figure, inline."""
-    best = sorted(drawn.files, key=lambda path: path.suffix != ".svg")
-    return {
-        "name": drawn.name,
-        "caption": drawn.caption,
-        "missing": drawn.missing,
-        "image": inline(best[0]) if best else None,
-    }
-
-
-def _reasons(findings: StudyFindings) -> list[dict[str, Any]]:
-    """Each ranking with its reasons, and what the runs made of it.
-
-    Of the study's own model; where it asked none, of the shipped recordings'.
-    """
-    if findings.study is None:
-        return []
-    own = findings.answers
-    speakers = (own,) if own and own.rankings else recorded_answers() if findings.is_papers else ()
-    return [
-        _ranking(findings, speaker, ranking) for speaker in speakers for ranking in speaker.rankings
-    ]
-
-
-def _ranking(findings: StudyFindings, answers: Answers, ranking: Ranking) -> dict[str, Any]:
-    by_name = {result.cameras: result for result in findings.ranked}
-    values = {c: by_name[c].value.value for c in ranking.places if c in by_name}
-    places = []
-    for cameras, predicted in ranking.places.items():
-        happened = "Not run yet."
-        if cameras in values:
-            place = 1 + sum(value > values[cameras] for value in values.values())
-            outcome = _outcome(by_name[cameras]).partition(", ")[2]
-            happened = f"Measured: place {place} of {len(values)}, {outcome}."
-        places.append(
-            {
-                "cameras": cameras,
-                "predicted": f"{predicted:g}",
-                "reason": ranking.reasons.get(cameras, ""),
-                "happened": happened,
-            }
-        )
-    return {
-        "name": f"{answers.source}: {list_name(findings, frozenset(ranking.places))}",
-        "places": places,
-    }
-
-
-def _settings(runs: Sequence[Record], study: Path | None) -> dict[str, Any]:
-    """What all runs share, and what each has of its own."""
-    flat = [run.settings for run in runs]
-    shared = set.intersection(*(set(own.items()) for own in flat)) if len(flat) > 1 else set()
-    return {
-        "common": sorted(shared),
-        "runs": [
-            {
-                "place": run.place,
-                "own": _facts(run) + sorted(set(own.items()) - shared),
-                "reward": _reward(run, study),
-                "command": run.command,
-            }
-            for run, own in zip(runs, flat, strict=True)
-        ],
-    }
+def _happened(findings: StudyFindings, cameras: str, listed: Collection[str]) -> str:
+    """What the runs made of a predicted camera set, among those that were ranked with it."""
+    results = {one.cameras: one for one in findings.ranked if one.cameras in listed}
+    if cameras not in results:
+        return "Not run yet."
+    own = results[cameras]
+    place = 1 + sum(one.value.value > own.value.value for one in results.values())
+    return f"Measured: place {place} of {len(results)}, {_outcome(own)}."
 
 
 def _facts(run: Record) -> list[tuple[str, str]]:
@@ -259,18 +257,16 @@ def _facts(run: Record) -> list[tuple[str, str]]:
         cheat = "" if found.cheat is None else f", cheat {found.cheat:.3f}"
         facts.append(("final success", f"{found.success:.3f}{cheat}"))
     facts.append(("reward", reward_label(run.place.reward)))
-    for key in ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu"):
-        if manifest.get(key) is not None:
-            facts.append((key, str(manifest[key])))
+    facts += [(key, str(manifest[key])) for key in _NOTED if manifest.get(key) is not None]
     versions = manifest.get("versions")
     if isinstance(versions, Mapping):
         facts.append(("versions", ", ".join(f"{k} {v}" for k, v in versions.items())))
     return facts
 
 
-def _reward(run: Record, study: Path | None) -> str:
+def _reward(run: Record, study: Path) -> str:
     path = run.folder / files.REWARD
-    if not (path.exists() or path.is_symlink()):
+    if not os.path.lexists(path):
         return f"{files.REWARD} is not kept; {files.CONFIG} has the reward's values and program"
     try:
         return read_text(path, within=study)

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
@@ -15,13 +14,13 @@ from needlehoop.runs import files
 from needlehoop.study.data.records import Place, Record, Study
 from needlehoop.study.data.sweeps import JobEnd
 
-STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = (
+STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = [
     "done",
     "running",
     "stopped",
     "failed",
     "missing",
-)
+]
 OTHER = "other"
 """A run that stands there with other settings than those that are asked for."""
 
@@ -77,30 +76,29 @@ def standings(
     """
     now = time.time()
     runs = {run.place: run for run in study.runs}
-    wanted = {*expected_places(study), *ends} if expected is None else set(expected)
+    if expected is None:
+        expected = {place: {} for place in {*expected_places(study), *ends}}
     rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
     usual = float(np.median(rates)) if rates else None
     plans = Counter(run.planned_steps for run in study.runs)
     plan = plans.most_common(1)[0][0] if plans else None
     found = []
-    for place in sorted(wanted):
+    for place, asked in sorted(expected.items()):
         run, end = runs.get(place), ends.get(place)
         error = end.error if end else None
-        asked = {} if expected is None else expected[place]
-        steps = int(asked["steps"]) if "steps" in asked else plan
         other = _other(run, asked) if run else None
         if run is None or other:
+            steps = int(asked["steps"]) if "steps" in asked else plan
             left = steps / usual if steps is not None and usual else None
             state = OTHER if other else FAILED if error else MISSING
             found.append(Standing(place, state, 0, steps, None, left, None, other or error))
             continue
-        seen = _last_sign(run)
+        seen, rate = _last_sign(run), _rate(run)
         if end is None or end.when < seen or run.finished:
             error = None
-        state, rate = FAILED if error else _state(run, now - seen), _rate(run)
-        used = rate or usual
+        state, pace = FAILED if error else _state(run, now - seen, rate), rate or usual
         rest = 0 if state == DONE else max(run.planned_steps - run.steps, 0)
-        left = 0.0 if not rest else rest / used if used else None
+        left = 0.0 if not rest else rest / pace if pace else None
         found.append(
             Standing(place, state, run.steps, run.planned_steps, rate, left, now - seen, error)
         )
@@ -118,14 +116,12 @@ def describe(found: list[Standing], study: Study) -> str:
         left = "" if one.state == DONE else duration(one.left)
         sign = "" if one.state == DONE or one.silent is None else f"{duration(one.silent)} ago"
         rows.append((str(one.place), one.state, share, rate, left, sign))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if i < 2 else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        names = (cell.ljust(width) for cell, width in zip(row[:2], widths, strict=False))
+        numbers = (cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True))
+        lines.append("  ".join((*names, *numbers)).rstrip())
     counts = Counter(one.state for one in found)
     tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
     tally += f", {counts[OTHER]} with other settings" if counts[OTHER] else ""
@@ -142,14 +138,14 @@ def describe(found: list[Standing], study: Study) -> str:
 def _other(run: Record, asked: Mapping[str, str]) -> str | None:
     """Which of a run's settings are not those that are asked for."""
     own = run.settings
-    odd = [key for key, text in asked.items() if not _are_same(own.get(key), text)]
+    odd = [key for key, text in asked.items() if not _are_same(own.get(key, ""), text)]
     return "; ".join(f"{key}={own.get(key)}, not {asked[key]}" for key in odd) or None
 
 
-def _are_same(one: str | None, other: str) -> bool:
+def _are_same(one: str, other: str) -> bool:
     """Whether two settings are the same text, or the same number."""
     try:
-        return one is not None and float(one) == float(other)
+        return float(one) == float(other)
     except ValueError:
         return one == other
 
@@ -177,23 +173,19 @@ def duration(seconds: float | None) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
 
 
-def _last_sign(run: Record) -> float:
-    """Unix time at which a file of the run was last changed, s."""
-    names = (files.CONFIG, files.MANIFEST, files.METRICS, files.EVALUATIONS)
-    return max(_changed(run.folder / name) for name in names)
+def _last_sign(run: Record, *names: str) -> float:
+    """Unix time at which one of these files, or any, of the run was last changed, s; 0: none."""
+    names = names or (files.CONFIG, files.MANIFEST, files.METRICS, files.EVALUATIONS)
+    paths = [run.folder / name for name in names]
+    return max((path.stat().st_mtime for path in paths if path.exists()), default=0.0)
 
 
-def _changed(path: Path) -> float:
-    return path.stat().st_mtime if path.exists() else 0.0
-
-
-def _state(run: Record, silent: float) -> str:
+def _state(run: Record, silent: float, rate: float | None) -> str:
     if run.finished:
         return DONE
     # A run that goes on writes other files before its manifest.
-    if run.stopped and _changed(run.folder / files.MANIFEST) >= _last_sign(run):
+    if run.stopped and _last_sign(run, files.MANIFEST) >= _last_sign(run):
         return STOPPED
-    rate = _rate(run)
     patience = max(_QUIET, 5 * run.buffer / rate) if rate else _QUIET
     return RUNNING if silent <= patience else STOPPED
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.render.table import Cell, Column, Of, Row, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
-from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_answers
 from needlehoop.study.stats.run import (
     BEST,
@@ -36,10 +36,8 @@ from needlehoop.study.stats.statistics import (
     SeedEstimate,
     estimate,
     improvement,
-    iqm,
     no_interval,
 )
-from needlehoop.study.stats.stress import SEVERITY, robustness
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
@@ -227,7 +225,7 @@ def rewards(findings: StudyFindings) -> Table:
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
     rows = [
-        _rewarded(cameras, [result], findings.is_papers)
+        _rewarded(result, findings.is_papers)
         for cameras in chosen
         for result in by_reward
         if result.cameras == cameras
@@ -235,7 +233,7 @@ def rewards(findings: StudyFindings) -> Table:
     for reward in dict.fromkeys(r.reward for r in by_reward):
         own = [r for r in findings.results if r.reward == reward and r.cameras in chosen]
         if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
-            rows.append(_rewarded(f"all {len(own)}", own, findings.is_papers))
+            rows.append(_rewarded(_together(own), findings.is_papers, alone=False))
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -247,62 +245,56 @@ def rewards(findings: StudyFindings) -> Table:
     return Table.of("rewards", "Rewards: human, text, text + image", rows, note)
 
 
-def _rewarded(name: str, found: Sequence[Result], papers: bool) -> Row:
-    """A reward's numbers over one camera set, or over several, each of them a stratum.
+def _together(results: Sequence[Result]) -> Result:
+    """A reward over several camera sets, each of them a stratum."""
+    value, success = (estimate([r.values(of) for r in results]) for of in (RETURN, SUCCESS))
+    cheats = [r.values(CHEAT) for r in results]
+    return Result(
+        f"all {len(results)}",
+        results[0].reward,
+        tuple(run for r in results for run in r.runs),
+        tuple(found for r in results for found in r.finals),
+        value,
+        success,
+        estimate(cheats) if all(cheats) else None,
+    )
 
-    Args:
-        name: of the row.
-        found: with the same reward.
-        papers: whether the paper's numbers stand beside them.
-    """
-    one = found[0]
-    value, success, cheat = one.value, one.success, one.cheat
-    alone = len(found) == 1
-    if not alone:
-        value = estimate([r.values(RETURN) for r in found])
-        success = estimate([r.values(SUCCESS) for r in found])
-        cheats = [r.values(CHEAT) for r in found]
-        cheat = estimate(cheats) if all(cheats) else None
-    steps = [steps_to_share(run, "success", _SOON) for run in one.runs] if alone else []
+
+def _rewarded(result: Result, papers: bool, alone: bool = True) -> Row:
+    """A reward's numbers over one camera set, or several; those of the ``papers`` beside them."""
+    steps = [steps_to_share(run, "success", _SOON) for run in result.runs] if alone else []
     row: Row = {
-        _CAMERAS: name,
-        _REWARD: reward_label(one.reward),
-        **_estimated(RETURN, value),
-        Column.of(HUMAN_POINTS): _human(found),
-        **_estimated(SUCCESS, success),
-        Column.of(BEST): _over(found, BEST),
-        Column.of(CHEAT): cheat and cheat.value,
-        Column.of(SUCCESS_OVER_TRAINING): _over(found, SUCCESS_OVER_TRAINING),
+        _CAMERAS: result.cameras,
+        _REWARD: reward_label(result.reward),
+        **_estimated(RETURN, result.value),
+        Column.of(HUMAN_POINTS): _human(result),
+        **_estimated(SUCCESS, result.success),
+        Column.of(BEST): result.middle(BEST),
+        Column.of(CHEAT): result.cheat and result.cheat.value,
+        Column.of(SUCCESS_OVER_TRAINING): result.middle(SUCCESS_OVER_TRAINING),
         Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6): [
             "not reached" if one is None else one for one in steps
         ],
     }
     if papers:
         said = {(r.cameras, r.reward): r for r in paper.rewards()}
-        theirs = said.get((one.cameras, one.reward)) if alone else None
-        unsaid = "not published" if alone else None
-        row[_PAPERS_RETURN] = (theirs and theirs.value) or unsaid
+        theirs = said.get((result.cameras, result.reward))
+        row[_PAPERS_RETURN] = (theirs and theirs.value) or ("not published" if alone else None)
         row[Column("remark on the paper's")] = theirs and theirs.remark
     return row
 
 
-def _over(found: Sequence[Result], measure: Measure) -> float | None:
-    """The interquartile mean of all runs; ``None`` where one of them has no such number."""
-    own = [result.values(measure) for result in found]
-    return float(iqm(np.concatenate(own))) if all(own) else None
-
-
-def _human(found: Sequence[Result]) -> Cell:
+def _human(result: Result) -> Cell:
     """The mean of the runs' points under the human reward; ``None`` where one has none.
 
     Points of another scene unit than today's default come with a remark.
     """
-    own = [result.values(HUMAN_POINTS) for result in found]
-    if not all(own):
+    own = result.values(HUMAN_POINTS)
+    if not own:
         return None
-    mean = float(np.mean(np.concatenate(own)))
-    now = {_unit(run.task.name) for result in found for run in result.runs}
-    others = {final.human_unit for result in found for final in result.finals} - now - {None}
+    mean = float(np.mean(own))
+    now = {_unit(run.task.name) for run in result.runs}
+    others = {found.human_unit for found in result.finals} - now - {None}
     said = " and ".join(f"{unit:g}" for unit in sorted(filter(None, others)))
     return f"{mean:.2f} (unit {said} m)" if said else mean
 
@@ -470,10 +462,10 @@ def _agreed(found: Agreement | None, remark: str = "") -> Row:
     }
 
 
-def list_name(findings: StudyFindings, members: frozenset[str]) -> str:
+def list_name(findings: StudyFindings, members: Iterable[str]) -> str:
     """A list's name; a list that is not the paper's is named by what is in it."""
     names = {frozenset(own): LISTS.get(name) for name, own in findings.lists.items()}
-    return names.get(members) or ", ".join(sorted(members))
+    return names.get(frozenset(members)) or ", ".join(sorted(members))
 
 
 def improvements(findings: StudyFindings) -> Table:

@@ -64,7 +64,7 @@ def agreement(predicted: Mapping[str, float], measured: Mapping[str, float]) -> 
         measured: such as final returns.
 
     Raises:
-        ValueError: other names on one side, fewer than two, or a value that is not finite.
+        ValueError: other names on one side.
     """
     return pooled([(predicted, measured)])
 
@@ -79,10 +79,8 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
         sides: predicted and measured scores, as for ``agreement``, of each list.
 
     Raises:
-        ValueError: no list, or one that cannot be compared.
+        ValueError: other names on one side of a list.
     """
-    if not sides:
-        raise ValueError("agreement: no lists")
     arrays = [_in_one_order(*both) for both in sides]
     # Differences whose correlations are Kendall's tau-b and Spearman's rho (Daniels 1944).
     signs = [(np.sign(_differences(a)), np.sign(_differences(b))) for a, b in arrays]
@@ -104,12 +102,6 @@ def _in_one_order(predicted: Mapping[str, float], measured: Mapping[str, float])
     if set(predicted) != set(measured):
         odd = ", ".join(sorted(set(predicted) ^ set(measured)))
         raise ValueError(f"agreement: {odd} on one side only; both must rank the same")
-    if len(predicted) < 2:
-        raise ValueError(f"agreement: {len(predicted)} camera sets; an order takes two")
-    for side, values in (("predicted", predicted), ("measured", measured)):
-        for name, value in values.items():
-            if not math.isfinite(value):
-                raise ValueError(f"agreement: {side} {name}: {value} is not finite")
     names = sorted(predicted)
     a, b = (np.array([side[name] for name in names], float) for side in (predicted, measured))
     return a, b

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 
 import numpy as np
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers, read_answers
-from needlehoop.study.data.paper import HUMAN
+from needlehoop.study.data.contents import ALL, NONE, Stressed
+from needlehoop.study.data.paper import HUMAN, reward_order
 from needlehoop.study.data.records import LeftOut, Record, Study, read_study
 from needlehoop.study.stats.predictions import (
     IMITATION,
@@ -26,6 +27,9 @@ from needlehoop.study.stats.predictions import (
 )
 from needlehoop.study.stats.run import TRAINING, Final, Measure, final
 from needlehoop.study.stats.statistics import SeedEstimate, estimate, iqm, rate
+
+SEVERITY = 3
+"""The severity that is summed up: what a lab or an operating room shows."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,13 @@ class StudyFindings:
         return tuple(result for result in self.results if result.reward == self.main_reward)
 
     @property
+    def by_reward(self) -> dict[str, list[Result]]:
+        """Results by reward: first the one under which cameras are compared."""
+        rewards = {result.reward for result in self.results}
+        order = sorted(rewards, key=lambda own: (own != self.main_reward, reward_order(own)))
+        return {own: [one for one in self.results if one.reward == own] for own in order}
+
+    @property
     def lists(self) -> dict[str, tuple[str, ...]]:
         """The paper's lists, where they are of this study, then others that its VLM ranked."""
         return lists_of(self.answers, self.is_papers)
@@ -136,24 +147,14 @@ class StudyFindings:
         return {name: float(iqm(np.array(own))) for name, own in self.by_set(measure).items()}
 
     @property
-    def rankings(self) -> tuple[Prediction, ...]:
-        """Predictions, then measurements."""
-        lists = self.lists.values()
-        found = [*self.predictions]
-        for who, values in self._measured_here.items():
-            ours = scored(who, values, lists, whole=False)
-            found += [ours] if who == MEASURED or ours.lists else []
-        if self.is_papers:
-            found.append(scored(PAPERS_MEASURED, paper.measured(), lists))
-        return tuple(found)
-
-    @property
     def truths(self) -> dict[str, Mapping[str, float]]:
         """What predictions are held against: values by camera set, by what they are.
 
         Imitation predicts, and is predicted: what flies ranks cameras as well.
         """
-        found = dict(self._measured_here)
+        found: dict[str, Mapping[str, float]] = {}
+        if self.study is not None:
+            found = {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
         for one in self.predictions:
@@ -162,11 +163,14 @@ class StudyFindings:
         return found
 
     @property
-    def _measured_here(self) -> dict[str, Mapping[str, float]]:
-        """By final return, and over training; nothing of the paper's."""
-        if self.study is None:
-            return {}
-        return {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
+    def rankings(self) -> tuple[Prediction, ...]:
+        """Predictions, then measurements."""
+        found, lists = [*self.predictions], self.lists.values()
+        for who, values in self.truths.items():
+            one = scored(who, values, lists, whole=who == PAPERS_MEASURED)
+            if who != IMITATION and (one.lists or who != TRAINING.name):
+                found.append(one)
+        return tuple(found)
 
     def predictions_of(self, truth: str) -> list[Prediction]:
         """Those that are held against one of ``truths``; the paper's returns against ours."""
@@ -187,6 +191,66 @@ class StudyFindings:
         return sorted(chosen, key=lambda cameras: (by.get(cameras, math.inf), cameras))
 
 
+@dataclass(frozen=True)
+class Robustness:
+    """Of one camera set with one reward, over the runs that were stressed."""
+
+    result: Result
+    success: dict[tuple[str, int], SeedEstimate]
+    """By axis and severity, as far as all these runs were tested."""
+    mean: SeedEstimate | None
+    """Success at ``SEVERITY``, the mean over axes."""
+
+    @property
+    def name(self) -> str:
+        """The cameras, and the label of runs that differ in another setting."""
+        label = self.result.reward.partition("+")[2]
+        return ", ".join(part for part in (self.result.cameras, label) if part)
+
+    @property
+    def undisturbed(self) -> SeedEstimate:
+        """Success of the same episodes with nothing wrong."""
+        return self.success[NONE, 0]
+
+    @property
+    def together(self) -> SeedEstimate | None:
+        """Success with every axis at once."""
+        return next((one for (axis, _), one in self.success.items() if axis == ALL), None)
+
+    @property
+    def axes(self) -> dict[str, SeedEstimate]:
+        """Success at ``SEVERITY`` by axis, the worst first."""
+        own = {key: one for key, one in self.success.items() if _summed(*key)}
+        return {axis: own[axis, level] for axis, level in sorted(own, key=lambda k: own[k].value)}
+
+
+def _summed(axis: str, severity: int) -> bool:
+    return severity == SEVERITY and axis not in (NONE, ALL)
+
+
+def robustness(findings: StudyFindings) -> list[Robustness]:
+    """Every camera set with a stressed run, the best mean at ``SEVERITY`` first."""
+    found = []
+    for result in findings.results:
+        runs = [run.stress for run in result.runs if run.stress]
+        by: defaultdict[tuple[str, int], list[Stressed]] = defaultdict(list)
+        for row in chain(*runs):
+            by[row.axis, row.severity].append(row)
+        success = {key: _rate(own) for key, own in by.items() if len(own) == len(runs)}
+        if (NONE, 0) not in success:
+            continue
+        shown = {key for key in success if _summed(*key)}
+        axes = [own for run in runs if (own := [r for r in run if (r.axis, r.severity) in shown])]
+        shares = [float(np.mean([row.success for row in own])) for own in axes]
+        episodes = [sum(row.episodes for row in own) for own in axes]
+        found.append(Robustness(result, success, rate(shares, episodes) if shares else None))
+    return sorted(found, key=lambda one: -(one.mean.value if one.mean else 0.0))
+
+
+def _rate(rows: Sequence[Stressed]) -> SeedEstimate:
+    return rate([row.success for row in rows], [row.episodes for row in rows])
+
+
 def study_findings(folder: Path) -> StudyFindings:
     """What the runs under a study's folder say.
 
@@ -200,19 +264,14 @@ def study_findings(folder: Path) -> StudyFindings:
     lists = [*lists_of(answers, papers).values()]
     foretold, unreadable = predictions(answers, home.parent, lists, home.name, papers)
     left_out = [*study.left_out, *unread, *unreadable]
-    results = []
-    for (cameras, reward), runs in groupby(
-        study.runs, key=lambda run: (run.place.cameras, run.place.reward)
-    ):
-        pairs = []
-        for run in runs:
-            if (found := final(run)) is None:
-                where = run.folder.relative_to(folder)
-                left_out.append(LeftOut(where, "not evaluated yet: it has no final value"))
-            else:
-                pairs.append((run, found))
-        if pairs:
-            results.append(result_of(cameras, reward, pairs))
+    groups = groupby(study.runs, key=lambda run: (run.place.cameras, run.place.reward))
+    results = [one for _, runs in groups if (one := result_of([*runs])) is not None]
+    counted = {run.place for result in results for run in result.runs}
+    left_out += [
+        LeftOut(run.folder.relative_to(folder), "not evaluated yet: it has no final value")
+        for run in study.runs
+        if run.place not in counted
+    ]
     return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
 
 
@@ -244,15 +303,18 @@ def _sorted(results: Sequence[Result]) -> tuple[Result, ...]:
     return tuple(sorted(results, key=lambda one: (-one.value.value, one.cameras, one.reward)))
 
 
-def result_of(cameras: str, reward: str, pairs: Sequence[tuple[Record, Final]]) -> Result:
-    """The result of runs with one camera set and one reward, and their final values."""
-    finals = tuple(found for _, found in pairs)
+def result_of(runs: Sequence[Record]) -> Result | None:
+    """The result of runs with one camera set and one reward; ``None`` if none has a final value."""
+    known = [(run, found) for run in runs if (found := final(run)) is not None]
+    if not known:
+        return None
+    counted, finals = zip(*known, strict=True)
     episodes = [found.episodes for found in finals]
     cheats = [found.cheat for found in finals if found.cheat is not None]
     return Result(
-        cameras,
-        reward,
-        tuple(run for run, _ in pairs),
+        runs[0].place.cameras,
+        runs[0].place.reward,
+        counted,
         finals,
         value=estimate([[found.value for found in finals]]),
         success=rate([found.success for found in finals], episodes),

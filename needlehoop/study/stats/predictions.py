@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from pydantic import FiniteFloat
+
 from needlehoop.runs.files import EXPERT
-from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS, VLM, Answers, read_answers
+from needlehoop.study.data.contents import read_entries
 from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import Final, final
 from needlehoop.study.stats.statistics import estimate, rate
@@ -31,6 +32,14 @@ _PROBE = Path("probe/ranking.csv")
 
 _STUDIES = {"imitation": IMITATION, "fast": FAST}
 """Studies that predict what others measure, by their folders beside them."""
+
+
+@dataclass(frozen=True)
+class _Probed:
+    """A row of the probe's table."""
+
+    cameras: str
+    score: FiniteFloat
 
 
 @dataclass(frozen=True)
@@ -80,15 +89,17 @@ def recorded_answers() -> tuple[Answers, ...]:
     return tuple(found)
 
 
-def _asked_otherwise(who: str, folder: Path, within: str) -> tuple[list[Prediction], list[LeftOut]]:
-    """Rankings of the same model that were asked for in other ways."""
-    found, left_out = [], []
+def _said_by(
+    who: str, answers: Answers | None, folder: Path, within: str, left_out: list[LeftOut]
+) -> list[Prediction]:
+    """A model's rankings, and those of the same model that were asked for in other ways."""
+    found = [said(who, answers)] if answers and answers.rankings else []
     for how, name in LESS.items():
-        answers, unread = read_answers(folder, within, name)
+        other, unread = read_answers(folder, within, name)
         left_out += [one for one in unread if one.path.name == name]
-        if answers is not None and answers.rankings:
-            found.append(said(f"{who}, {how}", answers))
-    return found, left_out
+        if other is not None and other.rankings:
+            found.append(said(f"{who}, {how}", other))
+    return found
 
 
 def predictions(
@@ -115,26 +126,20 @@ def predictions(
     left_out: list[LeftOut] = []
     if papers:
         found = [said(PAPERS_VLM, paper.answers())]
-        for answers in recorded_answers():
-            otherwise, unread = _asked_otherwise(answers.source, RECORDINGS / answers.source, ".")
-            found += [said(answers.source, answers), *otherwise]
-            left_out += unread
-    mine = [] if own is None or not own.rankings else [said(OWN_VLM, own)]
+        for told in recorded_answers():
+            found += _said_by(told.source, told, RECORDINGS / told.source, ".", left_out)
     if measured is not None:
-        otherwise, unread = _asked_otherwise(OWN_VLM, results / measured, VLM)
-        mine += otherwise
-        left_out += unread
-    # A study that replays a recording says nothing that is not there already.
-    found += [one for one in mine if all(one.lists != other.lists for other in found)]
-    if not papers:
-        return tuple(found), left_out
-    if (results / _PROBE).exists():
+        mine = _said_by(OWN_VLM, own, results / measured, VLM, left_out)
+        # A study that replays a recording says nothing that is not there already.
+        found += [one for one in mine if all(one.lists != other.lists for other in found)]
+    if papers and (results / _PROBE).exists():
         try:
-            found.append(scored(PROBE, _probed(results / _PROBE, lists), lists))
+            scores = {one.cameras: one.score for one in read_entries(results / _PROBE, _Probed)}
+            found.append(scored(PROBE, scores, lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
     for name, who in _STUDIES.items():
-        if name != measured and (results / name).is_dir():
+        if papers and name != measured and (results / name).is_dir():
             found.append(_trained(who, results / name, lists))
     return tuple(one for one in found if one.lists), left_out
 
@@ -182,33 +187,19 @@ def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Predicti
 
     Imitation by success, since no reward taught it; the others by final return.
     """
+    imitated = who == IMITATION
     ends: dict[str, list[Final]] = {}
     for run in read_study(folder).runs:
-        # Of a labelled run, other settings than its cameras may have decided.
-        if run.config.get("label") is not None:
-            continue
         end = final(run)
-        if (run.place.reward == EXPERT) == (who == IMITATION) and end is not None and end.finished:
+        # Of a labelled run, other settings than its cameras may have decided.
+        if end is None or not end.finished or run.config.get("label") is not None:
+            continue
+        if (run.place.reward == EXPERT) == imitated:
             ends.setdefault(run.place.cameras, []).append(end)
     scores = {
-        cameras: rate([end.success for end in own], [end.episodes for end in own]).value
-        if who == IMITATION
-        else estimate([[end.value for end in own]]).value
+        cameras: rate([end.success for end in own], [end.episodes for end in own])
+        if imitated
+        else estimate([[end.value for end in own]])
         for cameras, own in ends.items()
     }
-    return scored(who, scores, lists)
-
-
-def _probed(path: Path, lists: Iterable[Iterable[str]]) -> dict[str, float]:
-    """The probe's scores by set; its table has the sets' labels.
-
-    Raises:
-        UnreadableError: it is no table of the probe's.
-    """
-    rows = list(csv.DictReader(io.StringIO(read_text(path))))
-    try:
-        scores = {row["cameras"]: float(row["score"]) for row in rows}
-    except (KeyError, TypeError, ValueError) as error:
-        raise UnreadableError("is no ranking of a probe") from error
-    names = {name for members in lists for name in members}
-    return {name: scores[name] for name in names if name in scores}
+    return scored(who, {cameras: one.value for cameras, one in scores.items()}, lists)

@@ -35,14 +35,14 @@ class Final:
     """Steps of training when it was measured."""
     finished: bool
     """Whether the run's training was over."""
-    human_unit: float | None = None
+    human_unit: float | None
     """The human reward's scene unit, m; ``None`` where it was not written down."""
-    area: float | None = None
+    area: float | None
     """Mean return over all of training: the area under its curve, by steps. ``None`` where
     training is not over, or has left no curve."""
-    success_area: float | None = None
+    success_area: float | None
     """The same of success, which compares across rewards, unlike their points."""
-    best: float | None = None
+    best: float | None
     """The highest success of all evaluations; more than ``success`` is what training took away
     again. ``None`` where training is not over, or was not evaluated on the way."""
 
@@ -104,33 +104,26 @@ def final(run: Record) -> Final | None:
     rows, last = run.evaluations, run.evaluation
     newest = 0 if rows is None else int(rows["step"][-1])
     if last is not None and (run.finished or _trained(run) >= newest):
-        return Final(
-            value=float(last["return"]),
-            human=last.get(HUMAN_RETURN),
-            human_unit=last.get(HUMAN_UNIT),
-            shares={name: float(last[name]) for name in run.task.columns},
-            area=_over_training(run, "return"),
-            success_area=_over_training(run, "success"),
-            best=_best(run),
-            episodes=int(last["episodes"]),
-            steps=_trained(run),
-            finished=run.finished,
-        )
-    if rows is None:
+        said, steps, finished = last, _trained(run), run.finished
+    elif rows is not None:
+        tail = rows["step"] > newest * (1.0 - _TAIL)
+        episodes = rows["episodes"][tail]
+        said = {name: np.average(own[tail], weights=episodes) for name, own in rows.items()}
+        said["episodes"], steps, finished = episodes.sum(), newest, False
+    else:
         return None
-    tail = rows["step"] > newest * (1.0 - _TAIL)
-    episodes = rows["episodes"][tail]
-
-    def mean(column: str) -> float:
-        return float(np.average(rows[column][tail], weights=episodes))
-
+    tried = run.finished and rows is not None and last is not None
     return Final(
-        value=mean("return"),
-        human=mean(HUMAN_RETURN) if HUMAN_RETURN in rows.columns else None,
-        shares={name: mean(name) for name in run.task.columns},
-        episodes=int(episodes.sum()),
-        steps=newest,
-        finished=False,
+        value=float(said["return"]),
+        human=said.get(HUMAN_RETURN),
+        human_unit=said.get(HUMAN_UNIT),
+        shares={name: float(said[name]) for name in run.task.columns},
+        area=_over_training(run, "return"),
+        success_area=_over_training(run, "success"),
+        best=max(success for _, success in evaluations(run)) if tried else None,
+        episodes=int(said["episodes"]),
+        steps=steps,
+        finished=finished,
     )
 
 
@@ -156,11 +149,11 @@ def grid_of(runs: Iterable[Record]) -> np.ndarray:
     """Steps for the curves of runs, some with metrics, from 0 to what the longest has."""
     own = list(runs)
     # No more points than buffers, or a short run's line has stairs.
-    buffers = max(len(run.metrics) for run in own if run.metrics is not None)
+    buffers = max(len(run.metrics["step"]) for run in own if run.metrics is not None)
     return np.linspace(0, max(run.steps for run in own), min(_POINTS, buffers) + 1)
 
 
-def smooth(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+def smooth(run: Record, steps: np.ndarray, column: str) -> np.ndarray:
     """A column of a run on a grid of steps, as a moving mean; NaN beyond what the run has.
 
     Buffers in which no episode ended have no values.
@@ -168,27 +161,26 @@ def smooth(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
     return _moving_mean(run, column, steps, _WINDOW * steps[-1])
 
 
-def share_at(run: Record, column: str, steps: np.ndarray) -> np.ndarray:
+def share_at(run: Record, steps: np.ndarray, column: str) -> np.ndarray:
     """A column of ``metrics.csv`` on a grid of steps, as the mean over ``BUFFERS`` buffers."""
     return _moving_mean(run, column, steps, (BUFFERS - 0.5) * run.buffer)
 
 
 def steps_to_share(run: Record, column: str, share: float) -> float | None:
-    """Environment steps until a share of training episodes is first reached.
-
-    ``None`` where it never is, or where the run has no metrics with this column.
-    """
-    if run.metrics is None or column not in run.metrics.columns:
-        return None
-    steps = run.metrics["step"]
+    """Environment steps until a share of training episodes is first reached, if ever."""
+    steps = np.array([]) if run.metrics is None else run.metrics["step"]
     # Before that, the mean is of too few episodes.
-    hits = np.flatnonzero(share_at(run, column, steps)[BUFFERS - 1 :] >= share)
+    hits = np.flatnonzero(share_at(run, steps, column)[BUFFERS - 1 :] >= share)
     return float(steps[BUFFERS - 1 + hits[0]]) if len(hits) else None
 
 
 def _moving_mean(run: Record, column: str, steps: np.ndarray, window: float) -> np.ndarray:
-    """The mean of a column over ``window`` steps before each of ``steps`` ``(points,)``."""
-    assert run.metrics is not None
+    """The mean of a column over ``window`` steps before each of ``steps`` ``(points,)``.
+
+    NaN where there is nothing to take it of.
+    """
+    if run.metrics is None or column not in run.metrics:
+        return np.full(len(steps), np.nan)
     at, values = run.metrics["step"], run.metrics[column]
     known = ~np.isnan(values)
     at, values = at[known], values[known]
@@ -207,12 +199,6 @@ def _over_training(run: Record, column: str) -> float | None:
         return None
     values = run.metrics[column]
     return float(np.nanmean(values)) if not np.isnan(values).all() else None
-
-
-def _best(run: Record) -> float | None:
-    if not run.finished or run.evaluations is None or run.evaluation is None:
-        return None
-    return max(success for _, success in evaluations(run))
 
 
 def _trained(run: Record) -> int:

@@ -75,12 +75,9 @@ def estimate(strata: Sequence[Sequence[float]]) -> SeedEstimate:
 
     Args:
         strata: the runs' values, by stratum: one for a camera set's seeds; several, such as
-            one for each camera set, to sum up over them.
-
-    Raises:
-        ValueError: no stratum, an empty one, or a value that is not finite.
+            one for each camera set, to sum up over them. None is empty.
     """
-    groups = _checked(strata)
+    groups = [np.asarray(stratum, dtype=float) for stratum in strata]
     fewest = min(map(len, groups))
     value = float(iqm(np.concatenate(groups)))
     if fewest < ENOUGH:
@@ -89,8 +86,8 @@ def estimate(strata: Sequence[Sequence[float]]) -> SeedEstimate:
         half = float(_half(groups[0]))
         return SeedEstimate(value, Interval(value - half, value + half), fewest)
     generator = np.random.default_rng(0)
-    drawn = np.concatenate([resample(group, generator) for group in groups], axis=1)
-    return SeedEstimate(value, percentiles(iqm(drawn, axis=1)), fewest)
+    drawn = np.concatenate([_resample(group, generator) for group in groups], axis=1)
+    return SeedEstimate(value, _percentiles(iqm(drawn, axis=1)), fewest)
 
 
 def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
@@ -102,9 +99,6 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
     Args:
         shares: of each run's episodes.
         episodes: of each run.
-
-    Raises:
-        ValueError: as in ``estimate``.
     """
     found = estimate([shares])
     if (ends := found.interval) is not None:
@@ -132,19 +126,15 @@ def difference(first: SeedEstimate, second: SeedEstimate) -> Interval | None:
 
 
 def improvement(better: Sequence[float], worse: Sequence[float]) -> SeedEstimate:
-    """The chance that a run of one camera set ends above a run of another; a tie is half.
-
-    Raises:
-        ValueError: as in ``estimate``.
-    """
-    a, b = _checked([better, worse])
+    """The chance that a run of one camera set ends above a run of another; a tie is half."""
+    a, b = np.asarray(better, dtype=float), np.asarray(worse, dtype=float)
     value = float(_above(a[None], b[None])[0])
     fewest = min(len(a), len(b))
     if fewest < ENOUGH:
         return SeedEstimate(value, None, fewest)
     generator = np.random.default_rng(0)
-    drawn = _above(resample(a, generator), resample(b, generator))
-    return SeedEstimate(value, percentiles(drawn), fewest)
+    drawn = _above(_resample(a, generator), _resample(b, generator))
+    return SeedEstimate(value, _percentiles(drawn), fewest)
 
 
 def band(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -182,12 +172,12 @@ def _half(values: np.ndarray) -> np.ndarray:
     return student.ppf(0.975, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
 
 
-def resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     """Runs drawn from ``(n,)`` with replacement, ``(k, n)``."""
     return values[generator.integers(len(values), size=(_RESAMPLES, len(values)))]
 
 
-def percentiles(drawn: np.ndarray) -> Interval:
+def _percentiles(drawn: np.ndarray) -> Interval:
     """The 95 % interval of what was drawn, ``(k,)``."""
     low, high = np.percentile(drawn, _LIMITS)
     return Interval(float(low), float(high))
@@ -197,12 +187,3 @@ def _above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Share of pairs in which a run of ``a`` ``(k, n)`` beats one of ``b`` ``(k, m)``."""
     difference = a[:, :, None] - b[:, None, :]
     return ((np.sign(difference) + 1.0) / 2.0).mean(axis=(1, 2))
-
-
-def _checked(strata: Sequence[Sequence[float]]) -> list[np.ndarray]:
-    groups = [np.asarray(stratum, dtype=float) for stratum in strata]
-    if not groups or any(not len(group) for group in groups):
-        raise ValueError("strata: each needs at least one run")
-    if not all(np.isfinite(group).all() for group in groups):
-        raise ValueError("strata: a value is not finite")
-    return groups
