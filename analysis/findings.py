@@ -15,6 +15,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from analysis import placements
 from analysis.comparisons import TRAITS, claims, difference, effects, writers
 from analysis.protocol import (
     BLIND,
@@ -104,6 +105,14 @@ def study(name: str) -> StudyFindings:
 def protocol() -> pd.DataFrame:
     """The runs of docs/protocol.md's first question."""
     found = study("protocol").study
+    assert found is not None
+    return runs_of(found)
+
+
+@cache
+def places() -> pd.DataFrame:
+    """The runs of its third question: single cameras at random places."""
+    found = study("placements").study
     assert found is not None
     return runs_of(found)
 
@@ -239,6 +248,8 @@ TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
         "writers": _writers,
         "protocol": lambda: sets_table(protocol()),
         "protocol_traits": lambda: traits_table(protocol()),
+        "places": lambda: placements.places_table(places()),
+        "placements": lambda: placements.foretold_table(placements.scores(), places()),
         "protocol_foretold": lambda: foretold_table(
             study("protocol").predictions, means(protocol())
         ),
@@ -250,6 +261,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], Table]]] = {
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "which_cameras": lambda: sets_figure(protocol()),
     "foretold": lambda: foretold_figure(study("protocol").predictions, means(protocol())),
+    "where_cameras": lambda: placements.map_figure(places()),
 }
 """PNG files of docs/."""
 

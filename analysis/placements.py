@@ -121,6 +121,25 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     return Table("placements", "", columns, tuple(rows))
 
 
+def places_table(runs: pd.DataFrame) -> Table:
+    """Each single camera's place and success, the best first, and what was foretold of it."""
+    found = scores()
+    places = (-found).rank(method="min").astype(int)
+    rows = []
+    for name in means(runs):
+        own = runs[runs["cameras"] == name]
+        view = settings_of(name).views[name.partition("_")[2]]
+        told = [places.loc[name, who] for who in (MODEL, PIXELS, HIDDEN, ELEVATION)]
+        success, sampled = own["success"].tolist(), float(own["sampled"].mean())
+        rows.append((name, view.azimuth, view.elevation, success, sampled, *map(int, told)))
+    columns = (
+        Column("camera"), Column("azimuth", "°", ".0f"), Column("elevation", "°", ".0f"),
+        Column("threaded by seed", "%", ".0f", 100.0), Column.share("sampled"),
+        *(Column(f"place by {who}") for who in (MODEL, PIXELS, HIDDEN, ELEVATION)),
+    )  # fmt: skip
+    return Table("places", "", columns, tuple(rows))
+
+
 def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Spearman's ρ of rows ``(k, n)``: ``(k,)``; NaN where a row is all on one level."""
     a, b = (rankdata(one, axis=1) - (one.shape[1] + 1) / 2 for one in (a, b))

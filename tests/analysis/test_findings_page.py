@@ -10,7 +10,7 @@ from scipy.stats import kendalltau
 
 from analysis import findings as analysis
 from analysis.comparisons import is_two_sided
-from analysis.protocol import PREREGISTERED, RULE, held, means, predicted
+from analysis.protocol import BLIND, PREREGISTERED, RULE, held, means, predicted
 from analysis.seeds import apart, luck
 from needlehoop.study.render.table import Table
 from needlehoop.study.report.tables import phases, results, rewards
@@ -143,6 +143,23 @@ def test_sentences_on_predictions_have_the_tables_numbers():
         "probe", predicted(analysis.study("protocol").predictions)["probe"], means(first)
     )
     assert f"first seed alone, the probe did know more than the rule (p {p:.2f})" in words
+
+
+def test_sentences_on_places_have_the_tables_numbers():
+    rows = rows_of("places")
+    words = " ".join(PAGE.split())
+    success = {row["camera"]: row["threaded by seed, %"] for row in rows}
+    assert {row["camera"]: row["azimuth, °"] for row in rows}[rows[0]["camera"]] == "-34"
+    assert (
+        f"34 degrees to the right of the front, threads in {rows[0]['threaded by seed, %']} of 100"
+        in words
+    )
+    assert success["rgb_p08"] == "0"
+    found = [row for row in rows_of("placements") if row["prediction"] != BLIND]
+    rho = {row["prediction"]: row["ρ (95 %)"].split()[0] for row in found}
+    model = rho.pop("claude")
+    rules = sorted(rho.values())
+    assert f"agrees with success by ρ {model}, three rules by {rules[0]} to {rules[-1]}" in words
 
 
 def listed(cells: list[str]) -> str:
