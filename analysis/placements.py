@@ -130,7 +130,7 @@ def places_table(runs: pd.DataFrame) -> Table:
         own = runs[runs["cameras"] == name]
         view = settings_of(name).views[name.partition("_")[2]]
         told = [places.loc[name, who] for who in (MODEL, PIXELS, HIDDEN, ELEVATION)]
-        success, sampled = own["success"].tolist(), float(own["sampled"].mean())
+        success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
         rows.append((name, view.azimuth, view.elevation, success, sampled, *map(int, told)))
     columns = (
         Column("camera"), Column("azimuth", "°", ".0f"), Column("elevation", "°", ".0f"),
