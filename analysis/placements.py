@@ -126,9 +126,10 @@ def places_table(runs: pd.DataFrame) -> Table:
     found = scores()
     places = (-found).rank(method="min").astype(int)
     rows = []
+    views = settings_of(CAMERAS[0]).views
     for name in means(runs):
         own = runs[runs["cameras"] == name]
-        view = settings_of(name).views[name.partition("_")[2]]
+        view = views[name.partition("_")[2]]
         told = [places.loc[name, who] for who in (MODEL, PIXELS, HIDDEN, ELEVATION)]
         success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
         rows.append((name, view.azimuth, view.elevation, success, sampled, *map(int, told)))
@@ -161,13 +162,14 @@ def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interva
 def map_figure(runs: pd.DataFrame) -> Figure:
     """Two maps of the hemisphere seen from above: what each place gave, and what was foretold."""
     measured, foretold = pd.Series(means(runs)), scores()[MODEL]
+    known = settings_of(CAMERAS[0]).views
     maps = {
         "threaded, of 100": (100 * measured, "{:.0f}"),
         f"place foretold by {MODEL}": (-foretold, "{:.0f}"),
     }
     figure, grid = new_figure(56, 1, 2, subplot_kw={"projection": "polar"})
     for axes, (title, (values, form)) in zip(grid[0], maps.items(), strict=True):
-        views = [settings_of(name).views[name.partition("_")[2]] for name in values.index]
+        views = [known[name.partition("_")[2]] for name in values.index]
         angles = np.radians([view.azimuth for view in views])
         down = [90.0 - view.elevation for view in views]
         # Best is dark on both maps.
