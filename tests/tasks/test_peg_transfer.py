@@ -119,6 +119,15 @@ def test_a_block_on_the_pegs_top_is_not_placed(stage):
             assert not (moment.facts["success"].any() and abs(upright) > 0.001)
 
 
+def test_taking_the_jaws_away_pays_once_the_block_is_let_go_and_less_than_placing_it(stage):
+    near, far = (
+        float(stage.put(0.0, 0.0, 0.002, tilted(0.15), tool=(0.02, -0.01, z)).potential)
+        for z in (0.015, 0.05)
+    )
+    placed = float(stage.put(0.0, 0.0, 0.0).potential)
+    assert near < far < placed - 1.0
+
+
 @pytest.mark.parametrize("angle", [0.15, 0.4, 0.8])
 def test_a_block_that_leans_on_the_peg_is_not_placed(stage, angle):
     assert not stage.put(0.0, 0.0, 0.002, tilted(angle)).facts["success"].any()

@@ -21,7 +21,9 @@ class Human:
 
     An episode's return is its last potential, so each term counts what has been reached and
     what is still so. A block that is neither held nor about the marked peg pays for nothing but
-    the way to it. Only a placed block has the last term, which is worth more than the time.
+    the way to it. A block let go about the marked peg has up to 0.4 of the last term, the more
+    the further off the jaws are: jaws that stay hold it aslant. Only a placed block has all of
+    it, and what it has more is worth more than the time.
     """
 
     reach_rate: Positive
@@ -47,11 +49,12 @@ class Human:
         close = torch.exp(-self.carry_rate * aside(s.block_position - s.goal))
         carried = torch.where(s.over, one, 0.8 * close)
         reach = torch.exp(-self.reach_rate * distance(s.tool_midpoint, s.pickup_point))
+        left = torch.where(about & ~s.grasped, 0.4 * (1.0 - reach), none)
         return {
             "grasp": self.grasp * torch.where(kept, one, 0.8 * reach),
             "lift": self.lift * torch.where(kept, raised, none),
             "carry": self.carry * torch.where(kept & high, carried, none),
             "lower": self.lower * torch.where(kept & s.over, 1.0 - rise, none),
-            "place": self.place * s.placed.double(),
+            "place": self.place * torch.where(s.placed, one, left),
             "time": -self.time * s.elapsed,
         }
