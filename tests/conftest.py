@@ -22,7 +22,7 @@ from tiny_runs import PLACE, TINY, composed, run_composed
 from needlehoop.config import composing
 from needlehoop.config.changing import RECORDED
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.robot import joints
+from needlehoop.robot import psm
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 
 # The same examples at every run, however slow and busy the machine.
@@ -105,7 +105,7 @@ def episode(settings: Settings) -> NeedleRules:
     return settings.episode
 
 
-@pytest.fixture(scope="session", params=joints.VARIANTS)
+@pytest.fixture(scope="session", params=psm.VARIANTS)
 def model(request: pytest.FixtureRequest, settings: Settings) -> mujoco.MjModel:
     """The compiled scene, with either arm."""
     return spec_of(settings, request.param).compile()

@@ -12,15 +12,15 @@ from torch import Tensor
 
 from needlehoop.config.strict import Positive
 from needlehoop.robot.geometry import aside, distance
-from needlehoop.robot.shapes import collision
 from needlehoop.scene import signals
+from needlehoop.scene.shapes import collision
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Length, Place, Spread, ToolLayout
 from needlehoop.tasks.start import Start, scatter, standing
 
 from .expert import expert
-from .robot import PREFIX, ROBOT, servos
+from .robot import ROBOT, servos
 from .telling import TELLING
 
 
@@ -116,14 +116,12 @@ TASK = Task(
     materials={"cube": ((0.9, 0.3, 0.2), 0.2, 0.3), "spot": ((0.95, 0.9, 0.4), 0.1, 0.2)},
     build=build,
     signals={
-        "tool": signals.of_site("position", f"{PREFIX}tool", "middle between the fingers"),
+        "tool": signals.of_site("position", "tool", "middle between the fingers"),
         "cube": signals.of_body("position", "cube", "middle of the cube"),
         "spot": signals.of_body("position", "spot", "middle of the spot, on the table"),
-        "grip": signals.of_joints(
-            [f"{PREFIX}finger_1"], "m", "opening of a finger, 0 where it is closed"
-        ),
-        "finger_1_touch": signals.touch(f"{PREFIX}pad_1", "cube", "first finger touches the cube"),
-        "finger_2_touch": signals.touch(f"{PREFIX}pad_2", "cube", "second finger touches the cube"),
+        "grip": signals.of_joints(["finger_1"], "m", "opening of a finger, 0 where it is closed"),
+        "finger_1_touch": signals.touch("pad_1", "cube", "first finger touches the cube"),
+        "finger_2_touch": signals.touch("pad_2", "cube", "second finger touches the cube"),
         "grip_command": signals.command("m", "commanded opening of a finger"),
         "elapsed": signals.ELAPSED,
         "held": signals.fact("both fingers touch the cube"),

@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import torch
 from torch import Tensor
 
-from needlehoop.scene.spec import attach
 from needlehoop.tasks.contract import Memory, Robot
-
-PREFIX = "gantry_"
-"""Of the names in ``gantry.xml``, once they are in the scene."""
 
 
 def act(layout: Any, rules: Any, memory: Memory, action: Tensor) -> tuple[dict, Tensor]:
@@ -28,10 +25,10 @@ def servos(tool: Tensor, opening: Tensor) -> Tensor:
 
 
 ROBOT = Robot(
-    add=lambda spec, layout, psm: attach(spec, Path(__file__).with_name("gantry.xml"), PREFIX),
+    model=lambda layout, psm: mujoco.MjSpec.from_file(str(Path(__file__).with_name("gantry.xml"))),
     act=act,
     commands=lambda memory: {"grip_command": memory["opening"]},
-    body=f"{PREFIX}base",
+    body="base",
     proprio=("tool", "grip", "grip_command"),
     opens=3,
 )

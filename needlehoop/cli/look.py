@@ -204,8 +204,7 @@ def _arm(settings: Any) -> Any:
     """The arm alone, with the keyframe ``home``."""
     import numpy as np
 
-    from needlehoop.robot.parallelogram import Posture
-    from needlehoop.robot.psm import HOME
+    from needlehoop.robot.psm import HOME, poser
     from needlehoop.tasks.layout import ArmLayout
     from needlehoop.tasks.psm import build_arm
 
@@ -214,7 +213,7 @@ def _arm(settings: Any) -> Any:
     spec = build_arm(settings.task, settings.psm)
     model = spec.compile()
     qpos = np.tile(model.qpos0, (1, 1))
-    Posture(model).write(qpos, np.array([HOME]), np.zeros(1))
+    poser(model)(qpos, np.array([HOME]), np.zeros(1))
     spec.add_key(name="home", qpos=qpos[0], ctrl=[*HOME, 0.0])
     return spec
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from needlehoop.disturbances.axes import MOST_OBJECTS, Drawn
-from needlehoop.robot.shapes import collision
+from needlehoop.scene.shapes import collision
 
 STRANGE = "strange_"
 """How names of strange objects begin."""

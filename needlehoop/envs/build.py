@@ -14,7 +14,7 @@ from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.signals import sensors_of
-from needlehoop.scene.spec import TABLE, add_cameras, add_sensors, add_table, begin_spec
+from needlehoop.scene.spec import add_cameras, add_materials, add_sensors, add_table, furnish
 
 PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""
@@ -26,10 +26,11 @@ def scene_spec(settings: Settings) -> mujoco.MjSpec:
     Its cameras are those of all views, and ``picture``.
     """
     s, task = settings, settings.definition
-    materials = {**TABLE, **task.materials, **task.robot.materials}
-    spec = begin_spec("needlehoop", s.task.timestep, materials)
+    spec = task.robot.model(s.task, s.psm)
+    spec.modelname = "needlehoop"
+    furnish(spec, s.task.timestep)
     add_table(spec)
-    task.robot.add(spec, s.task, s.psm)
+    add_materials(spec, task.materials)
     task.build(spec, s.task, s.episode)
     add_cameras(spec, {**s.views, PICTURE: s.picture})
     add_sensors(spec, sensors_of(task.signals))

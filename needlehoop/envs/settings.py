@@ -11,7 +11,7 @@ from needlehoop.config import composing, strict
 from needlehoop.config.strict import Range, Seed, check_names, shown
 from needlehoop.disturbances.axes import RASTERISED, Disturb
 from needlehoop.engines.contract import EngineConfig
-from needlehoop.robot.joints import VARIANTS
+from needlehoop.robot.psm import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.tasks import registry
 from needlehoop.tasks.contract import Task

@@ -1,1 +1,1 @@
-"""The arm: its kinematics, and its bodies and shapes as a MuJoCo model. Nothing of the task."""
+"""The arm: its kinematics, and its MuJoCo model as plain MJCF. Nothing of the task."""

@@ -1,4 +1,4 @@
-"""The da Vinci patient-side manipulator (PSM): constants and kinematics.
+"""The da Vinci patient-side manipulator (PSM): constants, kinematics and the MuJoCo model.
 
 Frames. The remote centre of motion (RCM) is the point where the yaw, pitch and
 insertion axes meet. In the RCM frame z points up, and with all joints at zero the
@@ -6,8 +6,11 @@ instrument hangs along -z. The *tool frame* sits at the wrist-yaw joint, turned 
 tool-tip offset: z along the jaws, x along the axis the jaws turn about.
 
 Sources: jhu-dvrk/sawIntuitiveResearchKit ``share/kinematic/PSM.json`` and
-``share/tool/LARGE_NEEDLE_DRIVER_400006.json`` (Denavit-Hartenberg rows, limits,
-efforts). Modified (Craig) convention throughout.
+``share/tool/LARGE_NEEDLE_DRIVER_400006.json`` (Denavit-Hartenberg rows, limits).
+Modified (Craig) convention throughout.
+
+The model is plain MJCF, ``mjcf/<variant>.xml``. Every body's frame is its joint's, so the compiled
+model and ``forward_kinematics`` are one chain. ``README.md`` says where its numbers are from.
 
 Forward and inverse kinematics are pytorch-kinematics', on a chain made from the rows. It is
 imported at the first call: it brings matplotlib along, and a tool that is moved by its tip
@@ -16,27 +19,54 @@ imported at the first call: it brings matplotlib along, and a tool that is moved
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
+from math import pi
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import mujoco
 import numpy as np
 import torch
 from torch import Tensor
-
-from needlehoop.robot.joints import JOINT_NAMES, JOINTS, Joint
 
 if TYPE_CHECKING:
     import pytorch_kinematics as pk
 
 Joints = TypeVar("Joints", Tensor, np.ndarray)
 
+VARIANTS = ("serial", "parallelogram")
+"""How the arm pitches: one link about the remote centre, or the closed linkage."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One row of the modified DH table, with the joint's limits. Lengths in m, angles in rad."""
+
+    name: str
+    prismatic: bool
+    alpha: float
+    a: float
+    d: float
+    theta: float
+    lower: float
+    upper: float
+
+
+JOINTS = (
+    Joint("yaw", False, pi / 2, 0.0, 0.0, pi / 2, -1.588, 1.588),
+    Joint("pitch", False, -pi / 2, 0.0, 0.0, -pi / 2, -0.925, 0.925),
+    Joint("insertion", True, pi / 2, 0.0, -0.4318, 0.0, 0.0, 0.24),
+    Joint("roll", False, 0.0, 0.0, 0.4162, 0.0, -4.538, 4.538),
+    Joint("wrist_pitch", False, -pi / 2, 0.0, 0.0, -pi / 2, -1.396, 1.396),
+    Joint("wrist_yaw", False, -pi / 2, 0.0091, 0.0, -pi / 2, -1.396, 1.396),
+)
+JOINT_NAMES = tuple(joint.name for joint in JOINTS)
+
 HOME = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 """Joint positions of the arm at rest: hanging, half inserted, rad and m."""
 
-JAW_LOWER, JAW_UPPER = -0.698, 1.396
-"""Limits of the jaw's opening angle, rad (0: blades parallel)."""
-JAW_EFFORT = 0.16
-"""Limit of the jaw actuator, N m."""
 JAW_LENGTH = 0.0102
 """Wrist-yaw axis to the blades' tips, m."""
 JAW_WIDTH = 0.005
@@ -51,46 +81,44 @@ TOOL_OFFSET = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Tool-tip offset: the tool frame's axes (columns) in the wrist-yaw frame."""
 
 
-def dh_transform(joint: Joint, q: float = 0.0) -> np.ndarray:
-    """Pose ``(4, 4)`` of a joint's frame in its parent's, at position ``q`` (rad or m)."""
-    theta = joint.theta + (0.0 if joint.prismatic else q)
-    d = joint.d + (q if joint.prismatic else 0.0)
-    ca, sa, ct, st = np.cos(joint.alpha), np.sin(joint.alpha), np.cos(theta), np.sin(theta)
-    return np.array(
-        [
-            [ct, -st, 0.0, joint.a],
-            [st * ca, ct * ca, -sa, -d * sa],
-            [st * sa, ct * sa, ca, d * ca],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
+def model_spec(variant: str, rcm: np.ndarray, grip: float) -> mujoco.MjSpec:
+    """The arm, ready for a scene about it.
+
+    Bodies: ``yaw`` … ``wrist_yaw``, ``jaw_1``, ``jaw_2``. Joints carry the names of ``JOINTS`` and
+    ``jaw_1``, ``jaw_2``. Actuators: those six and ``jaw``. Site ``tool_midpoint`` lies between the
+    blades.
+
+    Args:
+        variant: one of ``VARIANTS``.
+        rcm: position of the RCM in the world frame ``(3,)``, m. Its axes are the world's.
+        grip: ``tool_midpoint``'s distance from the wrist-yaw axis, m.
+    """
+    spec = mujoco.MjSpec.from_file(str(Path(__file__).parent / "mjcf" / f"{variant}.xml"))
+    spec.body("psm_base").pos = rcm
+    spec.site("tool_midpoint").pos = [0.0, grip, 0.0]
+    return spec
 
 
-def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of a rotation matrix ``(3, 3)``, with w >= 0."""
-    # The largest of the four squared components is divided by, so nothing cancels.
-    r = rotation
-    squares = np.array(
-        [
-            1 + r[0, 0] + r[1, 1] + r[2, 2],
-            1 + r[0, 0] - r[1, 1] - r[2, 2],
-            1 - r[0, 0] + r[1, 1] - r[2, 2],
-            1 - r[0, 0] - r[1, 1] + r[2, 2],
-        ]
-    )
-    wx, wy, wz = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
-    xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
-    rows = np.array(
-        [
-            [squares[0], wx, wy, wz],
-            [wx, squares[1], xy, xz],
-            [wy, xy, squares[2], yz],
-            [wz, xz, yz, squares[3]],
-        ]
-    )
-    row = rows[int(np.argmax(squares))]
-    row = row / np.linalg.norm(row)
-    return row if row[0] >= 0 else -row
+def poser(model: mujoco.MjModel) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
+    """What puts postures of the arm into generalised positions ``qpos`` ``(k, nq)``.
+
+    It takes ``qpos``, joint positions ``(k, 6)`` in the order of ``JOINTS``, rad and m, and the
+    jaws' angle ``(k,)``, rad. The linkage is closed.
+    """
+    six = [int(model.joint(name).qposadr[0]) for name in JOINT_NAMES]
+    jaw_1 = int(model.joint("jaw_1").qposadr[0])
+    tied = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+    ratios = [
+        (*model.jnt_qposadr[[model.eq_obj1id[row], model.eq_obj2id[row]]], model.eq_data[row, 1])
+        for row in tied
+    ]
+
+    def write(qpos: np.ndarray, joints: np.ndarray, jaw: np.ndarray) -> None:
+        qpos[:, six], qpos[:, jaw_1] = joints, jaw / 2
+        for one, other, ratio in ratios:
+            qpos[:, one] = ratio * qpos[:, other]
+
+    return write
 
 
 @cache
@@ -106,7 +134,7 @@ def _chain() -> pk.SerialChain:
 
     child = Frame("tool", link=Link("tool", offset=_offset(TOOL_OFFSET, np.zeros(3))))
     for joint in reversed(JOINTS):
-        pose = dh_transform(joint)
+        pose = _dh_pose(joint)
         kind = "prismatic" if joint.prismatic else "revolute"
         parent = Frame(
             joint.name,
@@ -124,6 +152,20 @@ def _chain() -> pk.SerialChain:
     root.add_child(child)
     chain = pk.Chain(root.to(dtype=torch.float64, device="cpu"), dtype=torch.float64)
     return pk.SerialChain(chain, "tool", dtype=torch.float64)
+
+
+def _dh_pose(joint: Joint) -> np.ndarray:
+    """Pose ``(4, 4)`` of a joint's frame in its parent's, at position 0."""
+    d, cos, sin = joint.d, np.cos, np.sin
+    ca, sa, ct, st = cos(joint.alpha), sin(joint.alpha), cos(joint.theta), sin(joint.theta)
+    return np.array(
+        [
+            [ct, -st, 0.0, joint.a],
+            [st * ca, ct * ca, -sa, -d * sa],
+            [st * sa, ct * sa, ca, d * ca],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def _offset(rotation: np.ndarray, position: np.ndarray) -> pk.Transform3d:

@@ -104,8 +104,9 @@ def at_commands(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
 class Robot:
     """Arms, and how actions move them."""
 
-    add: Callable[[mujoco.MjSpec, Any, str], None]
-    """Adds bodies, joints, servos to a scene, from a layout and the setting ``psm``."""
+    model: Callable[[Any, str], mujoco.MjSpec]
+    """From a layout and the setting ``psm``, its bodies, joints, servos and materials; the rest of
+    the scene is added to them."""
     poser: Callable[[mujoco.MjModel], Callable[[np.ndarray, Start], None]] = at_commands
     """For a compiled scene, what writes a start's robot into ``qpos`` ``(k, nq)``."""
     begin: Callable[[Any, Start], dict[str, Tensor]] = lambda rules, start: {
@@ -117,8 +118,6 @@ class Robot:
     the servos' commands ``(n, nu)``."""
     commands: Callable[[Memory], dict[str, Tensor]]
     """Signals that come from the memory and not from sensors."""
-    materials: Materials = field(default_factory=dict)
-    """RGB, specular and shininess by name."""
     body: str
     """Root of its bodies: class ``robot`` of flat renderings."""
     proprio: tuple[str, ...]
@@ -173,7 +172,7 @@ class Task:
     rules: type[Episode]
     """Control, thresholds, what success is; values in ``conf/episode``."""
     materials: Materials
-    """RGB, specular and shininess by name, beside the robot's."""
+    """RGB, specular and shininess by name, beside the robot's own."""
     build: Callable[[mujoco.MjSpec, Any, Any], None]
     """Adds bodies, sites and welds to a scene with robot, table and lights."""
     signals: Mapping[str, Signal]

@@ -11,9 +11,7 @@ from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
-from needlehoop.robot.arm import add_arm
-from needlehoop.robot.joints import JOINT_NAMES
-from needlehoop.robot.parallelogram import Posture
+from needlehoop.robot.psm import JOINT_NAMES, model_spec
 from needlehoop.scene.signals import (
     ELAPSED,
     Sensor,
@@ -24,7 +22,7 @@ from needlehoop.scene.signals import (
     of_site,
     touch,
 )
-from needlehoop.scene.spec import Materials, begin_spec
+from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Robot
 from needlehoop.tasks.episode import ArmEpisode, ToolEpisode
 from needlehoop.tasks.layout import ArmLayout, lengths, millimetres
@@ -48,15 +46,6 @@ JOINT_SIGNALS = {
     "jaw": Signal(
         (), "rad", "joint", "sensor", "angle between the jaws, 0 where they are closed", (_JAW,)
     ),
-}
-
-_MATERIALS: Materials = {
-    "arm_light": ((0.80, 0.81, 0.83), 0.3, 0.4),
-    "arm_dark": ((0.27, 0.29, 0.33), 0.3, 0.4),
-    "instrument": ((0.50, 0.53, 0.60), 0.3, 0.4),
-    "shaft": ((0.15, 0.15, 0.17), 0.5, 0.6),
-    "steel": ((0.58, 0.60, 0.64), 0.8, 0.6),
-    "jaw": ((0.73, 0.75, 0.79), 0.9, 0.7),
 }
 
 
@@ -111,10 +100,10 @@ def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
 
     Args:
         layout: the physics' step, and where ``tool_midpoint`` is.
-        psm: arm variant, see ``arm.VARIANTS``.
+        psm: arm variant, see ``robot.psm.VARIANTS``.
     """
-    spec = begin_spec("psm", layout.timestep, _MATERIALS)
-    add_arm(spec, np.zeros(3), psm, layout.grip)
+    spec = model_spec(psm, np.zeros(3), layout.grip)
+    furnish(spec, layout.timestep)
     # All of it, from the tip to the motors.
     spec.stat.extent = 1.0
     spec.stat.center = [0.0, 0.35, 0.15]
@@ -218,21 +207,16 @@ def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
 
 
 def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
-    posture = Posture(model)
-
-    def write(qpos: np.ndarray, start: Start) -> None:
-        posture.write(qpos, start.robot["joints"].numpy(), start.robot["jaw"].numpy())
-
-    return write
+    put = psm.poser(model)
+    return lambda qpos, start: put(qpos, start.robot["joints"].numpy(), start.robot["jaw"].numpy())
 
 
 ROBOT = Robot(
-    add=lambda spec, layout, psm: add_arm(spec, layout.rcm, psm, layout.grip),
+    model=lambda layout, psm: model_spec(psm, layout.rcm, layout.grip),
     poser=_poser,
     begin=_begin,
     act=act,
     commands=lambda memory: {"jaw_command": memory["jaw"]},
-    materials=_MATERIALS,
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
     displaced=_displaced,

@@ -7,8 +7,7 @@ import torch
 from needle_task import act, addresses_of, begin, spec_of
 
 from needlehoop.envs.settings import Settings
-from needlehoop.robot import joints, psm
-from needlehoop.robot import parallelogram as linkage
+from needlehoop.robot import psm
 from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, place, start
 from needlehoop.tasks.psm import start_of
 from needlehoop.tasks.start import Start
@@ -24,6 +23,20 @@ MASSES = {
 }
 LINKAGE = ("pitch_back", "pitch_bottom", "pitch_top", "pitch_front")
 TOOL = ("roll", "wrist_pitch", "wrist_yaw", "jaw_1", "jaw_2")
+RATIOS = {"pitch_bottom": -1.0, "pitch_end": 1.0, "pitch_top": -1.0, "pitch_front": 1.0}
+"""Of the linkage's passive joints, per rad of pitch."""
+
+BANDWIDTHS = {"yaw": 50.0, "pitch": 50.0, "insertion": 100.0}
+"""Of the servos, rad/s; the others have 60."""
+
+EFFORTS = {
+    "yaw": 3.316,
+    "pitch": 3.316,
+    "insertion": 9.878,
+    "roll": 0.33,
+    "wrist_pitch": 0.25,
+    "wrist_yaw": 0.20,
+}
 
 CENTRE = (0.0, -0.020, 0.035)
 """A place in mid-air, m, with 15 mm of free way on every side."""
@@ -33,7 +46,7 @@ CENTRE = (0.0, -0.020, 0.035)
 def variants(settings: Settings) -> dict[str, mujoco.MjModel]:
     """Both arms, in a scene where nothing collides."""
     models = {}
-    for variant in joints.VARIANTS:
+    for variant in psm.VARIANTS:
         spec = spec_of(settings, variant)
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         models[variant] = spec.compile()
@@ -100,7 +113,6 @@ def test_only_the_parallelogram_has_the_linkage(variants):
         names = {model.body(i).name for i in range(model.nbody)}
         assert (set(LINKAGE) <= names) == (variant == "parallelogram")
         assert bool(names & set(LINKAGE)) == (variant == "parallelogram")
-        assert len(linkage.linkage_ratios(model)) == (4 if variant == "parallelogram" else 0)
 
 
 def test_both_arms_feel_the_same_inertia(variants):
@@ -116,7 +128,8 @@ def test_joints_and_servos_have_the_limits_of_the_table(model: mujoco.MjModel):
         assert model.joint(joint.name).range.tolist() == limits
         assert model.jnt_limited[model.joint(joint.name).id]
         assert servo.ctrlrange.tolist() == limits
-        assert servo.forcerange.tolist() == [-joint.effort, joint.effort]
+        effort = EFFORTS[joint.name]
+        assert servo.forcerange.tolist() == [-effort, effort]
         assert servo.ctrllimited[0]
         assert servo.forcelimited[0]
 
@@ -125,6 +138,27 @@ def test_the_jaw_servo_has_its_published_limits(model: mujoco.MjModel):
     servo = model.actuator("jaw")
     assert servo.ctrlrange.tolist() == [-0.698, 1.396]
     assert servo.forcerange.tolist() == [-0.16, 0.16]
+
+
+def test_servos_are_critically_damped_for_what_they_move(variants):
+    """The file has the results; the inertia is the model's, in the middle of the insertion."""
+    for variant, model in variants.items():
+        data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+        data.joint("insertion").qpos = 0.15
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        for joint in psm.JOINTS:
+            moved = {joint.name: 1.0}
+            if variant == "parallelogram" and joint.name == "pitch":
+                # The crank alone moves little; through the closures it turns the carriage.
+                moved |= RATIOS
+            at = [model.joint(name).dofadr[0] for name in moved]
+            weight = np.array([*moved.values()])
+            inertia = weight @ mass[np.ix_(at, at)] @ weight
+            bandwidth = BANDWIDTHS.get(joint.name, 60.0)
+            servo = model.actuator(joint.name)
+            assert servo.gainprm[0] == pytest.approx(inertia * bandwidth**2, rel=1e-9)
+            assert -servo.biasprm[2] == pytest.approx(2 * inertia * bandwidth, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -195,12 +229,11 @@ def test_the_parallelogram_stays_closed_all_over_the_workspace(variants, layout:
 def test_the_linkage_keeps_its_ratios_while_it_moves(variants, layout: NeedleLayout):
     model = variants["parallelogram"]
     data = data_at(model, start_at(layout, CENTRE))
-    ratios = linkage.linkage_ratios(model)
     data.ctrl[1] = 0.3
     for _ in range(200):
         mujoco.mj_step(model, data)
         pitch = float(data.joint("pitch").qpos[0])
-        for name, ratio in ratios.items():
+        for name, ratio in RATIOS.items():
             assert data.joint(name).qpos[0] == pytest.approx(ratio * pitch, abs=1e-3)
     assert pitch == pytest.approx(0.3, abs=1e-3)
 
@@ -216,7 +249,7 @@ def test_a_torn_linkage_would_be_noticed(variants, layout: NeedleLayout):
 
 @pytest.mark.parametrize(
     ("variant", "axis", "sense"),
-    [(v, axis, (-1.0) ** (axis + i)) for i, v in enumerate(joints.VARIANTS) for axis in range(3)],
+    [(v, axis, (-1.0) ** (axis + i)) for i, v in enumerate(psm.VARIANTS) for axis in range(3)],
 )
 def test_the_tip_follows_a_full_speed_ramp_and_stops(
     variants, layout: NeedleLayout, episode: NeedleRules, variant, axis, sense
@@ -244,7 +277,7 @@ def test_both_arms_move_the_tip_alike(variants, layout: NeedleLayout, episode: N
     actions = torch.zeros(60, 5, dtype=torch.float64)
     actions[:, axis] = torch.sin(torch.linspace(0, 4 * torch.pi, 60, dtype=torch.float64))
     paths = [
-        follow(variants[variant], layout, episode, place, actions)[0] for variant in joints.VARIANTS
+        follow(variants[variant], layout, episode, place, actions)[0] for variant in psm.VARIANTS
     ]
     assert np.linalg.norm(paths[0] - place, axis=1).max() > 0.01
     assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1.5e-4

@@ -19,8 +19,6 @@ from needlehoop.engines.addresses import weld_data
 from needlehoop.envs.build import compile_scene
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
-from needlehoop.robot.joints import VARIANTS
-from needlehoop.robot.parallelogram import Posture
 from needlehoop.scene import export, mjcf
 from needlehoop.tasks.psm import build_arm
 
@@ -84,9 +82,9 @@ def exported(request, tmp_path_factory) -> tuple[Path, mujoco.MjModel]:
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("arms")
-    for variant in VARIANTS:
+    for variant in psm.VARIANTS:
         assert main(["export", f"out={folder / variant}", f"psm={variant}"]) == 0
-    return {variant: folder / variant / "psm.xml" for variant in VARIANTS}
+    return {variant: folder / variant / "psm.xml" for variant in psm.VARIANTS}
 
 
 def drawn(model: mujoco.MjModel, count: int) -> np.ndarray:
@@ -155,11 +153,11 @@ def test_nothing_is_lost_but_the_last_bits(exported):
 
 def test_the_arms_tool_is_where_the_chain_says(arms):
     model = mujoco.MjModel.from_xml_path(str(arms["parallelogram"]))
-    data, posture = mujoco.MjData(model), Posture(model)
+    data, put = mujoco.MjData(model), psm.poser(model)
     lower, upper = (limit.numpy() for limit in psm.joint_limits())
     joints = np.random.default_rng(1).uniform(lower, upper, (50, 6))
     qpos = np.tile(model.qpos0, (50, 1))
-    posture.write(qpos, joints, np.zeros(50))
+    put(qpos, joints, np.zeros(50))
     poses = psm.forward_kinematics(torch.from_numpy(joints)).numpy()
     for row, pose in zip(qpos, poses, strict=True):
         data.qpos = row
@@ -301,18 +299,21 @@ def test_the_readmes_tables_are_the_models():
     readme = (ROOT / "needlehoop/robot/README.md").read_text()
     table = {cells[0]: cells[1:] for cells in rows(readme, "joint")}
     assert tuple(table) == (*psm.JOINT_NAMES, "jaw")
+    model = compiled("arm", "serial")
+    servos = {name: model.actuator(name) for name in table}
     angles = {np.pi / 2: "π/2", -np.pi / 2: "-π/2", 0.0: "0"}
     turns = {np.pi / 2: "q + π/2", -np.pi / 2: "q - π/2", 0.0: "q"}
     for joint in psm.JOINTS:
-        alpha, a, d, theta, *limits = table[joint.name]
+        alpha, a, d, theta, *_ = table[joint.name]
         assert (alpha, float(a)) == (angles[joint.alpha], joint.a)
         if joint.prismatic:
             assert (d, theta) == (f"q - {-joint.d}", "0")
         else:
             assert (float(d), theta) == (joint.d, turns[joint.theta])
-        assert [float(limit) for limit in limits] == [joint.lower, joint.upper, joint.effort]
-    jaw = [float(limit) for limit in table["jaw"][-3:]]
-    assert jaw == [psm.JAW_LOWER, psm.JAW_UPPER, psm.JAW_EFFORT]
+    for name, servo in servos.items():
+        *limits, effort = (float(cell) for cell in table[name][-3:])
+        assert limits == servo.ctrlrange.tolist()
+        assert servo.forcerange.tolist() == [-effort, effort]
     golden = np.array([[float(cell) for cell in cells] for cells in rows(readme, "yaw | pitch")])
     assert golden.shape == (2, 9)
     found = psm.forward_kinematics(torch.from_numpy(golden[:, :6]))[:, :3, 3]

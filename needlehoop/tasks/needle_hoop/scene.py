@@ -7,9 +7,9 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from needlehoop.robot.shapes import collision, torus, tube
+from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
 from needlehoop.scene.signals import fact, of_body, of_site, verdict
-from needlehoop.scene.spec import Materials, add_mesh, add_upright
+from needlehoop.scene.spec import Materials
 from needlehoop.tasks.grasping import add_weld
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
 from needlehoop.tasks.psm import signals

@@ -6,7 +6,7 @@ import math
 
 import mujoco
 
-from needlehoop.robot.shapes import collision
+from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import fact, of_body, of_site, verdict
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.grasping import add_weld

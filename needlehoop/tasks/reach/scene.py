@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import mujoco
 
+from needlehoop.scene.shapes import add_upright
 from needlehoop.scene.signals import of_body, verdict
-from needlehoop.scene.spec import Materials, add_upright
+from needlehoop.scene.spec import Materials
 from needlehoop.tasks.psm import signals
 from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
 

@@ -1,70 +1,11 @@
-"""What the arm and the task's things are drawn with: links with their shapes, and meshes."""
+"""Shapes that tasks draw and feel things with: upright rods, and meshes that are made here."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-
-from needlehoop.robot import psm
-
-# Dry (N m, N) and viscous (N m s/rad, N s/m) friction: WPI dynamics identification.
-FRICTION = {
-    "yaw": (0.050, 0.0905),
-    "pitch": (0.0668, 0.218),
-    "insertion": (0.4476, 1.2036),
-}
-
-
-Z_AXIS = np.array([0.0, 0.0, 1.0])
-"""Every joint turns about, or slides along, its own frame's z."""
-
-# Reflected rotor inertia of the instrument's axes, kg m^2. The published inertias of these
-# links are zero; without a floor of this order a stiff servo cannot be integrated at 2 ms.
-TOOL_ARMATURE = 3e-4
-
-
-@dataclass(frozen=True)
-class Link:
-    """A body with its frame's home pose in the RCM frame."""
-
-    body: mujoco.MjsBody
-    home: np.ndarray
-
-    def point(self, xyz: np.ndarray | list[float]) -> np.ndarray:
-        """Home coordinates to the body's frame."""
-        return self.home[:3, :3].T @ (np.asarray(xyz, float) - self.home[:3, 3])
-
-    def home_of(self, xyz: list[float]) -> np.ndarray:
-        """The body's frame to home coordinates."""
-        return self.home[:3, :3] @ np.asarray(xyz) + self.home[:3, 3]
-
-    def rod(self, start, end, radius, material, kind="capsule", **geom) -> None:
-        """A capsule or cylinder between two points in home coordinates, m."""
-        shape = mujoco.mjtGeom.mjGEOM_CAPSULE
-        if kind == "cylinder":
-            shape = mujoco.mjtGeom.mjGEOM_CYLINDER
-        ends = np.concatenate((self.point(start), self.point(end)))
-        self._add(type=shape, fromto=ends, size=[radius, 0, 0], material=material, **geom)
-
-    def box(self, centre, size, material, **geom) -> None:
-        """A box with its centre and edges in home coordinates, m."""
-        self._add(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=self.point(centre),
-            quat=psm.quaternion(self.home[:3, :3].T),
-            size=np.asarray(size) / 2,
-            material=material,
-            **geom,
-        )
-
-    def _add(self, **geom) -> None:
-        collides = geom.pop("collides", False)
-        geom.setdefault("mass", 0.0)
-        geom |= collision(True) if collides else collision(False)
-        self.body.add_geom(**geom)
 
 
 def collision(solid: bool) -> dict[str, int]:
@@ -77,20 +18,24 @@ def collision(solid: bool) -> dict[str, int]:
     return {"contype": 0, "conaffinity": 0, "group": 1}
 
 
-def add_joint(body: mujoco.MjsBody, joint: psm.Joint) -> None:
-    """Give a body the joint of a DH row, with its limits, friction and rotor inertia."""
-    dry, viscous = FRICTION.get(joint.name, (0.0, 0.0))
-    kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-    body.add_joint(
-        name=joint.name,
-        type=kind,
-        axis=Z_AXIS,
-        range=[joint.lower, joint.upper],
-        limited=True,
-        frictionloss=dry,
-        damping=[viscous, 0.0, 0.0],
-        armature=0.0 if joint.name in FRICTION else TOOL_ARMATURE,
-    )
+def add_upright(
+    body: mujoco.MjsBody,
+    name: str,
+    kind: mujoco.mjtGeom,
+    heights: tuple[float, float],
+    radius: float,
+    material: str,
+    solid: bool = True,
+) -> None:
+    """A cylinder or capsule along z that is seen; and ``<name>_solid``, felt, if it is solid.
+
+    ``heights``: of its lower and upper end in the body's frame, m.
+    """
+    low, high = heights
+    shape = {"type": kind, "fromto": [0, 0, low, 0, 0, high], "size": [radius, 0, 0]}
+    body.add_geom(name=name, material=material, **shape, **collision(False))
+    if solid:
+        body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))
 
 
 class Mesh(NamedTuple):
@@ -98,6 +43,26 @@ class Mesh(NamedTuple):
 
     vertices: np.ndarray
     faces: np.ndarray
+
+
+def add_mesh(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, mesh: Mesh, material: str
+) -> None:
+    """A mesh that is seen and touches nothing, the geom ``<name>_shape`` of a body."""
+    spec.add_mesh(
+        name=name,
+        uservert=mesh.vertices.ravel(),
+        userface=mesh.faces.ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    body.add_geom(
+        name=f"{name}_shape",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        material=material,
+        mass=0.0,
+        **collision(False),
+    )
 
 
 def tube(curve: np.ndarray, radius: float, taper: float = 0.0, sides: int = 6) -> Mesh:

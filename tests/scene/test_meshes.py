@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from needlehoop.robot.shapes import torus, tube
+from needlehoop.scene.shapes import torus, tube
 
 
 @pytest.mark.parametrize(
