@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 import mujoco
+from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.engines.addresses import Addresses
@@ -15,12 +16,16 @@ from needlehoop.rewards.language import program
 from needlehoop.scene.signals import Readings
 from needlehoop.tasks import stepping
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.start import draws as draw
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.start import Chance, Start
 from needlehoop.vlm import moments
 
 begin = partial(stepping.begin, TASK)
 act = partial(stepping.act, TASK)
-draws = partial(draw, count=TASK.draws)
+
+
+def start(layout: NeedleLayout, uniform: Tensor) -> Start:
+    return TASK.start(layout, Chance(uniform))
 
 
 def observe(layout, episode, memory, readings):

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from needlehoop.config.strict import Positive
 from needlehoop.robot.geometry import aside, distance
-from needlehoop.scene import signals
 from needlehoop.scene.shapes import collision
+from needlehoop.scene.signals import of_body
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Length, Place, Spread, ToolLayout
-from needlehoop.tasks.start import Start, scatter, standing
+from needlehoop.tasks.start import Chance, Start, standing
 
 from .expert import expert
 from .robot import ROBOT, servos
@@ -63,12 +63,12 @@ def build(spec: mujoco.MjSpec, layout: CubeLayout, rules: CubeRules) -> None:
     spot.add_geom(name="spot", material="spot", **disc, **collision(False))
 
 
-def start(layout: CubeLayout, uniform: Tensor) -> Start:
-    """Scatter cube, spot and hand; ``uniform`` ``(n, 7)``."""
-    zero = torch.zeros_like(uniform[:, 0])
-    cube = scatter(uniform[:, 0:2], layout.cube_position, layout.position_range)
-    spot = scatter(uniform[:, 2:4], layout.spot_position, layout.position_range)
-    tool = scatter(uniform[:, 4:7], layout.tool_position, layout.tool_position_range)
+def start(layout: CubeLayout, chance: Chance) -> Start:
+    """Scatter cube, spot and hand."""
+    cube = chance.place(layout.cube_position, layout.position_range)
+    spot = chance.place(layout.spot_position, layout.position_range)
+    tool = chance.place(layout.tool_position, layout.tool_position_range)
+    zero = torch.zeros_like(tool[:, 0])
     opening = zero + layout.open
     return Start(
         robot={"tool": tool, "opening": opening},
@@ -115,25 +115,20 @@ TASK = Task(
     rules=CubeRules,
     materials={"cube": ((0.9, 0.3, 0.2), 0.2, 0.3), "spot": ((0.95, 0.9, 0.4), 0.1, 0.2)},
     build=build,
-    signals={
-        "tool": signals.of_site("position", "tool", "middle between the fingers"),
-        "cube": signals.of_body("position", "cube", "middle of the cube"),
-        "spot": signals.of_body("position", "spot", "middle of the spot, on the table"),
-        "grip": signals.of_joints(["finger_1"], "m", "opening of a finger, 0 where it is closed"),
-        "finger_1_touch": signals.touch("pad_1", "cube", "first finger touches the cube"),
-        "finger_2_touch": signals.touch("pad_2", "cube", "second finger touches the cube"),
-        "grip_command": signals.command("m", "commanded opening of a finger"),
-        "elapsed": signals.ELAPSED,
-        "held": signals.fact("both fingers touch the cube"),
-        "placed": signals.verdict("the cube lies on the spot, let go"),
+    things={
+        "cube": of_body("position", "cube", "middle of the cube"),
+        "spot": of_body("position", "spot", "middle of the spot, on the table"),
     },
+    holds="cube",
     classes={
         "cube": FlatClass(("cube",), (255, 0, 80)),
         "spot": FlatClass(("spot",), (255, 230, 0)),
     },
-    draws=7,
     start=start,
-    facts=(Fact("held", once=True, column="has_held"), Fact("placed")),
+    facts=(
+        Fact("held", "both fingers touch the cube", once=True),
+        Fact("placed", "the cube lies on the spot, let go", verdict=True),
+    ),
     observe=observe,
     goal="placed",
     phases=(Phase("pick", "held", ("tool", "cube")), Phase("put", "placed", ("cube", "spot"))),

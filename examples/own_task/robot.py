@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import mujoco
 import torch
 from torch import Tensor
 
+from needlehoop.scene.signals import Signal, command, of_joints, of_site, touch
 from needlehoop.tasks.contract import Memory, Robot
 
 
@@ -24,10 +26,23 @@ def servos(tool: Tensor, opening: Tensor) -> Tensor:
     return torch.cat((tool, torch.stack((opening, opening), -1)), -1)
 
 
+def table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
+    """What the gantry senses about what a task does, and its fingers' touches of a body."""
+    return {
+        "tool": of_site("position", "tool", "middle between the fingers"),
+        **things,
+        "grip": of_joints(["finger_1"], "m", "opening of a finger, 0 where it is closed"),
+        "finger_1_touch": touch("pad_1", str(held), f"first finger touches the {held}"),
+        "finger_2_touch": touch("pad_2", str(held), f"second finger touches the {held}"),
+        "grip_command": command("m", "commanded opening of a finger"),
+    }
+
+
 ROBOT = Robot(
     model=lambda layout, psm: mujoco.MjSpec.from_file(str(Path(__file__).with_name("gantry.xml"))),
     act=act,
-    commands=lambda memory: {"grip_command": memory["opening"]},
+    table=table,
+    commands={"grip_command": "opening"},
     body="base",
     proprio=("tool", "grip", "grip_command"),
     opens=3,

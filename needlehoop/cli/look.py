@@ -224,12 +224,13 @@ def _scene(settings: Any) -> Any:
 
     from needlehoop.engines.addresses import Addresses
     from needlehoop.envs.build import scene_spec
+    from needlehoop.tasks.start import NUMBERS, Chance
 
     spec = scene_spec(settings)
     task = settings.definition
     addresses = Addresses(spec.compile(), task.robot)
-    middle = torch.full((1, task.draws), 0.5, dtype=torch.float64)
-    nominal = task.start(settings.task, middle)
+    middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
+    nominal = task.start(settings.task, Chance(middle))
     spec.add_key(
         name="home",
         qpos=addresses.qpos(nominal)[0],

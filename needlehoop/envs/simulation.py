@@ -17,7 +17,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals
 from needlehoop.tasks.contract import DIVERGED, Memory
-from needlehoop.tasks.start import draws
+from needlehoop.tasks.start import Chance, draws
 from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
 
 if TYPE_CHECKING:
@@ -107,10 +107,10 @@ class Simulation:
         if len(ids):
             envs, episodes = self.envs[ids.numpy()], self._episodes[ids.numpy()]
             rows = [
-                draws(self._seed, env, episode, self.task.draws)
+                draws(self._seed, env, episode)
                 for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
             ]
-            starts = self.task.start(self.layout, torch.from_numpy(np.stack(rows)))
+            starts = self.task.start(self.layout, Chance(torch.from_numpy(np.stack(rows))))
             fresh = begin(self.task, self.episode, starts)
             if self.state is None:
                 if stagger:

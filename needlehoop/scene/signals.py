@@ -94,16 +94,6 @@ def command(unit: str, meaning: str) -> Signal:
     return Signal((), unit, "joint", "command", meaning)
 
 
-def fact(meaning: str) -> Signal:
-    """A fact that reward writers may see."""
-    return Signal((), "bool", "-", "fact", meaning)
-
-
-def verdict(meaning: str) -> Signal:
-    """A fact that they may not see."""
-    return Signal((), "bool", "-", "verdict", meaning)
-
-
 ELAPSED = Signal((), "1", "-", "command", "fraction of the episode's steps that is used up")
 
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from torch import Tensor
 
-from needlehoop.scene.signals import Signal, signals_class
+from needlehoop.scene.signals import ELAPSED, Signal, signals_class
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.episode import Episode
 from needlehoop.tasks.layout import Layout
-from needlehoop.tasks.start import Start
+from needlehoop.tasks.start import Chance, Start
 
 if TYPE_CHECKING:
     import mujoco
@@ -53,20 +53,19 @@ class Weld(NamedTuple):
 
 @dataclass(frozen=True)
 class Fact:
-    """Something that is true of a moment or not; a row of the table of signals says what it means.
-
-    Its row's source is ``verdict`` where reward writers may not see it, else ``fact``.
-    """
+    """Something that is true of a moment or not; a row of the table of signals."""
 
     name: str
+    meaning: str
+    verdict: bool = False
+    """Whether it is the answer, so that reward writers may not see it."""
     remembered: bool = False
     """Whether the next ``observe`` finds its value in the memory."""
     once: bool = False
-    """Whether ``has_<name>`` says that it was true at some time of the episode."""
+    """Whether ``has_<name>`` says that it was true at some time of the episode. A run's tables
+    report that in its place."""
     timed: bool = False
     """Whether the memory has ``<name>_since``: the last step after which it was not true."""
-    column: str | None = None
-    """The fact that a run's tables report under this name, ``has_<name>`` say; ``None``: itself."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +115,11 @@ class Robot:
     act: Callable[[Any, Any, Memory, Tensor], tuple[dict[str, Tensor], Tensor]]
     """From layout, rules, memory and an action ``(n, action_size)``, what it remembers now, and
     the servos' commands ``(n, nu)``."""
-    commands: Callable[[Memory], dict[str, Tensor]]
-    """Signals that come from the memory and not from sensors."""
+    table: Callable[[Mapping[str, Signal], str | None], Mapping[str, Signal]]
+    """From what a task senses, and the body that the robot may hold, a table with what the robot
+    senses, its touches of that body and its commands."""
+    commands: Mapping[str, str]
+    """Signals that come from the memory and not from sensors, and their names there."""
     body: str
     """Root of its bodies: class ``robot`` of flat renderings."""
     proprio: tuple[str, ...]
@@ -159,7 +161,7 @@ class Telling:
     """What has to be said of a class of flat renderings, by class."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Task:
     """A task. ``needlehoop tasks`` prints it; ``docs/own-task.md`` walks through one."""
 
@@ -175,15 +177,14 @@ class Task:
     """RGB, specular and shininess by name, beside the robot's own."""
     build: Callable[[mujoco.MjSpec, Any, Any], None]
     """Adds bodies, sites and welds to a scene with robot, table and lights."""
-    signals: Mapping[str, Signal]
-    """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts. Its
-    sensors are those of the scene."""
+    things: Mapping[str, Signal]
+    """What is sensed beside the robot."""
+    holds: str | None = None
+    """The body that the robot may hold."""
     classes: Mapping[str, FlatClass]
     """Of flat renderings, beside ``robot``."""
-    draws: int
-    """Uniform numbers that one reset consumes."""
-    start: Callable[[Any, Tensor], Start]
-    """From a layout and uniform numbers ``(n, draws)``, where everything begins."""
+    start: Callable[[Any, Chance], Start]
+    """From a layout and chance, where everything begins."""
     facts: tuple[Fact, ...]
     """In the order in which they are reported."""
     observe: Callable[
@@ -217,7 +218,6 @@ class Task:
     def __post_init__(self) -> None:
         names = [fact.name for fact in self.facts]
         for what, used, valid in (
-            ("facts", names, self.signals),
             ("goal", [self.goal], names),
             ("phases", [phase.ends for phase in self.phases], names),
             ("phases", [point for phase in self.phases for point in phase.points], self.signals),
@@ -232,6 +232,18 @@ class Task:
                 if name not in valid:
                     known = ", ".join(valid)
                     raise ValueError(f"task {self.name}: {what}: no {name!r} among {known}")
+
+    @cached_property
+    def signals(self) -> dict[str, Signal]:
+        """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts.
+
+        Its sensors are those of the scene.
+        """
+        facts = {
+            one.name: Signal((), "bool", "-", "verdict" if one.verdict else "fact", one.meaning)
+            for one in self.facts
+        }
+        return {**self.robot.table(self.things, self.holds), "elapsed": ELAPSED, **facts}
 
     @cached_property
     def signals_class(self) -> type:
@@ -252,7 +264,7 @@ class Task:
     def columns(self) -> dict[str, str]:
         """What a run's tables report of an episode's last step: the fact by the column's name."""
         cheat = {} if self.cheat is None else {"cheat": "cheat"}
-        own = {fact.name: fact.column or fact.name for fact in self.facts}
+        own = {one.name: f"has_{one.name}" if one.once else one.name for one in self.facts}
         return {"success": "success", **cheat, **own, DIVERGED: DIVERGED}
 
     @property

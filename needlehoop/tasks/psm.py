@@ -13,7 +13,6 @@ from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.robot.psm import JOINT_NAMES, model_spec
 from needlehoop.scene.signals import (
-    ELAPSED,
     Sensor,
     Signal,
     command,
@@ -26,7 +25,7 @@ from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Robot
 from needlehoop.tasks.episode import ArmEpisode, ToolEpisode
 from needlehoop.tasks.layout import ArmLayout, lengths, millimetres
-from needlehoop.tasks.start import Start, scatter
+from needlehoop.tasks.start import Chance, Start
 
 TOOL_SIGNALS = {
     "tool_midpoint": of_site("position", "tool_midpoint", "point between the jaws' tips"),
@@ -49,29 +48,20 @@ JOINT_SIGNALS = {
 }
 
 
-def signals(
-    things: Mapping[str, Signal], facts: Mapping[str, Signal], touched: str | None = None
-) -> dict[str, Signal]:
-    """The table of signals of a task with the PSM.
-
-    Args:
-        things: what is sensed beside the arm.
-        facts: of the task.
-        touched: the body that the jaws may touch; its word is its name.
-    """
+def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
+    """The arm's signals about those of a task, and its jaws' touches of what they hold."""
     touches = {
-        f"jaw_{side}_touch": touch(f"jaw_{side}_pad", touched, f"{word} jaw touches the {touched}")
+        f"jaw_{side}_touch": touch(f"jaw_{side}_pad", held, f"{word} jaw touches the {held}")
         for side, word in ((1, "first"), (2, "second"))
-        if touched
+        if held
     }
     told = command("rad", "commanded angle between the jaws")
-    own = {**TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches}
-    return {**own, "jaw_command": told, "elapsed": ELAPSED, **facts}
+    return {**TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": told}
 
 
-def tool_start(layout: ArmLayout, uniform: Tensor) -> dict[str, Tensor]:
-    """The robot of a ``Start``, scattered by ``uniform`` ``(n, 3)``, roll and jaw as laid out."""
-    tool = scatter(uniform, layout.tool_position, layout.tool_position_range)
+def tool_start(layout: ArmLayout, chance: Chance) -> dict[str, Tensor]:
+    """The robot of a ``Start``: the tool somewhere in its range, roll and jaw as laid out."""
+    tool = chance.place(layout.tool_position, layout.tool_position_range)
     roll, jaw = (tool.new_full((len(tool),), x) for x in (layout.tool_roll, layout.tool_jaw))
     return start_of(layout, tool, roll, jaw)
 
@@ -216,7 +206,8 @@ ROBOT = Robot(
     poser=_poser,
     begin=_begin,
     act=act,
-    commands=lambda memory: {"jaw_command": memory["jaw"]},
+    table=_table,
+    commands={"jaw_command": "jaw"},
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
     displaced=_displaced,

@@ -38,29 +38,46 @@ class Start:
         return Start(robot, free, mocap, self.control[rows])
 
 
-def draws(seed: int, env: int, episode: int, count: int) -> np.ndarray:
-    """The uniform numbers ``(count,)`` of one episode of one environment.
+NUMBERS = 64
+"""Uniform numbers that are drawn for an episode; a task takes as many as it needs."""
+
+
+def draws(seed: int, env: int, episode: int) -> np.ndarray:
+    """The uniform numbers ``(NUMBERS,)`` of one episode of one environment.
 
     Counter-based: they depend on nothing but the arguments, so an episode is the same
     whatever else runs beside it.
     """
     sequence = np.random.SeedSequence(entropy=seed, spawn_key=(env, episode))
-    return np.random.Generator(np.random.Philox(sequence)).random(count)
+    return np.random.Generator(np.random.Philox(sequence)).random(NUMBERS)
+
+
+class Chance:
+    """Gives out the uniform numbers of ``n`` episodes, one after the other.
+
+    Args:
+        uniform: in [0, 1) ``(n, NUMBERS)``, float64.
+    """
+
+    def __init__(self, uniform: Tensor):
+        self._numbers, self._taken = uniform.unbind(-1), 0
+
+    def number(self) -> Tensor:
+        """The next number of each episode ``(n,)``; ``ValueError`` if there is none left."""
+        if self._taken == len(self._numbers):
+            raise ValueError(f"start: it takes more than {self._taken} numbers an episode")
+        self._taken += 1
+        return self._numbers[self._taken - 1]
+
+    def about(self, nominal: float, half: float) -> Tensor:
+        """A number ``(n,)``, uniform within ``half`` of a nominal one."""
+        return nominal + half * (2.0 * self.number() - 1.0)
+
+    def place(self, nominal: Sequence[float], half: Sequence[float]) -> Tensor:
+        """Places ``(n, k)``, each coordinate ``about`` its own nominal one."""
+        return torch.stack([self.about(*one) for one in zip(nominal, half, strict=True)], -1)
 
 
 def standing(places: Tensor, height: float, yaw: Tensor) -> Tensor:
     """Poses ``(n, 7)`` over ``places`` ``(n, 2)``, m, turned about z by ``yaw`` ``(n,)``, rad."""
     return torch.cat((places, torch.full_like(places[:, :1], height), about_z(yaw)), -1)
-
-
-def scatter(uniform: Tensor, nominal: Sequence[float], half: Sequence[float]) -> Tensor:
-    """Places ``(n, k)`` about nominal ones.
-
-    Args:
-        uniform: numbers in [0, 1) ``(n, k)``.
-        nominal: the middle of each coordinate.
-        half: half-width of each coordinate's range.
-    """
-    spread = 2.0 * uniform - 1.0
-    columns = [c + h * spread[:, i] for i, (c, h) in enumerate(zip(nominal, half, strict=True))]
-    return torch.stack(columns, -1)

@@ -99,7 +99,7 @@ def observe(
     memory = _with(memory, kept)
     fields = {
         **readings,
-        **task.robot.commands(memory),
+        **{name: memory[kept] for name, kept in task.robot.commands.items()},
         "elapsed": memory["steps"].double() / rules.max_steps,
         **facts,
     }

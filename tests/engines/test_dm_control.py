@@ -13,7 +13,7 @@ from needlehoop.engines.contract import KINDS
 from needlehoop.engines.dm_control import DmControlEngine
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
-from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.expert import Expert
 
 WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]
 
@@ -74,7 +74,7 @@ def test_both_engines_have_the_same_state_sensors_and_images(words):
 @pytest.mark.parametrize(("first", "second"), [KINDS, KINDS[::-1], ("dm_control", "dm_control")])
 def test_one_engine_goes_on_from_the_others_snapshot(first, second):
     (one, _), (other, _) = built(first), built(second)
-    script = expert(one.layout, one.episode)
+    script = Expert(one.layout, one.episode)
     moment = one.reset()
     for _ in range(14):
         moment = one.step(script(moment.signals))

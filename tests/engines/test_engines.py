@@ -12,8 +12,10 @@ from needlehoop.envs import dm_control_env as dm_env
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.tasks.needle_hoop.expert import expert
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.needle_hoop import TASK
+from needlehoop.tasks.needle_hoop.expert import Expert
+
+TABLE = TASK.signals
 
 CAMS = ["cams=[dep_front,seg_side,segdep_default]"]
 
@@ -43,7 +45,7 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     )
     batch, _ = build(settings)
     singles = [dm_env.load(settings, env=i) for i in range(3)]
-    script, chance = expert(settings.task, settings.episode), random_controller(5, seed=1)
+    script, chance = Expert(settings.task, settings.episode), random_controller(5, seed=1)
     moment = batch.reset()
     for single in singles:
         single.reset()
@@ -185,7 +187,7 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
 def test_a_held_needle_follows_the_tool():
     settings = compose_settings(["num_envs=4"])
     simulation, _ = build(settings)
-    script = expert(settings.task, settings.episode)
+    script = Expert(settings.task, settings.episode)
     moment = simulation.reset()
     while not bool(moment.signals.grasped.all()):
         moment = simulation.step(script(moment.signals))

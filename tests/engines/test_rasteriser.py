@@ -15,7 +15,7 @@ from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop.expert import Expert
 
 ALL = Channels(True, True, True)
 VIEWS = ("default", "front", "side")
@@ -35,7 +35,7 @@ def scene():
         datas = [{name: getattr(engine.data(i), name).copy() for name in FIELDS} for i in range(8)]
         fields[state] = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
 
-    act, moment = expert(settings.task, settings.episode), simulation.reset()
+    act, moment = Expert(settings.task, settings.episode), simulation.reset()
     keep("start")
     while not bool(moment.signals.grasped.all()):
         moment = simulation.step(act(moment.signals))

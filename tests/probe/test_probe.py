@@ -117,8 +117,8 @@ def test_ways_of_one_short_name_get_long_ones():
     task = replace(find("needle_hoop"), phases=phases)
     assert [*quantities(task).gaps] == ["tool_to_pickup", "wrist_to_needle"]
     other = Phase("three", "lifted", ("tool_midpoint", "pickup_other"))
-    table = {**task.signals, "pickup_other": task.signals["goal"]}
-    task = replace(task, signals=table, phases=(*phases[:2], other, phases[3]))
+    things = {**task.things, "pickup_other": task.signals["goal"]}
+    task = replace(task, things=things, phases=(*phases[:2], other, phases[3]))
     assert quantities(task).gaps == {
         "tool_to_pickup": ("tool_midpoint", "pickup_point"),
         "tool_midpoint_to_pickup_other": ("tool_midpoint", "pickup_other"),

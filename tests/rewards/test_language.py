@@ -19,7 +19,9 @@ from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals, vocabulary
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.needle_hoop import TASK
+
+TABLE = TASK.signals
 
 N = 7
 

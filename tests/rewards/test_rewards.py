@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given
-from needle_task import draws, load_reward
+from needle_task import load_reward, start
 from torch import Tensor
 
 from needlehoop import rewards
@@ -16,9 +16,10 @@ from needlehoop.config import composing
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.needle_hoop.layout import start
 from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.start import draws
+
+TABLE = TASK.signals
 
 BOTH = pytest.mark.parametrize("kind", rewards.REWARDS)
 

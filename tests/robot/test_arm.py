@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from needle_task import act, addresses_of, begin, spec_of
+from needle_task import act, addresses_of, begin, spec_of, start
 
 from needlehoop.envs.settings import Settings
 from needlehoop.robot import psm
-from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, place, start
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules, place
 from needlehoop.tasks.psm import start_of
-from needlehoop.tasks.start import Start
+from needlehoop.tasks.start import NUMBERS, Start
 
 MASSES = {
     "yaw": 1.47,
@@ -55,7 +55,7 @@ def variants(settings: Settings) -> dict[str, mujoco.MjModel]:
 
 def start_at(layout: NeedleLayout, where) -> Start:
     """The nominal start, with the tool elsewhere."""
-    begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    begun = start(layout, torch.full((1, NUMBERS), 0.5, dtype=torch.float64))
     tool = torch.tensor([list(where)], dtype=torch.float64)
     robot = start_of(layout, tool, begun.robot["joints"][:, 3], begun.robot["jaw"])
     return place(robot, begun.free["needle"], begun.mocap["hoop"])

@@ -6,13 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from needle_task import addresses_of, draws, readings_of
+from needle_task import addresses_of, readings_of, start
 
 from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, start
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.start import NUMBERS, draws
+
+TABLE = TASK.signals
 
 VERDICTS = ("touched", "threaded")
 
@@ -116,7 +118,7 @@ def test_the_tip_and_the_tool_are_where_the_layout_puts_them(
 def test_touch_is_contact_of_that_jaw_with_the_needle(
     model: mujoco.MjModel, layout: NeedleLayout, across, expected
 ):
-    begun = start(layout, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    begun = start(layout, torch.full((1, NUMBERS), 0.5, dtype=torch.float64))
     data, addresses = mujoco.MjData(model), addresses_of(model)
     begun.robot["jaw"][:] = 0.0
     data.qpos[:] = addresses.qpos(begun)[0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from hypothesis import given
-from needle_task import act, begin, draws, observe
+from needle_task import act, begin, observe, start
 from torch import Tensor
 
 from needlehoop.envs.build import build
@@ -19,9 +19,9 @@ from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.episode import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.expert import smooth
-from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, start
-from needlehoop.tasks.start import Start
+from needlehoop.tasks.needle_hoop.expert import Smooth
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.start import NUMBERS, Start, draws
 from needlehoop.tasks.stepping import is_terminated, is_truncated
 
 CONTROLS = NeedleRules.CONTROLS
@@ -110,7 +110,7 @@ def seen(
 
 
 def nominal_start(layout: NeedleLayout, count: int = 1) -> Start:
-    return start(layout, torch.full((count, DRAWS), 0.5, dtype=torch.float64))
+    return start(layout, torch.full((count, NUMBERS), 0.5, dtype=torch.float64))
 
 
 def state_of(
@@ -635,7 +635,7 @@ def test_turning_without_end_leaves_the_tool_where_it_is(turning, layout):
 
 def test_draws_are_reproducible_numbers_between_zero_and_one():
     drawn = draws(3, 5, 7)
-    assert drawn.shape == (DRAWS,)
+    assert drawn.shape == (NUMBERS,)
     assert ((drawn >= 0) & (drawn < 1)).all()
     draws(3, 5, 8)
     assert np.array_equal(drawn, draws(3, 5, 7))
@@ -794,7 +794,7 @@ def begun(settings):
     simulation, _ = build(settings)
     seen = simulation.reset().signals.clone()
     seen.tool_midpoint = seen.pickup_point.clone()
-    return smooth(settings.task, settings.episode), seen
+    return Smooth(settings.task, settings.episode), seen
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,11 @@ from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Moment
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.episode import GRASPS
-from needlehoop.tasks.peg_transfer import TASK
-from needlehoop.tasks.peg_transfer.expert import expert
+from needlehoop.tasks.peg_transfer.expert import Expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
 from needlehoop.tasks.peg_transfer.layout import place, start
 from needlehoop.tasks.psm import start_of
+from needlehoop.tasks.start import NUMBERS, Chance
 
 LAYOUTS = ("near", "standard", "wide")
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -202,7 +202,7 @@ def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
     moment = simulation.reset()
     facts = moment.facts
     assert not (facts["success"] | facts["over"] | facts["arrived"] | facts["grasped"]).any()
-    begun = start(settings.task, torch.rand(500, TASK.draws, dtype=torch.float64))
+    begun = start(settings.task, Chance(torch.rand(500, NUMBERS, dtype=torch.float64)))
     pegs = [begun.mocap[f"peg_{i}"] for i in range(5)]
     places = torch.stack([*pegs, begun.mocap["marked"]], 1)[..., :2]
     gaps = torch.cdist(places, places) + torch.eye(6)
@@ -246,7 +246,7 @@ def test_a_layout_that_makes_no_sense_is_refused(word, message):
 def test_hostile_actions_leave_the_physics_finite_and_the_block_outside_of_things(grasp):
     settings = peg_settings("num_envs=9", f"episode.grasp={grasp}", layout="wide")
     simulation, _ = build(settings)
-    script = expert(settings.task, settings.episode)
+    script = Expert(settings.task, settings.episode)
     generator = torch.Generator().manual_seed(1)
     moment, deepest, ram = simulation.reset(), 0.0, torch.zeros(9, 5, dtype=torch.float64)
     for step in range(100):

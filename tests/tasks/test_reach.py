@@ -15,9 +15,9 @@ from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import potential
 from needlehoop.tasks import stepping
 from needlehoop.tasks.reach import TASK
-from needlehoop.tasks.reach.expert import expert, smooth
-from needlehoop.tasks.reach.layout import BUMPS, DRAWS, start
-from needlehoop.tasks.start import draws
+from needlehoop.tasks.reach.expert import Expert, Smooth
+from needlehoop.tasks.reach.scene import BUMPS, start
+from needlehoop.tasks.start import NUMBERS, Chance, draws
 
 VARIANTS = ("near", "standard", "wide")
 TARGET = torch.tensor([[0.004, -0.02, 0.02]], dtype=torch.float64)
@@ -41,7 +41,7 @@ def stayed(path: list[Tensor], looks: int = 1) -> list[bool]:
     """Whether an episode is successful after each of the tool's places."""
     settings = settings_of()
     at = (TASK, settings.task, settings.episode)
-    begun = start(settings.task, torch.full((1, DRAWS), 0.5, dtype=torch.float64))
+    begun = start(settings.task, Chance(torch.full((1, NUMBERS), 0.5, dtype=torch.float64)))
     memory, found = stepping.begin(TASK, settings.episode, begun), []
     still = {"target": TARGET, "tool_quat": torch.zeros(1, 4), "wrist_quat": torch.zeros(1, 4)}
     still |= {"wrist_pos": TARGET, "joints": torch.zeros(1, 6), "jaw": torch.zeros(1)}
@@ -110,9 +110,9 @@ def test_no_episode_begins_near_or_in_contact(variant):
 def test_bumps_and_target_stand_where_the_tool_can_be_and_cameras_look(variant):
     layout = settings_of(f"task=reach/{variant}").task
     ends = torch.tensor([0.0, 1.0 - 1e-9], dtype=torch.float64)
-    corners = ends.unsqueeze(-1).expand(2, DRAWS)
-    drawn = [torch.from_numpy(draws(3, env, 0, DRAWS)) for env in range(200)]
-    begun = start(layout, torch.cat((corners, torch.stack(drawn))))
+    corners = ends.unsqueeze(-1).expand(2, NUMBERS)
+    drawn = [torch.from_numpy(draws(3, env, 0)) for env in range(200)]
+    begun = start(layout, Chance(torch.cat((corners, torch.stack(drawn)))))
     for place in (begun.mocap["target"], begun.robot["tool"]):
         assert (place >= torch.tensor(layout.workspace_lower)).all()
         assert (place <= torch.tensor(layout.workspace_upper)).all()
@@ -134,7 +134,7 @@ def test_nothing_short_of_success_pays_as_much_as_success():
     assert least > most
 
 
-@pytest.mark.parametrize("who", [expert, smooth, "random"])
+@pytest.mark.parametrize("who", [Expert, Smooth, "random"])
 def test_success_ends_with_the_highest_potential(who):
     simulation = simulation_of("num_envs=40", "seed=11")
     own = (simulation.layout, simulation.episode)
@@ -160,7 +160,7 @@ def test_waiting_over_the_wrong_mark_pays_little():
         marks = torch.from_numpy(np.stack([data.body(f"mark_{i}").xpos for i in range(BUMPS)]))
         far = (marks - torch.from_numpy(data.body("target").xpos.copy())).norm(dim=-1).argmax()
         wrong[env] = marks[far] + torch.tensor([0, 0, simulation.layout.target_above_bump])
-    act, moment = smooth(simulation.layout, simulation.episode), simulation.look()
+    act, moment = Smooth(simulation.layout, simulation.episode), simulation.look()
     for _ in range(simulation.episode.max_steps):
         seen = moment.signals.clone()
         seen.target = wrong

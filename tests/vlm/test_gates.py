@@ -15,11 +15,13 @@ from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.rewards import reference_reward, written
 from needlehoop.rewards.language import program as language
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.vlm import writing
 from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.moments import Trajectories, collect
+
+TABLE = TASK.signals
 
 # Tells threading from touching: the tip must be beyond the hoop's plane.
 SOUND = """

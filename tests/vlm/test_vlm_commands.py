@@ -21,11 +21,13 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
+from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.training import loop as page
 from needlehoop.training import which_run
 from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.writing import ProgramRules
+
+TABLE = TASK.signals
 
 GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"

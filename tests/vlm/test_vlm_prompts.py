@@ -22,12 +22,10 @@ from needlehoop.rewards import NONE
 from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import signals as scene_signals
-from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.needle_hoop.expert import expert
+from needlehoop.tasks.needle_hoop import TASK, sharp_end_is_nearer
+from needlehoop.tasks.needle_hoop.expert import Expert
 from needlehoop.tasks.needle_hoop.facts import centre_line
 from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.scene import SIGNALS as TABLE
-from needlehoop.tasks.needle_hoop.telling import TELLING, sharp_end_is_nearer
 from needlehoop.vlm import description
 from needlehoop.vlm.album import all_channels
 from needlehoop.vlm.config import Gates
@@ -38,6 +36,8 @@ from needlehoop.vlm.moments import ranges
 from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import program_rules, reward_prompt, write_program
+
+TABLE = TASK.signals
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +200,7 @@ def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
     """At the start of many episodes, and while the expert carries the needle."""
     s = replace(settings, num_envs=32, cams=(), reward=NONE)
     simulation, _ = build(s)
-    act = expert(s.task, s.episode)
+    act = Expert(s.task, s.episode)
     moment = simulation.reset()
     start = moment.signals
     tail = centre_line(s.task, start.pickup_point, start.needle_quat)[:, 0]
@@ -237,7 +237,7 @@ VIEWS = compose_settings().views
 
 
 def rendered(rendering, **views) -> str:
-    return description.rendering(rendering, TELLING, views or VIEWS)
+    return description.rendering(rendering, TASK.telling, views or VIEWS)
 
 
 def test_renderings_are_described_and_not_praised(settings):
@@ -359,4 +359,4 @@ def test_renderings_in_words(settings):
     assert "255 (white) at 320 mm (front), 100 mm (side) or less to 0 (black) at 480 mm or" in said
     alone = replace(kinds["dep"], colour="none")
     assert "agent is given" not in rendered(alone)
-    assert json.dumps(description.view(settings.views["default"], TELLING)).count("45") == 1
+    assert json.dumps(description.view(settings.views["default"], TASK.telling)).count("45") == 1

@@ -4,15 +4,49 @@
 ``facts`` what is true, ``expert`` who can do it, ``reward`` what the paper's author pays.
 """
 
-from needlehoop.tasks.contract import FlatClass, Phase, Task
-from needlehoop.tasks.needle_hoop.expert import cheat as cheat_script
-from needlehoop.tasks.needle_hoop.expert import expert, smooth
+import math
+from pathlib import Path
+
+import numpy as np
+
+from needlehoop.tasks.contract import FlatClass, Phase, Task, Telling
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.needle_hoop.expert import Cheat, Expert, Smooth
 from needlehoop.tasks.needle_hoop.facts import FACTS, cheat, observe, success
-from needlehoop.tasks.needle_hoop.layout import DRAWS, NeedleLayout, NeedleRules, start
+from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules, start
 from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.scene import MATERIALS, SIGNALS, build
-from needlehoop.tasks.needle_hoop.telling import TELLING
-from needlehoop.tasks.psm import ROBOT
+from needlehoop.tasks.needle_hoop.scene import MATERIALS, THINGS, build
+from needlehoop.tasks.psm import ROBOT, arm_values, grasped
+
+
+def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
+    """What fills the gaps of ``prompts/*.txt``, by name."""
+    x, y, z = layout.hoop_position
+    pickup = (*layout.needle_position, layout.needle_thickness / 2)
+    return {
+        **arm_values(layout, rules),
+        "needle_arc": round(math.degrees(layout.needle_arc)),
+        "sharp": "nearer to" if sharp_end_is_nearer(layout) else "farther from",
+        "hoop_height": round(1000 * z),
+        "hoop_away": round(1000 * math.dist((x, y), layout.needle_position)),
+        "tool_away": round(1000 * math.dist(layout.tool_position, pickup)),
+        "side": "in front of" if layout.needle_position[1] < y else "behind",
+        "hand": "to the right" if layout.needle_position[0] > x else "to the left",
+        "pickup": f"{100 * layout.needle_pickup:g}",
+        "grasped": grasped(rules, "needle"),
+        "lift_radius": millimetres(rules.lift_radius),
+    }
+
+
+def sharp_end_is_nearer(layout: NeedleLayout) -> bool:
+    """Whether the sharp end of a needle in its nominal place is the end nearer to the hoop."""
+    cos, sin = math.cos(layout.needle_yaw), math.sin(layout.needle_yaw)
+    ends = layout.centre_line(np.array(layout.needle_angles))[:, :2] @ np.array(
+        [[cos, sin], [-sin, cos]]
+    )
+    away = np.linalg.norm(ends + layout.needle_position - layout.hoop_position[:2], axis=1)
+    return bool(away[1] < away[0])
+
 
 TASK = Task(
     name="needle_hoop",
@@ -22,12 +56,12 @@ TASK = Task(
     rules=NeedleRules,
     materials=MATERIALS,
     build=build,
-    signals=SIGNALS,
+    things=THINGS,
+    holds="needle",
     classes={
         "needle": FlatClass(("needle",), (255, 230, 0)),
         "hoop": FlatClass(("hoop",), (255, 0, 80)),
     },
-    draws=DRAWS,
     start=start,
     facts=FACTS,
     observe=observe,
@@ -42,11 +76,24 @@ TASK = Task(
         *("tool_midpoint", "pickup_point", "needle_tip", "goal", "lift_position", "needle_quat"),
         *("joints", "jaw", "jaw_command", "grasped", "lifted"),
     ),
-    controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
+    controllers={"expert": Expert, "smooth": Smooth, "cheat": Cheat},
     teacher="smooth",
     human=Human,
     cheat=cheat,
     critic=("grasped", "lifted"),
     cheating="touching the goal without threading",
-    telling=TELLING,
+    telling=Telling(
+        texts=Path(__file__).parent / "prompts",
+        values=values,
+        goal="the needle is through the hoop",
+        done="the needle is where it has to be",
+        front="the hoop",
+        moments={
+            "grasped": "the needle has just been grasped",
+            "lifted": "the needle is lifted",
+        },
+        painted={
+            "hoop": "the rod under the ring counts as hoop, the rest of its stand as all else"
+        },
+    ),
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -11,9 +9,7 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks import scripted
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
-from needlehoop.tasks.scripted import Funnel, blade_turn, descend, direction
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend, direction
 
 _HOVER = 0.012
 """Height above the pickup point at which the open jaws line up, m."""
@@ -21,15 +17,12 @@ _STANDOFF = 0.010
 """Distance before the hoop's plane at which the tip lines up with the opening, m."""
 
 
-@dataclass(frozen=True)
-class Script(scripted.Script):
-    """The sharp expert.
+class Expert(Script):
+    """The sharp expert."""
 
-    Args:
-        past: how far beyond the hoop's plane the tip is sent, m; negative stops short.
-    """
-
-    past: float
+    def past(self) -> float:
+        """How far beyond the hoop's plane the tip is sent, m; negative stops short."""
+        return self.episode.thread_depth + 0.004
 
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
@@ -49,7 +42,7 @@ class Script(scripted.Script):
         through = (aside < 0.25 * self.layout.hoop_opening) | (
             (depth > -_STANDOFF / 2) & (aside < 0.5 * self.layout.hoop_opening)
         )
-        ahead = torch.where(through, self.past - depth, -_STANDOFF - depth)
+        ahead = torch.where(through, self.past() - depth, -_STANDOFF - depth)
         insert = ahead * s.hoop_axis - radial
         move = torch.where(s.lifted.unsqueeze(-1), insert, s.lift_position - s.pickup_point)
         return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
@@ -77,12 +70,13 @@ _AIMED, _ASTRAY = 0.35, 0.85
 """Distance of the tip aside of the hoop's axis, in radii of the opening, at which it is sent all
 the way through, and held before the hoop."""
 
-_THROUGH = 0.02
-"""How far beyond the hoop's plane the tip is sent, m; the episode ends on the way."""
 
-
-class Smooth(Script):
+class Smooth(Expert):
     """The expert's phases with ramps for its switches: actions change little where signals do."""
+
+    def past(self) -> float:
+        """So far that the episode ends on the way."""
+        return 0.02
 
     def _approach(self, s: Signals, misaligned: Tensor) -> Tensor:
         return _FUNNEL.approach(self, s)
@@ -91,7 +85,7 @@ class Smooth(Script):
         """Lift; then the tip before the opening, and through it as far as it is aimed."""
         depth, radial, aside = _place_of_tip(s)
         aimed = ramp(aside / self.layout.hoop_opening, _ASTRAY, _AIMED)
-        wanted = -_STANDOFF + aimed * (self.past + _STANDOFF)
+        wanted = -_STANDOFF + aimed * (self.past() + _STANDOFF)
         insert = (wanted - depth) * s.hoop_axis - radial
         return torch.where(s.lifted.unsqueeze(-1), insert, self._lift(s))
 
@@ -120,16 +114,9 @@ def _place_of_tip(s: Signals) -> tuple[Tensor, Tensor, Tensor]:
     return depth, radial, torch.sqrt(geo.dot(radial, radial)).unsqueeze(-1)
 
 
-def expert(layout: NeedleLayout, episode: NeedleRules) -> Script:
-    """The controller that threads the needle."""
-    return Script(layout, episode, past=episode.thread_depth + 0.004)
+class Cheat(Expert):
+    """It touches the goal from before the opening and stays there."""
 
-
-def smooth(layout: NeedleLayout, episode: NeedleRules) -> Smooth:
-    """The controller that threads the needle and can be imitated."""
-    return Smooth(layout, episode, past=_THROUGH)
-
-
-def cheat(layout: NeedleLayout, episode: NeedleRules) -> Script:
-    """The controller that touches the goal from before the opening and stays there."""
-    return replace(expert(layout, episode), past=-0.6 * episode.goal_radius)
+    def past(self) -> float:
+        """Short of the hoop's plane."""
+        return -0.6 * self.episode.goal_radius

@@ -19,10 +19,10 @@ _CURVE_POINTS = 33
 """Of the needle's centre line."""
 
 FACTS = (
-    Fact("grasped", remembered=True, once=True, column="has_grasped"),
-    Fact("lifted", remembered=True),
-    Fact("touched", once=True, column="has_touched"),
-    Fact("threaded"),
+    Fact("grasped", "the needle is held", remembered=True, once=True),
+    Fact("lifted", "the held needle has reached the lift position; stays true", remembered=True),
+    Fact("touched", "the tip is within the goal's radius", verdict=True, once=True),
+    Fact("threaded", "the held needle passes through the opening", verdict=True),
 )
 
 

@@ -13,7 +13,7 @@ from needlehoop.config.strict import Range, Share, check_names
 from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import Angle, ArmLayout, Length, Place, Spread, Turn
 from needlehoop.tasks.psm import begun, tool_start
-from needlehoop.tasks.start import Start, scatter, standing
+from needlehoop.tasks.start import Chance, Start, standing
 
 
 @dataclass(frozen=True)
@@ -95,26 +95,18 @@ class NeedleRules(ArmEpisode):
         check_names("episode.success", [self.success], SUCCESSES)
 
 
-DRAWS = 9
-"""Uniform numbers that one reset consumes."""
-
 _SUNK = 1.25e-6
 """How deep a needle at rest sinks into the table, m (measured). Laid exactly on the
 surface, rounding decides which of its contacts exist, and the rest kick it."""
 
 
-def start(layout: NeedleLayout, uniform: Tensor) -> Start:
-    """Scatter needle, hoop and tool over the layout's ranges.
-
-    Args:
-        layout: nominal placement and ranges.
-        uniform: numbers in [0, 1) ``(n, DRAWS)``, float64.
-    """
-    needle_xy = scatter(uniform[:, 0:2], layout.needle_position, layout.needle_position_range)
-    yaw = scatter(uniform[:, 2:3], [layout.needle_yaw], [layout.needle_yaw_range])[:, 0]
-    hoop = scatter(uniform[:, 3:6], layout.hoop_position, layout.hoop_position_range)
+def start(layout: NeedleLayout, chance: Chance) -> Start:
+    """Scatter needle, hoop and tool over the layout's ranges."""
+    needle_xy = chance.place(layout.needle_position, layout.needle_position_range)
+    yaw = chance.about(layout.needle_yaw, layout.needle_yaw_range)
+    hoop = chance.place(layout.hoop_position, layout.hoop_position_range)
     needle = standing(needle_xy, layout.needle_thickness / 2 - _SUNK, yaw)
-    return place(tool_start(layout, uniform[:, 6:9]), needle, hoop)
+    return place(tool_start(layout, chance), needle, hoop)
 
 
 def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:

@@ -1,4 +1,4 @@
-"""Needle, hoop and its stand as MuJoCo bodies, and the table of signals."""
+"""Needle, hoop and its stand as MuJoCo bodies, and what is sensed of them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import mujoco
 import numpy as np
 
 from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
-from needlehoop.scene.signals import fact, of_body, of_site, verdict
+from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.grasping import add_weld
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
-from needlehoop.tasks.psm import signals
 
 _CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 
@@ -25,7 +24,7 @@ MATERIALS: Materials = {
     "stand": ((0.88, 0.88, 0.90), 0.2, 0.3),
 }
 
-_THINGS = {
+THINGS = {
     "pickup_point": of_site("position", "pickup_point", "where the needle should be grasped"),
     "needle_tip": of_site("position", "needle_tip", "the needle's sharp end"),
     "needle_quat": of_site(
@@ -39,15 +38,6 @@ _THINGS = {
         "position", "lift_position", "above the pickup point's start, at the goal's height"
     ),
 }
-
-_FACTS = {
-    "grasped": fact("the needle is held"),
-    "lifted": fact("the held needle has reached the lift position; stays true"),
-    "touched": verdict("the tip is within the goal's radius"),
-    "threaded": verdict("the held needle passes through the opening"),
-}
-
-SIGNALS = signals(_THINGS, _FACTS, touched="needle")
 
 
 def build(spec: mujoco.MjSpec, layout: NeedleLayout, rules: NeedleRules) -> None:

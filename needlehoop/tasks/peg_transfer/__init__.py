@@ -5,15 +5,41 @@
 ``docs/peg_transfer.md`` says where the sizes are from.
 """
 
-from needlehoop.tasks.contract import FlatClass, Phase, Task
-from needlehoop.tasks.peg_transfer.expert import cheat as cheat_script
-from needlehoop.tasks.peg_transfer.expert import expert, smooth
+from collections.abc import Sequence
+from pathlib import Path
+
+from needlehoop.tasks.contract import FlatClass, Phase, Task, Telling
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.peg_transfer.expert import Cheat, Expert, Smooth
 from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe
-from needlehoop.tasks.peg_transfer.layout import DRAWS, OTHER_PEGS, PegLayout, PegRules, start
+from needlehoop.tasks.peg_transfer.layout import OTHER_PEGS, PEGS, WALLS, PegLayout, PegRules, start
 from needlehoop.tasks.peg_transfer.reward import Human
-from needlehoop.tasks.peg_transfer.scene import MATERIALS, SIGNALS, build
-from needlehoop.tasks.peg_transfer.telling import TELLING
-from needlehoop.tasks.psm import ROBOT
+from needlehoop.tasks.peg_transfer.scene import MATERIALS, THINGS, build
+from needlehoop.tasks.psm import ROBOT, arm_values, grasped
+
+
+def values(layout: PegLayout, rules: PegRules) -> dict[str, object]:
+    """What fills the gaps of ``prompts/*.txt``, by name."""
+    return {
+        **arm_values(layout, rules),
+        "walls": len(WALLS),
+        "wall_length": millimetres(layout.wall_length),
+        "pegs": PEGS,
+        "others": PEGS - 1,
+        "tool_height": round(1000 * layout.tool_position[2]),
+        "places": _places(layout, range(PEGS)),
+        "starts": _places(layout, layout.starts),
+        "goals": _places(layout, layout.goals),
+        "grasped": grasped(rules, "block", "a wall of the block"),
+    }
+
+
+def _places(layout: PegLayout, pegs: Sequence[int]) -> str:
+    """Nominal places of pegs, x and y in mm."""
+    return ", ".join(
+        f"({millimetres(x)}, {millimetres(y)})" for x, y in (layout.pegs[peg] for peg in pegs)
+    )
+
 
 TASK = Task(
     name="peg_transfer",
@@ -23,13 +49,13 @@ TASK = Task(
     rules=PegRules,
     materials=MATERIALS,
     build=build,
-    signals=SIGNALS,
+    things=THINGS,
+    holds="block",
     classes={
         "block": FlatClass(("block",), (255, 60, 0)),
         "marked": FlatClass(("marked",), (0, 255, 60)),
         "pegs": FlatClass(OTHER_PEGS, (255, 255, 255)),
     },
-    draws=DRAWS,
     start=start,
     facts=FACTS,
     observe=observe,
@@ -44,11 +70,18 @@ TASK = Task(
         *("tool_midpoint", "pickup_point", "block_position", "block_quat", "goal"),
         *("joints", "jaw", "jaw_command", "grasped", "lifted"),
     ),
-    controllers={"expert": expert, "smooth": smooth, "cheat": cheat_script},
+    controllers={"expert": Expert, "smooth": Smooth, "cheat": Cheat},
     teacher="smooth",
     human=Human,
     cheat=cheat,
     critic=("grasped", "lifted"),
     cheating="holding the block about the marked peg without letting go",
-    telling=TELLING,
+    telling=Telling(
+        texts=Path(__file__).parent / "prompts",
+        values=values,
+        goal="the block stands over the marked peg and has been let go",
+        done="the block is where it has to be",
+        front="the board",
+        moments={"grasped": "the block has just been grasped", "lifted": "the block is lifted"},
+    ),
 )

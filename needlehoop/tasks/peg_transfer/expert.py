@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks import scripted
 from needlehoop.tasks.peg_transfer.facts import lower_edge
-from needlehoop.tasks.peg_transfer.layout import PegLayout, PegRules
-from needlehoop.tasks.scripted import Funnel, blade_turn, descend, direction
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend, direction
 
 _HOVER = 0.016
 """Height above the pickup point at which the open jaws line up, m."""
@@ -21,16 +17,12 @@ _LOWERED = 0.0014
 """Distance of the hole's centre from the peg's axis at which the block is lowered, m."""
 
 
-@dataclass(frozen=True)
-class Script(scripted.Script):
-    """The sharp expert.
+class Expert(Script):
+    """The sharp expert."""
 
-    Args:
-        lets_go: height of the block's lower edge above the board below which the jaws open over
-            the marked peg, m; negative: never.
-    """
-
-    lets_go: float
+    lets_go = 0.0012
+    """Height of the block's lower edge above the board below which the jaws open over the marked
+    peg, m; negative: never."""
 
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
@@ -101,7 +93,7 @@ _ABOUT, _BESIDE = 0.006, 0.010
 """Distances of a block from the marked peg's axis at which it is left alone, and fetched."""
 
 
-class Smooth(Script):
+class Smooth(Expert):
     """The expert's phases with ramps for its switches: actions change little where signals do."""
 
     def __call__(self, signals: Signals) -> Tensor:
@@ -134,16 +126,7 @@ class Smooth(Script):
         return away
 
 
-def expert(layout: PegLayout, episode: PegRules) -> Script:
-    """The controller that transfers the block."""
-    return Script(layout, episode, lets_go=0.0012)
+class Cheat(Expert):
+    """It holds the block about the marked peg and never lets go."""
 
-
-def smooth(layout: PegLayout, episode: PegRules) -> Smooth:
-    """The controller that transfers the block and can be imitated."""
-    return Smooth(layout, episode, lets_go=_OPEN)
-
-
-def cheat(layout: PegLayout, episode: PegRules) -> Script:
-    """The controller that holds the block about the marked peg and never lets go."""
-    return replace(expert(layout, episode), lets_go=-1.0)
+    lets_go = -1.0

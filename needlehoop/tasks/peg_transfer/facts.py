@@ -16,11 +16,20 @@ from needlehoop.tasks.grasping import hold
 from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout, PegRules, at_wall
 
 FACTS = (
-    Fact("grasped", remembered=True, once=True, column="has_grasped"),
-    Fact("lifted", once=True, column="has_lifted"),
-    Fact("arrived", once=True, column="has_arrived"),
-    Fact("over", once=True, column="has_over"),
-    Fact("placed"),
+    Fact("grasped", "the block is held", remembered=True, once=True),
+    Fact("lifted", "the block's lower edge is above the marked peg's top", once=True),
+    Fact(
+        "arrived",
+        "the block is at the marked peg, lower than its top: about it or beside it",
+        verdict=True,
+        once=True,
+    ),
+    Fact("over", "the marked peg's axis runs through the block's hole", verdict=True, once=True),
+    Fact(
+        "placed",
+        "the block stands over the marked peg, on the board, released and at rest",
+        verdict=True,
+    ),
 )
 
 _STEEP = 0.5

@@ -14,7 +14,7 @@ from needlehoop.config.strict import Range
 from needlehoop.tasks.episode import ArmEpisode
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, Turn
 from needlehoop.tasks.psm import begun, tool_start
-from needlehoop.tasks.start import Start, scatter, standing
+from needlehoop.tasks.start import Chance, Start, standing
 
 WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
 """Directions of the walls' outward normals about the block's z, rad; the first is grasped."""
@@ -131,27 +131,19 @@ class PegRules(ArmEpisode):
     """``placed``: the block moves and turns slower than this."""
 
 
-DRAWS = 10
-"""Uniform numbers that one reset consumes."""
-
 _SUNK = 2.82e-7
 """How deep a block at rest sinks into the table, m (measured)."""
 
 
-def start(layout: PegLayout, uniform: Tensor) -> Start:
-    """Draw the block's peg and the marked one; scatter board, block and tool.
-
-    Args:
-        layout: nominal placement and ranges.
-        uniform: numbers in [0, 1) ``(n, DRAWS)``, float64.
-    """
-    begins, marked = _choose(layout, uniform[:, 0], uniform[:, 1])
-    shift = scatter(uniform[:, 2:4], (0.0, 0.0), layout.board_range)
-    yaw = scatter(uniform[:, 4:5], [layout.block_yaw], [layout.block_yaw_range])[:, 0]
-    off = scatter(uniform[:, 5:7], (0.0, 0.0), layout.block_position_range)
+def start(layout: PegLayout, chance: Chance) -> Start:
+    """Draw the block's peg and the marked one; scatter board, block and tool."""
+    begins, marked = _choose(layout, chance.number(), chance.number())
+    shift = chance.place((0.0, 0.0), layout.board_range)
+    yaw = chance.about(layout.block_yaw, layout.block_yaw_range)
+    off = chance.place((0.0, 0.0), layout.block_position_range)
     places = torch.tensor(layout.pegs, dtype=torch.float64)
     block = standing(places[begins] + shift + off, layout.block_height / 2 - _SUNK, yaw)
-    return place(layout, tool_start(layout, uniform[:, 7:10]), block, shift, marked)
+    return place(layout, tool_start(layout, chance), block, shift, marked)
 
 
 def place(

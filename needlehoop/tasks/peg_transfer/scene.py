@@ -1,4 +1,4 @@
-"""Block, pegs and board as MuJoCo bodies, and the table of signals."""
+"""Block, pegs and board as MuJoCo bodies, and what is sensed of them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import math
 import mujoco
 
 from needlehoop.scene.shapes import collision
-from needlehoop.scene.signals import fact, of_body, of_site, verdict
+from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.grasping import add_weld
 from needlehoop.tasks.peg_transfer.layout import OTHER_PEGS, WALLS, PegLayout, PegRules
-from needlehoop.tasks.psm import signals
 
 MATERIALS: Materials = {
     "block": ((0.93, 0.30, 0.16), 0.3, 0.4),
@@ -20,7 +19,7 @@ MATERIALS: Materials = {
     "board": ((0.20, 0.21, 0.27), 0.05, 0.1),
 }
 
-_THINGS = {
+THINGS = {
     "pickup_point": of_site(
         "position", "pickup_point", "where the block should be grasped: in one of its walls"
     ),
@@ -40,16 +39,6 @@ _THINGS = {
         "position", "lift_position", "above the block's start, at the height of above_goal"
     ),
 }
-
-_FACTS = {
-    "grasped": fact("the block is held"),
-    "lifted": fact("the block's lower edge is above the marked peg's top"),
-    "arrived": verdict("the block is at the marked peg, lower than its top: about it or beside it"),
-    "over": verdict("the marked peg's axis runs through the block's hole"),
-    "placed": verdict("the block stands over the marked peg, on the board, released and at rest"),
-}
-
-SIGNALS = signals(_THINGS, _FACTS, touched="block")
 
 _PAINT = 5e-5
 """Thickness of paint, m: enough to be drawn before what is below."""

@@ -1,18 +1,42 @@
 """Reach: bring the instrument's tip to a raised button on an uneven phantom, and stay there.
 
-``scene`` says what there is, ``layout`` how large it is, where an episode begins
-and when a fact holds; ``facts`` what is true, ``expert`` who can do it, ``reward`` what a
-person would pay.
+``scene`` says what there is, where an episode begins and what is true, ``expert`` who can do it,
+``reward`` what a person would pay.
 """
 
-from needlehoop.tasks.contract import FlatClass, Phase, Task
-from needlehoop.tasks.psm import ROBOT
-from needlehoop.tasks.reach.expert import expert, smooth
-from needlehoop.tasks.reach.facts import FACTS, observe
-from needlehoop.tasks.reach.layout import BUMPS, DRAWS, ReachLayout, ReachRules, start
+from pathlib import Path
+
+from needlehoop.scene.signals import of_body
+from needlehoop.tasks.contract import Fact, FlatClass, Phase, Task, Telling
+from needlehoop.tasks.layout import millimetres
+from needlehoop.tasks.psm import ROBOT, arm_values
+from needlehoop.tasks.reach.expert import Expert, Smooth
 from needlehoop.tasks.reach.reward import Human
-from needlehoop.tasks.reach.scene import MATERIALS, SIGNALS, build
-from needlehoop.tasks.reach.telling import TELLING
+from needlehoop.tasks.reach.scene import (
+    BUMPS,
+    MATERIALS,
+    ReachLayout,
+    ReachRules,
+    build,
+    observe,
+    start,
+)
+
+
+def values(layout: ReachLayout, rules: ReachRules) -> dict[str, object]:
+    """What fills the gaps of ``prompts/*.txt``, by name."""
+    height, spread = layout.bump_height, layout.bump_height_range
+    return {
+        **arm_values(layout, rules),
+        "bumps": BUMPS,
+        "thinnest": millimetres(min(layout.bump_radii)),
+        "thickest": millimetres(max(layout.bump_radii)),
+        "lowest": millimetres(height - spread),
+        "highest": millimetres(height + spread),
+        "target_above_bump": millimetres(layout.target_above_bump),
+        "tool_height": round(1000 * layout.tool_position[2]),
+    }
+
 
 TASK = Task(
     name="reach",
@@ -22,15 +46,27 @@ TASK = Task(
     rules=ReachRules,
     materials=MATERIALS,
     build=build,
-    signals=SIGNALS,
+    things={"target": of_body("position", "target", "point just above the middle of the button")},
     classes={
         "target": FlatClass(("target",), (255, 230, 0)),
         "marks": FlatClass(tuple(f"mark_{i}" for i in range(BUMPS)), (255, 0, 80)),
         "phantom": FlatClass(tuple(f"bump_{i}" for i in range(BUMPS)), (0, 150, 60)),
     },
-    draws=DRAWS,
     start=start,
-    facts=FACTS,
+    facts=(
+        Fact(
+            "near",
+            "the point between the jaws is at the target",
+            verdict=True,
+            once=True,
+            timed=True,
+        ),
+        Fact(
+            "stayed",
+            "it has been there for as many steps as the task asks for",
+            verdict=True,
+        ),
+    ),
     observe=observe,
     goal="stayed",
     phases=(
@@ -38,8 +74,14 @@ TASK = Task(
         Phase("stay", "stayed", ("tool_midpoint", "target")),
     ),
     state=("tool_midpoint", "target", "joints", "jaw", "jaw_command"),
-    controllers={"expert": expert, "smooth": smooth},
+    controllers={"expert": Expert, "smooth": Smooth},
     teacher="smooth",
     human=Human,
-    telling=TELLING,
+    telling=Telling(
+        texts=Path(__file__).parent / "prompts",
+        values=values,
+        goal="the tips of the jaws are at the button",
+        done="the point between the jaws' tips is where it has to be",
+        front="the phantom",
+    ),
 )

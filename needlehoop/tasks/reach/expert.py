@@ -7,8 +7,7 @@ from torch import Tensor
 
 from needlehoop.robot.geometry import aside
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks import scripted
-from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
+from needlehoop.tasks.scripted import Script
 
 _HOVER = 0.012
 """Height above the target at which the tool crosses the phantom, m."""
@@ -23,7 +22,7 @@ _PRESS = 0.001
 """How far below the target the tool is sent, m: the button stops it."""
 
 
-class Script(scripted.Script):
+class Expert(Script):
     """Across the phantom, then down."""
 
     def __call__(self, signals: Signals) -> Tensor:
@@ -39,19 +38,9 @@ class Script(scripted.Script):
         return torch.where(aside < _BESIDE, 0.0, _HOVER)
 
 
-class Smooth(Script):
+class Smooth(Expert):
     """The expert with a ramp for its switch: actions change little where signals do."""
 
     def _height(self, aside: Tensor) -> Tensor:
         """Down a funnel, and onto the button."""
         return (_SLOPE * (aside - _FREE)).clamp(0.0, _HOVER) - _PRESS
-
-
-def expert(layout: ReachLayout, episode: ReachRules) -> Script:
-    """The controller that reaches the target."""
-    return Script(layout, episode)
-
-
-def smooth(layout: ReachLayout, episode: ReachRules) -> Smooth:
-    """The controller that reaches the target and can be imitated."""
-    return Smooth(layout, episode)

@@ -1,14 +1,82 @@
-"""Phantom, marks and target as MuJoCo bodies; and the table of signals."""
+"""The phantom: its sizes, bodies and marks, where an episode begins, and what is true of it."""
 
 from __future__ import annotations
 
-import mujoco
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
 
+import mujoco
+import torch
+from torch import Tensor
+
+from needlehoop.config.strict import Count, Range
+from needlehoop.robot.geometry import distance
 from needlehoop.scene.shapes import add_upright
-from needlehoop.scene.signals import of_body, verdict
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.psm import signals
-from needlehoop.tasks.reach.layout import ReachLayout, ReachRules
+from needlehoop.tasks.contract import Memory, Weld
+from needlehoop.tasks.episode import ToolEpisode
+from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread
+from needlehoop.tasks.psm import begun, tool_start
+from needlehoop.tasks.start import Chance, Start
+
+BUMPS = 5
+"""Bumps of the phantom; each has a mark on top, and one of them the target."""
+
+
+@dataclass(frozen=True)
+class ReachLayout(ArmLayout):
+    """Sizes, placement and randomisation ranges; values in ``conf/task``.
+
+    Lengths in m, positions in the world frame. Ranges are half-widths of uniform
+    distributions about the nominal value.
+    """
+
+    bump_positions: tuple[tuple[Place, Place], ...]
+    """Nominal x and y of each bump."""
+    bump_radii: tuple[Length, ...]
+    """Radius of each bump: a round column with the half of a sphere on top."""
+    bump_position_range: tuple[Spread, Spread]
+    bump_height: Length
+    """Nominal height of a bump above the table. Each has a height of its own."""
+    bump_height_range: Spread
+
+    mark_radius: Length
+    """Radius of the flat discs on top of the bumps."""
+    target_radius: Length
+    """Radius of the button that marks the target."""
+    target_height: Length
+    """Height of the button's upper face above the top of its bump."""
+    clearance: Length
+    """Height of the target point above the button: the jaws end before ``tool_midpoint``."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key in ("bump_positions", "bump_radii"):
+            count = len(getattr(self, key))
+            if count != BUMPS:
+                raise ValueError(f"task.{key}: {count} values; there are {BUMPS} bumps")
+        if not self.bump_height_range < self.bump_height:
+            raise ValueError(
+                f"task.bump_height_range: {self.bump_height_range} must be below"
+                f" bump_height={self.bump_height}"
+            )
+
+    @property
+    def target_above_bump(self) -> float:
+        """Height of the target point above the top of its bump."""
+        return self.target_height + self.clearance
+
+
+@dataclass(frozen=True)
+class ReachRules(ToolEpisode):
+    """When a fact of reach holds; values in ``conf/episode``."""
+
+    near_radius: Annotated[float, Range(0.0, 1.0, above=True)]
+    """``near``: ``tool_midpoint`` is this near the target, m."""
+    near_steps: Count
+    """``stayed``: it has been near after so many steps, one after the other."""
+
 
 _CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 
@@ -17,14 +85,6 @@ MATERIALS: Materials = {
     "mark": ((0.25, 0.22, 0.50), 0.1, 0.2),
     "target": ((1.0, 0.86, 0.10), 0.2, 0.3),
 }
-
-SIGNALS = signals(
-    {"target": of_body("position", "target", "point just above the middle of the button")},
-    {
-        "near": verdict("the point between the jaws is at the target"),
-        "stayed": verdict("it has been there for as many steps as the task asks for"),
-    },
-)
 
 _MARK = (-0.0010, 0.0005)
 """Lower and upper face of a mark, m above the top of its bump: flat, where the bump is round."""
@@ -57,3 +117,26 @@ def build(spec: mujoco.MjSpec, layout: ReachLayout, rules: ReachRules) -> None:
     size = layout.target_radius
     add_upright(target, "button", _CYLINDER, (face - _BUTTON, face), size, "target")
     add_upright(target, "stem", _CYLINDER, (foot - 0.001, face - _BUTTON), _STEM, "target")
+
+
+def start(layout: ReachLayout, chance: Chance) -> Start:
+    """Scatter bumps and tool over the layout's ranges, and choose the target's bump."""
+    half = (*layout.bump_position_range, layout.bump_height_range)
+    tops = torch.stack(
+        [chance.place((*at, layout.bump_height), half) for at in layout.bump_positions], 1
+    )
+    chosen = (BUMPS * chance.number()).long()
+    up = torch.tensor((0.0, 0.0, layout.target_above_bump), dtype=tops.dtype)
+    places = {"target": tops[torch.arange(len(tops)), chosen] + up}
+    for index in range(BUMPS):
+        places[f"bump_{index}"] = places[f"mark_{index}"] = tops[:, index]
+    return begun(tool_start(layout, chance), places)
+
+
+def observe(
+    layout: ReachLayout, rules: ReachRules, memory: Memory, readings: Mapping[str, Tensor]
+) -> tuple[dict[str, Tensor], dict[str, Weld]]:
+    """Near, and stayed: see ``contract.Task``."""
+    near = distance(readings["tool_midpoint"], readings["target"]) < rules.near_radius
+    lasted = memory["steps"] - memory["near_since"]
+    return {"near": near, "stayed": near & (lasted >= rules.near_steps)}, {}
