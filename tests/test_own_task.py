@@ -29,8 +29,7 @@ FOLDER = Path(__file__).parents[1] / "examples/own_task"
 @pytest.fixture(autouse=True)
 def forgotten(monkeypatch):
     """What a test imports, the next does not know."""
-    for name in ("_added", "_folders", "_imported"):
-        monkeypatch.setattr(registry, name, {})
+    monkeypatch.setattr(registry, "_added", {})
 
 
 def built(*words: str) -> tuple[Simulation, Imager]:
@@ -210,7 +209,7 @@ def copied(tmp_path) -> Path:
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ('    goal="placed",\n', "", "missing 1 required positional argument: 'goal'"),
+        ('    goal="placed",\n', "", "missing 1 required keyword-only argument: 'goal'"),
         ('goal="placed"', 'goal="palced"', "goal: no 'palced' among held, placed"),
         ('teacher="expert"', 'teacher="smooth"', "teacher: no 'smooth' among expert"),
         ('state=("tool"', 'state=("tol"', "state: no 'tol' among tool, cube"),

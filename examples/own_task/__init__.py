@@ -15,8 +15,7 @@ from needlehoop.robot.geometry import aside, distance
 from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import of_body
 from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
-from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Length, Place, Spread, ToolLayout
+from needlehoop.tasks.layout import Episode, Length, Place, Spread, ToolLayout
 from needlehoop.tasks.start import Chance, Start, standing
 
 from .expert import expert

@@ -67,7 +67,7 @@ def expert(options: argparse.Namespace) -> None:
     if options.video is not None:
         new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
-    from needlehoop.tasks.episode import ArmEpisode
+    from needlehoop.tasks.layout import ArmEpisode
 
     tried = {"episodes": settings}
     if isinstance(settings.episode, ArmEpisode):
@@ -99,7 +99,7 @@ def expert(options: argparse.Namespace) -> None:
 
 def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tuple[str, ...]:
     """Those that ``grasps`` names; by default all, or none where ``episode.grasp=`` names one."""
-    from needlehoop.tasks.episode import GRASPS
+    from needlehoop.tasks.layout import GRASPS
 
     typed = [word for word in options.overrides if word.startswith("episode.grasp=")]
     if grasps is None:
@@ -175,13 +175,12 @@ def export(options: argparse.Namespace) -> None:
         return
     if asked.run is not None:
         raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
-    from needlehoop.scene import mjcf
-    from needlehoop.scene.export import check_place, papers, write_folder
+    from needlehoop.scene.export import check_place, mjcf, papers, write_folder
 
     out = Path(asked.out or "psm")
     check_place(out, overwrite)
     name, spec = _SPECS[what]
-    write_folder(out, {**mjcf.write(spec(settings), name), **papers()}, overwrite)
+    write_folder(out, {**mjcf(spec(settings), name), **papers()}, overwrite)
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
 
 

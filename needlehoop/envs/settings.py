@@ -15,8 +15,7 @@ from needlehoop.robot.psm import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
 from needlehoop.tasks import registry
 from needlehoop.tasks.contract import Task
-from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.registry import find
 
 ImageSize = Annotated[int, Range(1, 2048)]

@@ -3,15 +3,46 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import mujoco
+import numpy as np
 
 from needlehoop.config import strict
 from needlehoop.runs.reading import read_json
 
 RECORD = "export.json"
 """What of a folder's files was written by an export."""
+
+MESHES = "assets"
+"""Folder of the meshes, beside the MJCF."""
+
+_KINDS = {
+    "body": ("body_pos", "body_quat"),
+    "joint": ("jnt_pos", "jnt_range"),
+    "geom": ("geom_pos", "geom_quat", "geom_size"),
+    "site": ("site_pos", "site_quat", "site_size"),
+    "camera": ("cam_pos", "cam_quat", "cam_fovy"),
+    "light": ("light_pos", "light_dir"),
+    "general": (
+        "actuator_ctrlrange",
+        "actuator_forcerange",
+        "actuator_gainprm",
+        "actuator_biasprm",
+    ),
+    "key": ("key_qpos", "key_ctrl", "key_mpos", "key_mquat"),
+}
+"""Elements, and the model's fields that their attributes (the word after ``_``) are rounded of."""
+
+_DIGITS = 15
+"""Significant digits that are written. The next one would spell 0.05 as 0.050000000000000003."""
+
+_TOLERANCE = 1e-9
+"""How far apart a pose of the scene and of what was written may be, m and 1."""
 
 _PAPERS = Path(__file__).parents[1] / "robot"
 
@@ -70,3 +101,119 @@ def _written_before(out: Path) -> set[str]:
         return set(strict.structure(found, tuple[str, ...], "files"))
     except (ValueError, KeyError) as error:
         raise ValueError(f"out: {str(out / RECORD)!r} is no record of an export") from error
+
+
+def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
+    """Files of a scene by their path: ``<name>.xml`` and its meshes; they lose nothing.
+
+    MuJoCo writes numbers with six digits, which is a micrometre at the tool's tip. What it rounded
+    is put back from the compiled model, and what comes of it is opened again and compared.
+
+    Args:
+        spec: the scene; it is compiled, otherwise left as it is.
+        name: of the MJCF file.
+
+    Raises:
+        RuntimeError: MuJoCo does not make the same scene of what was written.
+    """
+    model = spec.compile()
+    root = ElementTree.fromstring(spec.to_xml())
+    _put_back(root, spec, model)
+    for servo in root.findall("actuator/general"):
+        _name_servo(servo)
+    meshes = {}
+    for element in root.iter("mesh"):
+        meshes[f"{MESHES}/{element.get('name')}.obj"] = _move_out(element, spec, model)
+    compiler = root.find("compiler")
+    assert compiler is not None
+    compiler.set("meshdir", MESHES)
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode") + "\n"
+    _compare(model, text, meshes)
+    return {f"{name}.xml": text, **meshes}
+
+
+def _put_back(root: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """The digits that were rounded away; elements stand in the order of the model's ids."""
+    world, actuator, keyframe = (root.find(name) for name in ("worldbody", "actuator", "keyframe"))
+    for kind, fields in _KINDS.items():
+        section = {"general": actuator, "key": keyframe}.get(kind, world)
+        elements = [] if section is None else list(section.iter(kind))
+        # The world is a body, and has no element of its own.
+        for index, element in enumerate(elements, start=kind == "body"):
+            if element.get("type") != "mesh":
+                for field in fields:
+                    _sharpen(element, field.partition("_")[2], getattr(model, field)[index])
+    masses = {geom.id: geom.mass for geom in spec.geoms}
+    for index, element in enumerate(() if world is None else world.iter("geom")):
+        _sharpen(element, "mass", masses[index])
+    for index, element in enumerate(root.findall("equality/*")):
+        if element.tag == "connect":
+            _sharpen(element, "anchor", model.eq_data[index])
+    for element in () if world is None else world.iter("joint"):
+        dof = int(model.joint(element.get("name")).dofadr[0])
+        for name in ("armature", "damping", "frictionloss"):
+            _sharpen(element, name, getattr(model, f"dof_{name}")[dof])
+
+
+def _sharpen(element: Element, attribute: str, exact: np.ndarray) -> None:
+    """Write an attribute again, in full; one that is left out is a default and stays out."""
+    rounded = element.get(attribute)
+    if rounded is None:
+        return
+    numbers = np.array(rounded.split(), float)
+    full = np.ravel(exact)[: len(numbers)]
+    if not np.allclose(full, numbers, rtol=1e-5, atol=1e-9):
+        where = f"{element.tag} {element.get('name', '')} {attribute}"
+        raise RuntimeError(f"export: {where}: {rounded} is not what was compiled, {full}")
+    element.set(attribute, _numbers(full))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    """Numbers as text; what is nothing but rounding is 0."""
+    return " ".join(f"{0.0 if abs(x) < 1e-15 else x:.{_DIGITS}g}" for x in values)
+
+
+def _name_servo(actuator: Element) -> None:
+    """Spell a position servo as one, which older versions of MuJoCo read too."""
+    gain, bias = (actuator.attrib.pop(f"{name}prm").split() for name in ("gain", "bias"))
+    for name in ("biastype", "input"):
+        actuator.attrib.pop(name, None)
+    actuator.tag = "position"
+    actuator.set("kp", gain[0])
+    actuator.set("kv", bias[2].removeprefix("-"))
+
+
+def _move_out(element: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
+    """A mesh as Wavefront OBJ; its element names the file from now on."""
+    name = element.get("name", "")
+    start, count = model.mesh(name).faceadr[0], model.mesh(name).facenum[0]
+    # Faces of the model: a blade is given by its corners, and MuJoCo spans the hull.
+    faces = model.mesh_face[start : start + count] + 1
+    vertices = np.array(spec.mesh(name).uservert, np.float32).reshape(-1, 3)
+    for attribute in ("vertex", "face"):
+        element.attrib.pop(attribute, None)
+    element.set("file", f"{name}.obj")
+    lines = [f"o {name}"]
+    lines += ["v " + " ".join(map(str, vertex)) for vertex in vertices]
+    lines += ["f " + " ".join(map(str, face)) for face in faces]
+    return "\n".join(lines) + "\n"
+
+
+def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
+    """Open what is to be written, and hold it against the scene in its first pose."""
+    assets = {path: mesh.encode() for path, mesh in meshes.items()}
+    again = mujoco.MjModel.from_xml_string(text, assets)
+    if (again.nq, again.nu, again.nbody) != (model.nq, model.nu, model.nbody):
+        raise RuntimeError("export: what was written has other bodies, joints or servos")
+    datas = []
+    for each in (model, again):
+        data = mujoco.MjData(each)
+        if each.nkey:
+            mujoco.mj_resetDataKeyframe(each, data, 0)
+        mujoco.mj_kinematics(each, data)
+        datas.append(data)
+    for name in ("xpos", "xmat", "site_xpos", "site_xmat"):
+        apart = np.abs(getattr(datas[0], name) - getattr(datas[1], name)).max()
+        if not apart < _TOLERANCE:
+            raise RuntimeError(f"export: {name} of what was written is {apart:.1e} apart")

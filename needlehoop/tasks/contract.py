@@ -16,8 +16,7 @@ from torch import Tensor
 
 from needlehoop.scene.signals import ELAPSED, Signal, signals_class
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Chance, Start
 
 if TYPE_CHECKING:

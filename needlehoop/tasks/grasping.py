@@ -11,7 +11,7 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.tasks.contract import Memory, Weld
-from needlehoop.tasks.episode import ArmEpisode
+from needlehoop.tasks.layout import ArmEpisode
 
 Readings = Mapping[str, Tensor]
 

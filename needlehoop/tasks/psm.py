@@ -23,8 +23,7 @@ from needlehoop.scene.signals import (
 )
 from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Robot
-from needlehoop.tasks.episode import ArmEpisode, ToolEpisode
-from needlehoop.tasks.layout import ArmLayout, lengths, millimetres
+from needlehoop.tasks.layout import ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
 TOOL_SIGNALS = {
@@ -215,12 +214,7 @@ ROBOT = Robot(
 )
 
 
-_CONTROLS = {
-    "tip": "moves the tip of the instrument by up to {move} mm along each of x, y and z, turns it"
-    " by up to {turn} rad about its own axis, and opens or closes the jaws by up to {jaw} rad",
-    "pose": "moves the tip of the instrument by up to {move} mm along each of x, y and z, turns it"
-    " by up to {turn} rad about each of them, and opens or closes the jaws by up to {jaw} rad",
-}
+_TURNED_ABOUT = {"tip": "its own axis", "pose": "each of them"}
 
 _GRASPED = {
     "weld": "becomes true when both jaws touch the {thing} while jaw_command is below {close} rad;"
@@ -235,9 +229,9 @@ def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
     return {
         **lengths(layout),
-        "control": _CONTROLS[rules.control].format(
-            move=millimetres(rules.translation), turn=f"{rules.rotation:g}", jaw=f"{rules.jaw:g}"
-        ),
+        "control": f"moves the tip of the instrument by up to {millimetres(rules.translation)} mm"
+        f" along each of x, y and z, turns it by up to {rules.rotation:g} rad about"
+        f" {_TURNED_ABOUT[rules.control]}, and opens or closes the jaws by up to {rules.jaw:g} rad",
         "jaw_closed": f"{layout.jaw_closed:g}",
         "jaw_open": f"{layout.jaw_open:g}",
         "jaw_start": f"{layout.tool_jaw:g}",

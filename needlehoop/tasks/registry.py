@@ -18,10 +18,8 @@ from needlehoop.runs.shipped import CONF
 from needlehoop.tasks import built_in
 from needlehoop.tasks.contract import Task
 
-_added: dict[str, Task] = {}
-_folders: dict[str, Path] = {}
-"""Where a task's ``conf`` is, of those that were added."""
-_imported: dict[Path, Task] = {}
+_added: dict[str, tuple[Task, Path]] = {}
+"""Tasks from elsewhere, and the folders with their ``conf``."""
 
 
 def names() -> tuple[str, ...]:
@@ -36,7 +34,7 @@ def find(name: object) -> Task:
         ValueError: there is none; the message lists those that there are.
     """
     if isinstance(name, str) and name in _added:
-        return _added[name]
+        return _added[name][0]
     if name not in built_in():
         raise ValueError(
             f"task.name: {name!r} is unknown; choose from {', '.join(names())}, or name the folder"
@@ -47,7 +45,7 @@ def find(name: object) -> Task:
 
 def conf_of(name: str) -> Path:
     """The config folder with a task's options: ours, or the one beside its module."""
-    return _folders[name] / "conf" if name in _folders else CONF
+    return _added[name][1] / "conf" if name in _added else CONF
 
 
 def is_from_elsewhere(name: object, folder: str | None) -> bool:
@@ -81,8 +79,9 @@ def add_folder(folder: Path) -> Task:
     """
     place = folder.expanduser().resolve()
     origin = f"task_dir: {str(folder)!r}"
-    if place in _imported:
-        return _add(_imported[place], place, origin)
+    for task, at in _added.values():
+        if at == place:
+            return task
     module, file = f"needlehoop_task_{place.name}", place / "__init__.py"
     spec = spec_from_file_location(module, file, submodule_search_locations=[str(place)])
     if not file.is_file() or spec is None or spec.loader is None:
@@ -96,8 +95,7 @@ def add_folder(folder: Path) -> Task:
         _forget(module)
         # Whatever somebody's module can fail with, told in a line.
         raise ValueError(f"{origin}: {error}") from error
-    _imported[place] = task = _add(getattr(loaded, "TASK", None), place, origin)
-    return task
+    return _add(getattr(loaded, "TASK", None), place, origin)
 
 
 def _entry(name: object) -> Any:
@@ -119,7 +117,7 @@ def _add(task: object, place: Path, origin: str) -> Task:
         raise ValueError(f"{origin} has no TASK: give a needlehoop.tasks.contract.Task")
     if task.name in built_in():
         raise ValueError(f"{origin}: the name {task.name!r} is taken; choose another")
-    _added[task.name], _folders[task.name] = task, place
+    _added[task.name] = task, place
     return task
 
 

@@ -10,8 +10,7 @@ from torch import Tensor
 
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Memory, Task, Weld
-from needlehoop.tasks.episode import Episode
-from needlehoop.tasks.layout import Layout
+from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Start
 
 

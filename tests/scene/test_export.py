@@ -19,7 +19,7 @@ from needlehoop.engines.addresses import weld_data
 from needlehoop.envs.build import compile_scene
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
-from needlehoop.scene import export, mjcf
+from needlehoop.scene import export
 from needlehoop.tasks.psm import build_arm
 
 ROOT = Path(export.__file__).parents[2]
@@ -279,14 +279,14 @@ def test_a_full_disk_leaves_nothing_half_made(tmp_path, monkeypatch, capsys):
 def test_what_is_not_what_was_compiled_is_an_error():
     body = Element("body", name="hand", pos="1 2 3")
     with pytest.raises(RuntimeError, match="body hand pos"):
-        mjcf._sharpen(body, "pos", np.array([1.0, 2.0, 3.1]))
+        export._sharpen(body, "pos", np.array([1.0, 2.0, 3.1]))
     model = compiled("arm", "serial")
-    text = mjcf.write(build_arm(compose_settings().task, "serial"), "psm")
+    text = export.mjcf(build_arm(compose_settings().task, "serial"), "psm")
     moved = text["psm.xml"].replace("0.0091 0 0", "0.0092 0 0", 1)
     assert moved != text["psm.xml"]
     meshes = {name: mesh for name, mesh in text.items() if name != "psm.xml"}
     with pytest.raises(RuntimeError, match="xpos"):
-        mjcf._compare(model, moved, meshes)
+        export._compare(model, moved, meshes)
 
 
 def rows(readme: str, first: str) -> list[list[str]]:

@@ -17,7 +17,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
-from needlehoop.tasks.episode import GRASPS
+from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.expert import Smooth
 from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules

@@ -13,7 +13,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.envs.simulation import Moment
 from needlehoop.robot import geometry as geo
-from needlehoop.tasks.episode import GRASPS
+from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.peg_transfer.expert import Expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
 from needlehoop.tasks.peg_transfer.layout import place, start

@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Range, Share, check_names
-from needlehoop.tasks.episode import ArmEpisode
-from needlehoop.tasks.layout import Angle, ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.layout import Angle, ArmEpisode, ArmLayout, Length, Place, Spread, Turn
 from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Range
-from needlehoop.tasks.episode import ArmEpisode
-from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
 from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 

@@ -15,8 +15,7 @@ from needlehoop.robot.geometry import distance
 from needlehoop.scene.shapes import add_upright
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.contract import Memory, Weld
-from needlehoop.tasks.episode import ToolEpisode
-from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread
+from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, ToolEpisode
 from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Chance, Start
 
