@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import mujoco
@@ -14,13 +15,12 @@ from needlehoop.config.strict import Positive
 from needlehoop.robot.geometry import aside, distance
 from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import of_body
-from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Weld
-from needlehoop.tasks.layout import Episode, Length, Place, Spread, ToolLayout
+from needlehoop.tasks.contract import Fact, FlatClass, Memory, Phase, Task, Telling, Weld
+from needlehoop.tasks.layout import Episode, Length, Place, Spread, ToolLayout, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start, standing
 
 from .expert import expert
 from .robot import ROBOT, servos
-from .telling import TELLING
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,18 @@ class Human:
         }
 
 
+def values(layout: CubeLayout, rules: CubeRules) -> dict[str, object]:
+    """What fills the gaps of ``prompts/*.txt``, by name."""
+    return {
+        **lengths(layout),
+        "half": millimetres(layout.cube / 2),
+        "height": millimetres(layout.tool_position[2]),
+        "open": f"{layout.open:g}",
+        "control": f"moves the gripper by up to {millimetres(rules.translation)} mm along each of"
+        f" x, y and z, and opens or closes each finger by up to {millimetres(rules.grip)} mm",
+    }
+
+
 TASK = Task(
     name="cube_on_spot",
     summary="A gantry picks a cube up and puts it on a spot.",
@@ -136,5 +148,12 @@ TASK = Task(
     teacher="expert",
     human=Human,
     critic=("held",),
-    telling=TELLING,
+    telling=Telling(
+        texts=Path(__file__).parent / "prompts",
+        values=values,
+        goal="the cube lies on the spot, let go",
+        done="the cube is where it has to be",
+        front="the table",
+        moments={"held": "both fingers hold the cube"},
+    ),
 )
