@@ -228,15 +228,10 @@ def _scene(settings: Any) -> Any:
 
     spec = scene_spec(settings)
     task = settings.definition
-    addresses = Addresses(spec.compile(), task.robot)
     middle = torch.full((1, task.draws), 0.5, dtype=torch.float64)
-    nominal = task.start(settings.task, middle)
-    spec.add_key(
-        name="home",
-        qpos=addresses.qpos(nominal)[0],
-        ctrl=addresses.control(nominal)[0],
-        mpos=addresses.mocap(nominal)[0].ravel(),
-    )
+    found = Addresses(spec.compile(), task.robot).state(task.start(settings.task, middle))
+    qpos, mocap, ctrl = (found[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
+    spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
     return spec
 
 
