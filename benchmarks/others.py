@@ -152,7 +152,7 @@ def flying_rate(env: VecEnv) -> float:
     env.reset()
     began = time.perf_counter()
     for _ in range(STEPS):
-        env.step(np.random.uniform(-1, 1, (env.num_envs, *env.action_space.shape)))
+        env.step(np.random.uniform(-1, 1, (env.num_envs, *(env.action_space.shape or ()))))
     return env.num_envs * STEPS / (time.perf_counter() - began)
 
 

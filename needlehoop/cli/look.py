@@ -30,9 +30,7 @@ def snapshot(options: argparse.Namespace) -> None:
         for name, image in stills.tiles(settings).items():
             _save(image, out / f"{name}.png")
     elif asked.disturbed:
-        from needlehoop.pictures.disturbed import disturbed_sheet
-
-        _save(disturbed_sheet(settings, asked.levels, asked.size), out)
+        _save(stills.disturbed_sheet(settings, asked.levels, asked.size), out)
     else:
         _save(stills.contact_sheet(settings, asked.size, asked.raw), out)
 
