@@ -39,8 +39,12 @@ def spec_of(settings: Settings, psm: str) -> mujoco.MjSpec:
     return scene_spec(replace(settings, psm=psm))
 
 
-def addresses_of(model: mujoco.MjModel) -> Addresses:
-    return Addresses(model, TASK.robot)
+def begun_data(model: mujoco.MjModel, begun: Start) -> mujoco.MjData:
+    """A scene where an episode begins; nothing is forwarded."""
+    data = mujoco.MjData(model)
+    for name, value in Addresses(model, TASK.robot).state(begun).items():
+        getattr(data, name)[:] = value[0]
+    return data
 
 
 def readings_of(model: mujoco.MjModel) -> Readings:

@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from needlehoop.demonstrations.export import new_folder
+from needlehoop.demonstrations.episodes import new_folder
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device

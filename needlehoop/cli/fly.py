@@ -245,8 +245,8 @@ def demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
     from needlehoop.config.options import typed
-    from needlehoop.demonstrations.episodes import About, demonstrate, scripted
-    from needlehoop.demonstrations.export import layout, new_folder
+    from needlehoop.demonstrations import layout
+    from needlehoop.demonstrations.episodes import demonstrate, new_folder, scripted
     from needlehoop.runs.machine import provenance
 
     words = options.overrides
@@ -296,7 +296,7 @@ def demonstrations(options: argparse.Namespace) -> None:
             yield one
 
     with new_folder(out, asked.overwrite) as folder:
-        write(folder, shown(), About(who, settings, provenance()))
+        write(folder, shown(), settings, who, provenance())
     print(
         f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
         f" {counts['successful']} successful"

@@ -30,9 +30,7 @@ def snapshot(options: argparse.Namespace) -> None:
         for name, image in stills.tiles(settings).items():
             _save(image, out / f"{name}.png")
     elif asked.disturbed:
-        from needlehoop.pictures.disturbed import disturbed_sheet
-
-        _save(disturbed_sheet(settings, asked.levels, asked.size), out)
+        _save(stills.disturbed_sheet(settings, asked.levels, asked.size), out)
     else:
         _save(stills.contact_sheet(settings, asked.size, asked.raw), out)
 
@@ -227,15 +225,11 @@ def _scene(settings: Any) -> Any:
 
     spec = scene_spec(settings)
     task = settings.definition
-    addresses = Addresses(spec.compile(), task.robot)
     middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
-    nominal = task.start(settings.task, Chance(middle))
-    spec.add_key(
-        name="home",
-        qpos=addresses.qpos(nominal)[0],
-        ctrl=addresses.control(nominal)[0],
-        mpos=addresses.mocap(nominal)[0].ravel(),
-    )
+    begun = task.start(settings.task, Chance(middle))
+    found = Addresses(spec.compile(), task.robot).state(begun)
+    qpos, mocap, ctrl = (found[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
+    spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
     return spec
 
 

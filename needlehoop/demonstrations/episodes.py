@@ -1,10 +1,13 @@
-"""Whole episodes as arrays: who demonstrates, and what was seen, done and paid at each step."""
+"""Whole episodes as arrays, of whoever demonstrates, and the folder that they are written into."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,21 +34,6 @@ _BATCH = 40
 
 _STRONGEST = 0.8
 """Strongest noise of a perturbed episode, in units of the action; a teacher copes with it."""
-
-
-@dataclass(frozen=True)
-class About:
-    """What a dataset says of itself."""
-
-    demonstrator: str
-    settings: Settings
-    provenance: Mapping[str, Any]
-    """Commit, versions, machine, time."""
-
-    @property
-    def rate(self) -> float:
-        """Steps per second of simulated time."""
-        return 1.0 / self.settings.period
 
 
 @dataclass(frozen=True)
@@ -82,12 +70,8 @@ def scripted(name: str, task: Task) -> MakeController:
             f"demonstrator: {name!r} is unknown; choose from {', '.join(valid)},"
             " or give a run's folder"
         )
-    if name == PERTURBED:
-        return _perturbed()
-    return by_name(name)
-
-
-def _perturbed() -> MakeController:
+    if name != PERTURBED:
+        return by_name(name)
     batches = count()
 
     def pilot(simulation: Simulation) -> Controller:
@@ -123,11 +107,9 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
             f"obs.frame_stack: {settings.obs.frame_stack}; demonstrations keep each frame once"
         )
 
-    def carried_out(act: Controller) -> Controller:
-        return lambda signals: act(signals).clamp(-1.0, 1.0)
-
     for simulation in batches(settings, episodes, _BATCH):
-        steps = rollout(simulation, carried_out(make(simulation)))
+        act = make(simulation)
+        steps = rollout(simulation, lambda signals, act=act: act(signals).clamp(-1.0, 1.0))
         rows = [_row(settings, step) for step in steps]
         for env in range(simulation.num_envs):
             yield _episode(rows, env)
@@ -160,3 +142,29 @@ def _episode(rows: list[TensorDict], env: int) -> Demonstration:
         success=bool(own["success"][-1]),
         terminated=bool(own["terminated"][-1]),
     )
+
+
+@contextmanager
+def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
+    """A folder to write into, which becomes ``out`` when all went well and else vanishes.
+
+    Args:
+        out: what it is to be called.
+        overwrite: whether something of that name may be replaced, once there is something new.
+
+    Raises:
+        ValueError: there is something, and ``overwrite`` is false.
+    """
+    if out.exists() and not overwrite:
+        raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
+    partial = out.with_name(out.name + ".partial")
+    # What a killed export left.
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if out.is_dir():
+            shutil.rmtree(out)
+        partial.replace(out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

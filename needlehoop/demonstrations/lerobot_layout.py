@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from needlehoop.demonstrations.episodes import About, Demonstration
+from needlehoop.demonstrations.episodes import Demonstration
+from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import sensors_of
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.psm import ROBOT as PSM
@@ -49,21 +50,28 @@ _SAMPLED = 8
 """Frames of an episode, at most, that statistics of its images are taken over."""
 
 
-def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
+def write(
+    folder: Path,
+    episodes: Iterable[Demonstration],
+    settings: Settings,
+    demonstrator: str,
+    provenance: Mapping[str, Any],
+) -> None:
     """Write a dataset; a frame is what was seen, and the action that was then taken.
 
     A camera with depth gives two films, ``<camera>`` and ``<camera>_depth`` (grey).
     """
-    rate, task = round(about.rate), about.settings.definition
-    if rate != about.rate:
-        raise ValueError(f"episode.substeps: {about.rate} steps a second; LeRobot wants whole ones")
+    exact, task = 1.0 / settings.period, settings.definition
+    rate = round(exact)
+    if rate != exact:
+        raise ValueError(f"episode.substeps: {exact} steps a second; LeRobot wants whole ones")
     films: dict[str, Any] = {}
     # Rows of all episodes, and of their images a few; films are too large to keep.
     kept: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     stories: list[dict[str, Any]] = []
     with ExitStack() as open_films:
         for episode in episodes:
-            streams = {f"observation.images.{name}": rows for name, rows in _streams(episode)}
+            streams = _streams(episode)
             for key, images in streams.items():
                 if key not in films:
                     films[key] = open_films.enter_context(_film(folder, key, rate))
@@ -82,9 +90,16 @@ def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None
     told = {key: [story[key] for story in stories] for key in stories[0]}
     pq.write_table(pa.table(told), _path(folder, "meta/episodes", "parquet"))
     pq.write_table(_tasks(task.summary), folder / "meta/tasks.parquet")
-    features = {key: _feature(key, columns[key], about) for key in (*films, *plain)}
     stats = {key: spread(rows) for key, rows in columns.items()}
-    for name, content in (("stats", stats), ("info", _info(about, told["length"], features))):
+    features = {key: _feature(key, columns[key], settings, rate) for key in (*films, *plain)}
+    info = _info(settings, rate, told["length"], features)
+    info["needlehoop"] = {
+        "demonstrator": demonstrator,
+        "cams": list(settings.cams),
+        "seed": settings.seed,
+        "provenance": dict(provenance),
+    }
+    for name, content in (("stats", stats), ("info", info)):
         (folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
 
 
@@ -153,8 +168,10 @@ def _story(
     return row
 
 
-def _info(about: About, lengths: list[int], features: dict[str, Any]) -> dict[str, Any]:
-    robot = about.settings.definition.robot
+def _info(
+    settings: Settings, rate: int, lengths: list[int], features: dict[str, Any]
+) -> dict[str, Any]:
+    robot = settings.definition.robot
     return {
         "codebase_version": _VERSION,
         "robot_type": "dvrk_psm" if robot is PSM else robot.body,
@@ -164,23 +181,17 @@ def _info(about: About, lengths: list[int], features: dict[str, Any]) -> dict[st
         "chunks_size": 1000,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": round(about.rate),
+        "fps": rate,
         "splits": {"train": f"0:{len(lengths)}"},
         "data_path": f"data/{_PATTERN}.parquet",
         "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
         "features": features,
-        "needlehoop": {
-            "demonstrator": about.demonstrator,
-            "cams": list(about.settings.cams),
-            "seed": about.settings.seed,
-            "provenance": dict(about.provenance),
-        },
     }
 
 
-def _feature(key: str, rows: np.ndarray, about: About) -> dict[str, Any]:
+def _feature(key: str, rows: np.ndarray, settings: Settings, rate: int) -> dict[str, Any]:
     """What a column, or a film, is of."""
-    shape, settings = rows.shape[1:], about.settings
+    shape = rows.shape[1:]
     if rows.ndim == 4:
         height, width, channels = shape
         told = {
@@ -190,7 +201,7 @@ def _feature(key: str, rows: np.ndarray, about: About) -> dict[str, Any]:
             "video.codec": _CODEC,
             "video.pix_fmt": _PIXELS,
             "video.is_depth_map": False,
-            "video.fps": round(about.rate),
+            "video.fps": rate,
             "has_audio": False,
         }
         names = ["height", "width", "channels"]
@@ -213,16 +224,16 @@ def proprio_names(task: Task) -> list[str]:
     return names
 
 
-def _streams(episode: Demonstration) -> Iterator[tuple[str, np.ndarray]]:
-    """Films ``(t, h, w, 3)`` by name; what was seen after the last step is left out."""
+def _streams(episode: Demonstration) -> dict[str, np.ndarray]:
+    """Films ``(t, h, w, 3)`` by key; what was seen after the last step is left out."""
+    found = {}
     for name, images in episode.images.items():
-        seen = images[:-1]
-        if seen.shape[-1] == 1:
-            yield name, seen.repeat(3, -1)
-            continue
-        yield name, seen[..., :3]
+        key, seen = f"observation.images.{name}", images[:-1]
+        # One channel is depth alone, and grey.
+        found[key] = seen[..., :3] if seen.shape[-1] > 1 else seen.repeat(3, -1)
         if seen.shape[-1] == 4:
-            yield f"{name}_depth", seen[..., 3:].repeat(3, -1)
+            found[f"{key}_depth"] = seen[..., 3:].repeat(3, -1)
+    return found
 
 
 def _column(values: np.ndarray) -> pa.Array:

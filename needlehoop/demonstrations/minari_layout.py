@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from gymnasium import spaces
 from minari.data_collector import EpisodeBuffer
 from minari.dataset.minari_storage import MinariStorage
 
-from needlehoop.demonstrations.episodes import About, Demonstration
+from needlehoop.demonstrations.episodes import Demonstration
+from needlehoop.envs.settings import Settings
 
 
 def check_name(name: str) -> None:
@@ -24,7 +25,13 @@ def check_name(name: str) -> None:
         )
 
 
-def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None:
+def write(
+    folder: Path,
+    episodes: Iterable[Demonstration],
+    settings: Settings,
+    demonstrator: str,
+    provenance: Mapping[str, Any],
+) -> None:
     """Write a dataset whose id is its folder's name: ``demos/smooth-v0`` is ``smooth-v0``.
 
     Images are kept as they are (``jpeg_encoding=False``): Minari's default loses depth.
@@ -45,11 +52,11 @@ def write(folder: Path, episodes: Iterable[Demonstration], about: About) -> None
     storage.update_metadata(
         {
             "dataset_id": folder.name.removesuffix(".partial"),
-            "algorithm_name": about.demonstrator,
-            "description": f"{about.settings.definition.summary} {about.rate:g} steps a second,"
-            f" by needlehoop: cams={','.join(about.settings.cams)} seed={about.settings.seed}",
+            "algorithm_name": demonstrator,
+            "description": f"{settings.definition.summary} {1 / settings.period:g} steps a second,"
+            f" by needlehoop: cams={','.join(settings.cams)} seed={settings.seed}",
             "minari_version": minari.__version__,
-            "provenance": dict(about.provenance),
+            "provenance": dict(provenance),
         }
     )
     for episode in chain([first], episodes):

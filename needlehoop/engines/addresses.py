@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 
-from needlehoop.tasks.contract import Robot, Weld
+from needlehoop.tasks.contract import Robot
 from needlehoop.tasks.start import Start
 
 STATE = (
@@ -44,38 +42,20 @@ class Addresses:
         self.welds = {one.name: one.id for one in equalities if one.type[0] == weld and one.name}
         """Index of each weld that a task may switch."""
 
-    def qpos(self, start: Start) -> np.ndarray:
-        """Generalised positions ``(k, nq)``."""
+    def state(self, start: Start) -> dict[str, np.ndarray]:
+        """Where episodes begin: ``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)``, ``ctrl``.
+
+        ``ctrl`` ``(k, nu)``: servo commands that hold the start. Mocap bodies are never turned.
+        """
         qpos = np.tile(self._qpos0, (len(start), 1))
         self._pose(qpos, start)
         for name, pose in start.free.items():
             at = self._free[name]
             qpos[:, at : at + 7] = pose.numpy()
-        return qpos
-
-    def mocap(self, start: Start) -> np.ndarray:
-        """Positions of the mocap bodies ``(k, nmocap, 3)``; they are never turned."""
         mocap = np.zeros((len(start), self._nmocap, 3))
         for name, place in start.mocap.items():
             mocap[:, self._mocap[name]] = place.numpy()
-        return mocap
-
-    def control(self, start: Start) -> np.ndarray:
-        """Servo commands ``(k, nu)`` that hold the start."""
-        return start.control.numpy()
-
-
-def changed_welds(welds: Mapping[str, Weld]) -> dict[str, Weld]:
-    """Those that change in some environment."""
-    return {name: weld for name, weld in welds.items() if bool(weld.changed.any())}
-
-
-def weld_data(pose: np.ndarray) -> np.ndarray:
-    """The first ten numbers of a weld's ``eq_data`` for relative poses ``(k, 7)``.
-
-    Anchor in the second body (its origin), the same point in the first, relative quaternion.
-    """
-    return np.concatenate((np.zeros((len(pose), 3)), pose), -1)
+        return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
 def varied_model(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from needlehoop.config.strict import Range, check_names
 
@@ -81,18 +81,3 @@ class Channels(NamedTuple):
     def __or__(self, other: Channels) -> Channels:  # type: ignore[override]
         """Channels that either asks for."""
         return Channels(*(a or b for a, b in zip(self, other, strict=True)))
-
-
-class Renderer(Protocol):
-    """Cameras of ``num_envs`` scenes."""
-
-    def render(
-        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
-    ) -> dict[str, Frame]:
-        """A frame per view, which are chosen at construction.
-
-        Args:
-            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
-            ids: environments to render ``(k,)``; all by default.
-        """
-        ...

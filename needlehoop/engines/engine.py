@@ -1,4 +1,4 @@
-"""What an engine is: physics and cameras of ``n`` copies of one scene.
+"""What an engine is, physics and cameras of ``n`` copies of one scene, and the default one.
 
 An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
 """
@@ -7,22 +7,36 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from types import EllipsisType
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+import torch
+from mujoco.batch import DATA_FIELDS, Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import Addresses
-from needlehoop.engines.contract import Channels, EngineConfig, Frame, Optics, Renderer
+from needlehoop.engines.addresses import STATE, Addresses, varied_model
+from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import Rasteriser
 from needlehoop.runs.machine import available_cpus
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
+if TYPE_CHECKING:
+    from needlehoop.engines.tracer import Tracer
+
+_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
+_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
+
+Index = int | slice | EllipsisType
+
 
 class Engine(ABC):
     """Physics and cameras of ``num_envs`` scenes.
+
+    A subclass reads, writes and steps the state; all else is the same in every engine.
 
     Args:
         model: the compiled scene.
@@ -53,12 +67,18 @@ class Engine(ABC):
         self.num_envs, self.model = num_envs, model
         self._substeps, self._threads = substeps, config.threads or available_cpus()
         self._addresses = Addresses(model, robot)
+        self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
         given = (model, num_envs, views, size, self._threads)
-        self._renderer = make_renderer(config.renderer, quality, *given) if views else None
+        self.renderer = make_renderer(config.renderer, quality, *given) if views else None
+        """What draws ``FIELDS``; there is none without cameras."""
 
-    @abstractmethod
     def reset(self, ids: Tensor, start: Start) -> None:
         """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
+        rows = ids.numpy()
+        self._clear(rows)
+        for name, value in self._addresses.state(start).items():
+            self.write(name, rows, value)
+        self._forward(rows)
 
     @abstractmethod
     def step(self, control: Tensor) -> None:
@@ -71,46 +91,124 @@ class Engine(ABC):
         MuJoCo puts such a scene back to where it was compiled, and goes on.
         """
 
-    @abstractmethod
     def weld(self, welds: Mapping[str, Weld]) -> None:
         """Switch welds, by name; they act from the next step on."""
+        for name, weld in welds.items():
+            rows = weld.changed.nonzero().flatten().numpy()
+            if len(rows):
+                at, pose = self._addresses.welds[name], weld.pose[weld.changed].numpy()
+                # Anchor in the second body (its origin), the same point in the first one.
+                self.write("eq_data", rows, np.pad(pose, ((0, 0), (3, 0))), at, slice(10))
+                self.write("eq_active", rows, weld.active[weld.changed].numpy(), at)
 
-    @abstractmethod
     def sensordata(self) -> Tensor:
         """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
+        return torch.tensor(self._read("sensordata"))
 
-    @abstractmethod
     def snapshot(self) -> dict[str, Tensor]:
         """The physics' whole state, as copies."""
+        return {name: torch.tensor(self._read(name)) for name in self._state}
 
-    @abstractmethod
     def restore(self, snapshot: dict[str, Tensor]) -> None:
         """Go on from a ``snapshot``, and forward."""
+        rows = np.arange(self.num_envs)
+        for name in self._state:
+            self.write(name, rows, snapshot[name].numpy())
+        self._forward(rows)
 
-    @abstractmethod
     def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
         """Scale friction of all geoms and mass of free bodies, by factors ``(k,)``.
 
         Of the model as it was compiled; to be called before these environments' ``reset``.
         """
+        rows = ids.numpy()
+        for name, value in varied_model(self.model, friction.numpy(), mass.numpy()).items():
+            self.write(name, rows, value)
+        self._set_constants(rows)
 
     def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
         """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
 
         Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
         """
-        if self._renderer is None:
+        if self.renderer is None:
             return {}
-        fields = self._drawn() if optics is None else optics(self._drawn())
-        return self._renderer.render(fields, None if ids is None else ids.numpy())
-
-    @abstractmethod
-    def _drawn(self) -> Mapping[str, np.ndarray]:
-        """``FIELDS`` of all environments, where there are cameras."""
+        drawn: Mapping[str, np.ndarray] = {name: self._read(name) for name in FIELDS}
+        if optics is not None:
+            drawn = optics(drawn)
+        return self.renderer.render(drawn, None if ids is None else ids.numpy())
 
     @abstractmethod
     def data(self, env: int) -> mujoco.MjData:
         """One environment's MjData, forwarded, to look at; valid until the next call."""
+
+    @abstractmethod
+    def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
+        """Set a field of MjData or MjModel, or the part ``at`` of it; nothing is forwarded.
+
+        Args:
+            name: of the field.
+            rows: environments ``(k,)``.
+            value: new in each of them ``(k, ...)``.
+            at: index into one environment's field; all of it by default.
+        """
+
+    @abstractmethod
+    def _read(self, name: str) -> np.ndarray:
+        """A field ``(n, ...)`` of every MjData or MjModel; not to be written to."""
+
+    @abstractmethod
+    def _clear(self, rows: np.ndarray) -> None:
+        """Put environments ``(k,)`` back to where the scene was compiled."""
+
+    @abstractmethod
+    def _forward(self, rows: np.ndarray) -> None:
+        """Bring environments ``(k,)`` up to their state, as far as velocities."""
+
+    @abstractmethod
+    def _set_constants(self, rows: np.ndarray) -> None:
+        """Work out anew what a changed model of environments ``(k,)`` implies."""
+
+
+class CpuEngine(Engine):
+    """``n`` scenes on the CPU: mujoco.batch on threads. Arguments as for ``Engine``."""
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, *given):
+        super().__init__(model, robot, num_envs, *given)
+        self._batch = Batch(model, num_envs, self._threads)
+        self._scratch_data: mujoco.MjData | None = None
+        self._scratch_model: mujoco.MjModel | None = None
+        # A derived field is up to date from the first call after it was bound.
+        for name in ("sensordata", *(FIELDS if self.renderer else ())):
+            self._batch.bind(name)
+
+    def step(self, control: Tensor) -> None:
+        self._batch.bind("ctrl")[:] = control.numpy()
+        self._batch.step(nstep=self._substeps, stage=_VELOCITY)
+
+    def diverged(self) -> Tensor:
+        return torch.from_numpy(self._batch.warning.any((1, 2)))
+
+    def data(self, env: int) -> mujoco.MjData:
+        self._scratch_data = self._batch.get_data(env, self._scratch_data)
+        self._scratch_model = self._batch.get_model(env, self._scratch_model)
+        mujoco.mj_forward(self._scratch_model, self._scratch_data)
+        return self._scratch_data
+
+    def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
+        self._read(name)[(rows, *at)] = value
+
+    def _read(self, name: str) -> np.ndarray:
+        return self._batch.bind(name) if name in DATA_FIELDS else self._batch.expand(name)
+
+    def _clear(self, rows: np.ndarray) -> None:
+        self._batch.reset(rows, stage=_NOTHING)
+
+    def _forward(self, rows: np.ndarray) -> None:
+        self._batch.forward(rows, stage=_VELOCITY)
+
+    def _set_constants(self, rows: np.ndarray) -> None:
+        self._batch.set_const(rows)
 
 
 def make_renderer(
@@ -121,7 +219,7 @@ def make_renderer(
     views: Mapping[str, Channels],
     size: int,
     threads: int,
-) -> Renderer:
+) -> Rasteriser | Tracer:
     """A renderer of a kind of ``RENDERERS``; pictures for people (``quality`` > 1) are traced."""
     if kind == "rasteriser" and quality == 1:
         return Rasteriser(model, num_envs, views, size, threads)

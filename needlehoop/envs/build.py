@@ -60,7 +60,7 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind
     else:
-        from needlehoop.engines.cpu import CpuEngine as Kind
+        from needlehoop.engines.engine import CpuEngine as Kind
     images = (channels_of(s), s.image_size, s.quality)
     robot, substeps = s.definition.robot, s.episode.substeps
     engine = Kind(model, robot, s.num_envs, substeps, *images, s.engine)

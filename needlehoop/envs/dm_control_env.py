@@ -16,7 +16,7 @@ from dm_control import mujoco as dm_mujoco
 from dm_control.rl import control
 from dm_env import specs
 
-from needlehoop.engines.dm_control import DmControlEngine, Servos, build_environment
+from needlehoop.engines.dm_control import DmControlEngine, Physics
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
@@ -28,14 +28,13 @@ class DmControlTask(control.Task):
 
     Args:
         simulation: of the one environment of a ``DmControlEngine``.
-        servos: that environment's task, which this one stands before.
     """
 
     moment: Moment
     """What is known now; there from the first reset on."""
 
-    def __init__(self, simulation: Simulation, servos: Servos):
-        self.simulation, self._servos, self._settings = simulation, servos, simulation.settings
+    def __init__(self, simulation: Simulation):
+        self.simulation, self._settings = simulation, simulation.settings
         self._observer = Observer(simulation)
         seeds = np.random.SeedSequence(self._settings.seed)
         self._generator = np.random.RandomState(np.random.MT19937(seeds))
@@ -56,10 +55,10 @@ class DmControlTask(control.Task):
 
     def before_step(self, action: np.ndarray, physics: dm_mujoco.Physics) -> None:
         given = torch.as_tensor(np.asarray(action, dtype=np.float64)).unsqueeze(0)
-        self._servos.before_step(self.simulation.act(given)[0].numpy(), physics)
+        physics.set_control(self.simulation.act(given)[0].numpy())
 
-    def after_step(self, physics: dm_mujoco.Physics) -> None:
-        self._servos.after_step(physics)
+    def after_step(self, physics: Physics) -> None:
+        physics.refresh()
         self.moment = self.simulation.observe()
 
     def action_spec(self, physics: dm_mujoco.Physics) -> specs.BoundedArray:
@@ -127,6 +126,8 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
         s = replace(s, obs=replace(s.obs, proprio=True))
     simulation, _ = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)
-    inner = simulation.engine.environments[0]
-    task: Any = DmControlTask(simulation, inner.task)
-    return build_environment(inner.physics, task, s.episode.substeps)
+    task: Any = DmControlTask(simulation)
+    substeps = s.episode.substeps
+    return control.Environment(
+        simulation.engine.physics[0], task, n_sub_steps=substeps, legacy_step=False
+    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
@@ -43,14 +41,14 @@ class Observer:
 
     def __init__(self, simulation: Simulation):
         self._simulation, self._obs = simulation, simulation.settings.obs
-        self._has_eyes = bool(simulation.settings.cams)
-        self._pixels: dict[str, Tensor] = {}
+        self.pixels: dict[str, Tensor] = {}
+        """The frames in memory, by camera; to be emptied where every episode is about to begin."""
 
     def __call__(
         self,
         signals: Signals,
         ids: Tensor | None = None,
-        images: Callable[[], dict[str, Tensor]] | None = None,
+        images: dict[str, Tensor] | None = None,
     ) -> dict[str, object]:
         """The observation of all ``n`` environments, as nested tensors by name.
 
@@ -60,45 +58,26 @@ class Observer:
         Args:
             signals: current.
             ids: environments whose images are new; all by default.
-            images: gives what ``look`` returned for them; by default they are made now.
+            images: what ``look`` returned for them; by default it looks now.
         """
-        seen: dict[str, object] = {}
-        if self._has_eyes:
-            self._take(ids, images or (lambda: self.look(ids)))
-            seen["pixels"] = dict(self._pixels)
+        new = self.look(ids) if images is None else images
+        if self._obs.frame_stack > 1:
+            new = {name: self._stack(name, image, ids) for name, image in new.items()}
+        if ids is None:
+            self.pixels = new
+        elif new:
+            # The previous images are in somebody's hands: new tensors, not new contents.
+            self.pixels = {name: image.clone() for name, image in self.pixels.items()}
+            for name, image in new.items():
+                self.pixels[name][ids] = image
+        seen: dict[str, object] = {"pixels": dict(self.pixels)} if self.pixels else {}
         return {**seen, **read(self._simulation.task, self._obs, signals)}
-
-    def snapshot(self) -> dict[str, Tensor]:
-        """The frames in memory, by camera."""
-        return dict(self._pixels)
-
-    def forget(self) -> None:
-        """Drop the frames in memory: every episode is about to begin."""
-        self._pixels = {}
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        """Go on from a ``snapshot``."""
-        self._pixels = dict(snapshot)
 
     def look(self, ids: Tensor | None = None) -> dict[str, Tensor]:
         """The present images of environments (all by default), by camera; none without eyes."""
-        if not self._has_eyes or (ids is not None and not len(ids)):
+        if not self._simulation.settings.cams or (ids is not None and not len(ids)):
             return {}
         return self._simulation.images(ids)
-
-    def _take(self, ids: Tensor | None, look: Callable[[], dict[str, Tensor]]) -> None:
-        images = look()
-        if ids is not None and not len(ids):
-            return
-        if self._obs.frame_stack > 1:
-            images = {name: self._stack(name, image, ids) for name, image in images.items()}
-        if ids is None:
-            self._pixels = images
-            return
-        # The previous images are in somebody's hands: new tensors, not new contents.
-        self._pixels = {name: image.clone() for name, image in self._pixels.items()}
-        for name, image in images.items():
-            self._pixels[name][ids] = image
 
     def _stack(self, name: str, image: Tensor, ids: Tensor | None) -> Tensor:
         """The last ``frame_stack`` frames, the newest last."""
@@ -107,8 +86,8 @@ class Observer:
         begins = begins if ids is None else begins[ids]
         filled = image.repeat(1, self._obs.frame_stack, 1, 1)
         # Staggered episodes begin with steps used up, but without a frame in memory.
-        if bool(begins.all()) or name not in self._pixels:
+        if bool(begins.all()) or name not in self.pixels:
             return filled
-        before = self._pixels[name] if ids is None else self._pixels[name][ids]
+        before = self.pixels[name] if ids is None else self.pixels[name][ids]
         moved = torch.cat((before[:, image.shape[1] :], image), 1)
         return torch.where(begins.view(-1, 1, 1, 1), filled, moved)

@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer, vectors
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.simulation import Moment
 from needlehoop.envs.workers import Workers
 from needlehoop.runs.machine import available_cpus
 
@@ -42,25 +42,21 @@ class TorchRLEnv(EnvBase):
 
     def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
         self.settings, self._stagger = settings, stagger
-        self._simulation, _ = build(settings, first_env)
-        self._observer = Observer(self._simulation)
+        self.simulation, _ = build(settings, first_env)
+        """The simulation inside: signals, state, engine."""
+        self._observer = Observer(self.simulation)
         self.workers = Workers(settings.engine.threads or available_cpus())
         self._is_restored = False
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
         self._set_specs(settings)
 
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation inside: signals, state, engine."""
-        return self._simulation
-
     def progress(self, done: float) -> None:
         """Say which share of the training is done: ``disturb.ramp`` follows it.
 
         It counts for episodes that begin from now on.
         """
-        wrong, ramp = self._simulation.disturbance, self.settings.disturb.ramp
+        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
         if wrong is not None:
             wrong.level = min(1.0, done / ramp) if ramp > 0 else 1.0
 
@@ -71,9 +67,9 @@ class TorchRLEnv(EnvBase):
             -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
         )
         self.reward_spec = Unbounded(shape=column)
-        moment = self._simulation.reset()
+        moment = self.simulation.reset()
         # Reading the names consumed each environment's first episode: give it back.
-        self._simulation.reseed(settings.seed)
+        self.simulation.reseed(settings.seed)
         observed = Composite(shape=(n,))
         if settings.cameras:
             pixels = Composite(shape=(n,))
@@ -102,15 +98,15 @@ class TorchRLEnv(EnvBase):
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides what comes next, as tensors and numbers."""
-        return {"simulation": self._simulation.snapshot(), "observer": self._observer.snapshot()}
+        return {"simulation": self.simulation.snapshot(), "observer": dict(self._observer.pixels)}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a ``snapshot`` of an environment with the same settings.
 
         The next full reset begins no episode: it returns those under way as they stood.
         """
-        self._simulation.restore(snapshot["simulation"])
-        self._observer.restore(snapshot["observer"])
+        self.simulation.restore(snapshot["simulation"])
+        self._observer.pixels = dict(snapshot["observer"])
         self._is_restored = True
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
@@ -119,18 +115,18 @@ class TorchRLEnv(EnvBase):
         ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
         if self._is_restored and (asked is None or bool(asked.all())):
             self._is_restored = False
-            return self._tensordict(self._simulation.look(), ends, no.nonzero().flatten())
+            return self._tensordict(self.simulation.look(), ends, no.nonzero().flatten())
         mask = None if asked is None else asked.reshape(self.batch_size[0])
-        first = self._simulation.state is None
+        first = self.simulation.state is None
         if first:
-            self._observer.forget()
-        self._simulation.begin(mask, stagger=self._stagger)
+            self._observer.pixels = {}
+        self.simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
         images = self.workers.begin(lambda: self._observer.look(fresh))
-        return self._tensordict(self._simulation.look(), ends, fresh, images)
+        return self._tensordict(self.simulation.look(), ends, fresh, images)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        simulation = self._simulation
+        simulation = self.simulation
         simulation.engine.step(simulation.act(tensordict["action"]))
         # Images and facts are of the same moment: one need not wait for the other.
         images = self.workers.begin(self._observer.look)
@@ -159,14 +155,14 @@ class TorchRLEnv(EnvBase):
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
-            self._simulation.reseed(seed)
+            self.simulation.reseed(seed)
 
     def _tensordict(
         self,
         moment: Moment,
         rest: dict[str, Any],
         ids: Tensor | None,
-        images: Callable[[], dict[str, Tensor]] | None = None,
+        images: Callable[[], dict[str, Tensor]] = dict,
     ) -> TensorDict:
         """All keys; images are renewed in environments ``ids`` (in all by default)."""
         out = {
@@ -174,7 +170,7 @@ class TorchRLEnv(EnvBase):
             "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},
             "potential": moment.potential.unsqueeze(-1).float(),
             "steps": moment.steps.unsqueeze(-1),
-            **self._observer(moment.signals, ids, images),
+            **self._observer(moment.signals, ids, images()),
             **rest,
         }
         return TensorDict(out, batch_size=self.batch_size)

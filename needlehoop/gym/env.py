@@ -67,9 +67,7 @@ class GymnasiumEnv(gymnasium.Env):
         """The simulation inside: signals, state, engine."""
         self._window = None
         if render_mode == "human":
-            self._window = Window(
-                self.simulation, self.settings, "render_mode=rgb_array gives pictures"
-            )
+            self._window = Window(self.simulation, "render_mode=rgb_array gives pictures")
         self.observation_space = self._alone.single_observation_space
         self.action_space = self._alone.single_action_space
         # METADATA has every mode; this has those that work on this machine.

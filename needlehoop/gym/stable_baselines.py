@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from needlehoop.envs.settings import Settings
-from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, row
+from needlehoop.envs.simulation import Moment
+from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, info, real_numbers, row
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -42,9 +42,7 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, settings: Settings, render_mode: str | None = None):
-        self.env = GymnasiumVectorEnv(
-            settings, "first", render_mode, autoreset_mode=AutoresetMode.SAME_STEP
-        )
+        self.env = GymnasiumVectorEnv(settings, "first", render_mode)
         spaces = self.env.single_observation_space, self.env.single_action_space
         super().__init__(settings.num_envs, *spaces)
         self._seeds[0] = settings.seed
@@ -54,10 +52,10 @@ class StableBaselinesVecEnv(VecEnv):
         """Begin an episode everywhere."""
         if any(self._options):
             raise ValueError("options: there are none")
-        seen, infos = self.env.reset(seed=self._seeds[0])
-        self.reset_infos = self._rows(infos)
+        moment = self.env.begin(self._seeds[0])
+        self.reset_infos = self._rows(moment)
         self._reset_seeds()
-        return seen
+        return self.env.look(moment)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Note the actions ``(n, action_size)`` of the step."""
@@ -65,20 +63,20 @@ class StableBaselinesVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[Observation, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Take it: observations, rewards float32 ``(n,)``, dones ``(n,)``, an info for each."""
-        assert self._actions is not None
-        seen, rewards, terminated, truncated, infos = self.env.step(self._actions)
-        dones = terminated | truncated
-        rows = self._rows(infos)
+        env = self.env
+        env.check_begun()
+        moment = env.advance(real_numbers(self._actions, env.action_space))
+        rewards, rows, seen = moment.reward.float().numpy(), self._rows(moment), env.look(moment)
+        dones = (moment.terminated | moment.truncated).numpy()
         if dones.any():
-            finals = self._rows(infos["final_info"])
-            for env in dones.nonzero()[0]:
-                self.reset_infos[env] = rows[env]
-                rows[env] = {
-                    **finals[env],
-                    "terminal_observation": infos["final_obs"][env],
-                    "TimeLimit.truncated": bool(truncated[env] and not terminated[env]),
-                }
-        return seen, rewards.astype(np.float32), dones, rows
+            fresh = env.begin(mask=dones)
+            begun = self._rows(fresh)
+            for i in dones.nonzero()[0]:
+                self.reset_infos[i] = begun[i]
+                rows[i]["terminal_observation"] = {name: one[i] for name, one in seen.items()}
+                rows[i]["TimeLimit.truncated"] = not bool(moment.terminated[i])
+            seen = env.look(fresh, dones)
+        return seen, rewards, dones, rows
 
     def close(self) -> None:
         """Nothing is left open."""
@@ -110,17 +108,8 @@ class StableBaselinesVecEnv(VecEnv):
         """No environment is."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def _rows(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
-        """Batched infos, one by one."""
-        plain = _unmasked(infos)
-        rows = [row(plain, env) for env in range(self.num_envs)]
+    def _rows(self, moment: Moment) -> list[dict[str, Any]]:
+        """What is known beside the observations, one environment after the other."""
+        known = info(moment)
+        rows = [row(known, env) for env in range(self.num_envs)]
         return [{**one, "is_success": one["success"]} for one in rows]
-
-
-def _unmasked(infos: dict[str, Any]) -> dict[str, Any]:
-    """Without Gymnasium's masks and final values."""
-    return {
-        name: _unmasked(value) if isinstance(value, dict) else value
-        for name, value in infos.items()
-        if not name.startswith(("_", "final_"))
-    }

@@ -200,7 +200,7 @@ class GymnasiumVectorEnv(VectorEnv):
         if seed is not None:
             self.simulation.reseed(seed)
         if self.simulation.state is None:
-            self._observer.forget()
+            self._observer.pixels = {}
         return self.simulation.reset(None if mask is None else torch.from_numpy(mask))
 
     def advance(self, actions: np.ndarray) -> Moment:

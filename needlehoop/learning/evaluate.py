@@ -113,8 +113,7 @@ def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
         RuntimeError: this machine has no display.
     """
     simulation, act = _alone(job_env, agent, seed)
-    window = Window(simulation, simulation.settings, "a film shows the same")
-    play(window, simulation.settings, simulation, act, range(episodes))
+    play(Window(simulation, "a film shows the same"), act, range(episodes))
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:

@@ -1,17 +1,20 @@
-"""Pictures of the scene: a portrait, and the contact sheet of every view and rendering."""
+"""Pictures of the scene: a portrait, and sheets of every camera and every disturbance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import mujoco
 import numpy as np
+import torch
 from PIL import Image, ImageDraw, ImageFont
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Pixels
+from needlehoop.disturbances.axes import AXES, amount_at, disturb_of
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller
@@ -22,6 +25,12 @@ from needlehoop.scene.cameras import Rendering
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 4
 """Steps from success to the goal picture, in which the goal is reached for all to see."""
+
+_STEPS = 10
+"""Steps of the expert before disturbances are shown: late and frozen pictures show then."""
+
+_SEVERITIES = (0, 1, 3, 5)
+"""Those shown; 0: undisturbed."""
 
 _INK, _PAPER = (34, 38, 46), (255, 255, 255)
 
@@ -168,6 +177,52 @@ def _reached(step: Step, goal: bool) -> list[str]:
     """Stages that the one environment is at: ``start``, facts that are true, ``goal``."""
     facts = [name for name, fact in step.moment.facts.items() if bool(fact[0])]
     return [*(["start"] if step.action is None else []), *facts, *(["goal"] if goal else [])]
+
+
+def disturbed_sheet(
+    settings: Settings, levels: Mapping[str, Mapping[str, Sequence[float]]], tile: int
+) -> Image.Image:
+    """A row for each axis that can be seen; undisturbed, then severities 1, 3 and 5 by camera.
+
+    Each tile is what one episode drew: a uniform share of the severity's amount. The episode is
+    the same everywhere.
+
+    Args:
+        settings: with the cameras to show; its own disturbances are ignored.
+        levels: amounts at severities 1 to 5, as in ``conf/levels``.
+        tile: side of a tile, px.
+
+    Raises:
+        ValueError: no camera.
+    """
+    if not settings.cams:
+        raise ValueError("cams: choose the cameras to show, such as cams=rgb_front,dep_front")
+    axes = [key for key in AXES if not key.startswith("robot.")]
+    cases = [(key, severity) for key in axes for severity in _SEVERITIES]
+    own = replace(
+        settings,
+        num_envs=len(cases),
+        disturb=disturb_of({key: amount_at(levels, key, 5) for key in axes}),
+        episode=replace(settings.episode, end_on_success=False),
+    )
+    simulation, _ = build(own)
+    amounts = {
+        key: torch.tensor([amount_at(levels, k, s) if k == key else 0.0 for k, s in cases])
+        for key in axes
+    }
+    first = torch.zeros(len(cases), dtype=torch.int64)
+    simulation.deal(torch.arange(len(cases)), first, amounts)
+    flight = rollout(simulation, controller(own.definition.teacher, own))
+    # Every step is looked at: cameras that deliver late give what they saw before.
+    *_, images = (step.images() for step in islice(flight, _STEPS + 1))
+
+    def picture(row: int, block: int, column: int) -> Image.Image:
+        camera = own.cameras[block]
+        image = images[camera.name][row * len(_SEVERITIES) + column].numpy()
+        return scaled(image, own.renderings[camera.rendering], tile)
+
+    said = [f"severity {severity}" if severity else "undisturbed" for severity in _SEVERITIES]
+    return sheet(axes, own.cams, said, tile, picture)
 
 
 def sheet(

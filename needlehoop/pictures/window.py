@@ -31,17 +31,16 @@ class Window:
     """MuJoCo's viewer on environment 0; opened when first shown.
 
     Args:
-        simulation: what is shown.
-        settings: of the simulation, for the place to look from.
+        simulation: what is shown, from where its settings take pictures.
         instead: what a machine without a display can do.
 
     Raises:
         RuntimeError: this machine has no display.
     """
 
-    def __init__(self, simulation: Simulation, settings: Settings, instead: str):
+    def __init__(self, simulation: Simulation, instead: str):
         check_display(instead)
-        self._engine, self._view = simulation.engine, settings.picture
+        self.simulation, self._engine = simulation, simulation.engine
         # Data of its own: the engine's are on the move while the window draws.
         self._data = mujoco.MjData(self._engine.model)
         self._viewer: Any = None
@@ -56,7 +55,9 @@ class Window:
         """Bring the window up to this moment; one that was closed by hand stays closed."""
         if self._viewer is None:
             others = set(threading.enumerate())
-            self._viewer = open_window(self._engine.model, self._data, self._view)
+            self._viewer = open_window(
+                self._engine.model, self._data, self.simulation.settings.picture
+            )
             self._drawing = [one for one in threading.enumerate() if one not in others]
         if self.is_closed:
             return
@@ -85,34 +86,26 @@ def view(settings: Settings, who: str) -> None:
     check_display(_INSTEAD)
     alone = replace(settings, num_envs=1, cams=())
     simulation, _ = build(alone)
-    play(Window(simulation, alone, _INSTEAD), alone, simulation, controller(who, alone), count())
+    play(Window(simulation, _INSTEAD), controller(who, alone), count())
 
 
-def play(
-    window: Window,
-    settings: Settings,
-    simulation: Simulation,
-    act: Controller,
-    episodes: Iterable[int],
-) -> None:
+def play(window: Window, act: Controller, episodes: Iterable[int]) -> None:
     """Run episodes in real time in a window until they are over or it is closed.
 
     Args:
-        window: on the simulation; closed at the end.
-        settings: of the simulation.
-        simulation: of one environment.
+        window: on a simulation of one environment; closed at the end.
         act: who acts.
         episodes: as many as there are numbers.
     """
     try:
         for _ in episodes:
             due = time.monotonic()
-            for _ in rollout(simulation, act):
+            for _ in rollout(window.simulation, act):
                 time.sleep(max(0.0, due - time.monotonic()))
                 window.show()
                 if window.is_closed:
                     return
-                due = time.monotonic() + settings.period
+                due = time.monotonic() + window.simulation.settings.period
     finally:
         window.close()
 
@@ -178,14 +171,10 @@ def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoc
         view: where to look from at first.
     """
     window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
-    _stand_at(window.cam, view, model.vis.global_.fovy)
-    return window
-
-
-def _stand_at(camera: mujoco.MjvCamera, view: View, fovy: float) -> None:
-    """Put the free camera where pictures are taken from; it can be moved from there."""
+    camera = window.cam
     camera.lookat[:] = view.target
     # MuJoCo's azimuth is the direction of looking, 90 along y; ours is where it stands.
     camera.azimuth, camera.elevation = 90.0 - view.azimuth, -view.elevation
-    zoom = np.tan(np.deg2rad(view.fovy) / 2) / np.tan(np.deg2rad(fovy) / 2)
-    camera.distance = view.distance * zoom
+    own, theirs = np.tan(np.deg2rad([view.fovy, model.vis.global_.fovy]) / 2)
+    camera.distance = view.distance * own / theirs
+    return window

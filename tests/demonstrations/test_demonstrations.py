@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from needlehoop.cli.main import main
-from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
-from needlehoop.demonstrations.export import new_folder
+from needlehoop.demonstrations.episodes import Demonstration, demonstrate, new_folder, scripted
 from needlehoop.demonstrations.lerobot_layout import proprio_names, spread
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.registry import find

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -20,11 +21,7 @@ def built(kind: str) -> Simulation:
 
 
 def break_down(simulation: Simulation, env: int, value: float = float("nan")) -> None:
-    engine = simulation.engine
-    if hasattr(engine, "environments"):
-        engine.environments[env].physics.data.ptr.qvel[2] = value
-    else:
-        engine._batch.bind("qvel")[env, 2] = value  # pyright: ignore[reportAttributeAccessIssue]
+    simulation.engine.write("qvel", np.array([env]), np.array([value]), 2)
 
 
 @pytest.fixture(params=["cpu", "dm_control"])

@@ -10,7 +10,6 @@ from stability import shake
 
 from needlehoop.config import composing
 from needlehoop.engines.contract import KINDS
-from needlehoop.engines.dm_control import DmControlEngine
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.tasks.needle_hoop.expert import Expert
@@ -87,18 +86,6 @@ def test_one_engine_goes_on_from_the_others_snapshot(first, second):
         moment = one.step(action)
         other.step(action)
         same_state(one.engine.snapshot(), other.engine.snapshot())
-
-
-def test_environments_are_dm_controls_own():
-    engine = built("dm_control")[0].engine
-    assert isinstance(engine, DmControlEngine)
-    first = engine.environments[0]
-    spec = first.action_spec()
-    assert spec.shape == (7,)
-    assert first.reset().first()
-    stepped = first.step((spec.minimum + spec.maximum) / 2)
-    assert stepped.mid()
-    assert stepped.observation["sensordata"].shape == (engine.model.nsensordata,)
 
 
 def test_random_actions_are_counted_the_same():

@@ -63,9 +63,11 @@ def test_threads_end_with_their_workers():
     workers = Workers(4)
     workers.map(abs, range(10))
     started = set(threading.enumerate()) - before
-    assert len(started) == 3
+    assert 1 <= len(started) <= 3
     del workers
     gc.collect()
+    for thread in started:
+        thread.join(10.0)
     assert not [thread for thread in started if thread.is_alive()]
 
 
@@ -73,14 +75,13 @@ def test_python_ends_after_what_a_thread_is_still_at():
     """As of freeing a batch, in which torch asks for the interpreter."""
     script = """
 import time
-from needlehoop.envs.workers import Workers, _Shared
+from needlehoop.envs.workers import Workers
 
 def slow():
     time.sleep(1.0)
     print("done", flush=True)
 
-workers = Workers(2)
-workers._shares.put(_Shared(slow, [()]))
+Workers(2).begin(slow)
 time.sleep(0.2)
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from needle_task import act, addresses_of, begin, spec_of, start
+from needle_task import act, begin, begun_data, spec_of, start
 
 from needlehoop.envs.settings import Settings
 from needlehoop.robot import psm
@@ -62,10 +62,7 @@ def start_at(layout: NeedleLayout, where) -> Start:
 
 
 def data_at(model: mujoco.MjModel, begun: Start) -> mujoco.MjData:
-    data, addresses = mujoco.MjData(model), addresses_of(model)
-    data.qpos[:] = addresses.qpos(begun)[0]
-    data.mocap_pos[:] = addresses.mocap(begun)[0]
-    data.ctrl[:] = addresses.control(begun)[0]
+    data = begun_data(model, begun)
     mujoco.mj_forward(model, data)
     return data
 

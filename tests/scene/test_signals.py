@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
-from needle_task import addresses_of, readings_of, start
+from needle_task import begun_data, readings_of, start
 
 from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
@@ -23,10 +23,8 @@ VERDICTS = ("touched", "threaded")
 def data(model: mujoco.MjModel, layout: NeedleLayout) -> mujoco.MjData:
     """A scene in the middle of some movement, the needle in the air and turned."""
     begun = start(layout, torch.from_numpy(draws(1, 2, 3))[None])
-    data, addresses = mujoco.MjData(model), addresses_of(model)
-    data.qpos[:] = addresses.qpos(begun)[0]
-    data.mocap_pos[:] = addresses.mocap(begun)[0]
-    data.ctrl[:] = addresses.control(begun)[0] + [0.1, -0.1, 0.01, 0.3, 0.4, -0.5, -0.2]
+    data = begun_data(model, begun)
+    data.ctrl[:] += [0.1, -0.1, 0.01, 0.3, 0.4, -0.5, -0.2]
     place = model.joint("needle").qposadr[0]
     data.qpos[place + 2] = 0.08
     data.qpos[place + 3 : place + 7] = np.array([0.5, -0.5, 0.7, 0.1])
@@ -119,9 +117,8 @@ def test_touch_is_contact_of_that_jaw_with_the_needle(
     model: mujoco.MjModel, layout: NeedleLayout, across, expected
 ):
     begun = start(layout, torch.full((1, NUMBERS), 0.5, dtype=torch.float64))
-    data, addresses = mujoco.MjData(model), addresses_of(model)
     begun.robot["jaw"][:] = 0.0
-    data.qpos[:] = addresses.qpos(begun)[0]
+    data = begun_data(model, begun)
     mujoco.mj_kinematics(model, data)
     tool = data.site("tool").xmat.reshape(3, 3)
     # The needle runs along the tool's x: across the blades, which open along y.

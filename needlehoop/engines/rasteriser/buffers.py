@@ -43,8 +43,6 @@ class Poses:
     """This and the three before it are ``OPTICS``; see ``engines.contract``."""
     pattern: wp.array2d[float]
     """Of the table, ``(PATTERN, PATTERN)``, endless."""
-    relit: wp.array[int]
-    """1 in environments where the ``OPTICS`` change something."""
 
 
 @wp.struct

@@ -15,13 +15,135 @@ from needlehoop.engines.rasteriser.buffers import (
     eye_of,
     slope_of,
 )
-from needlehoop.engines.rasteriser.filling import draw_solid
 from needlehoop.engines.rasteriser.solids import Solid, Solids
 
 # Sums in any order: a tenth faster. Warp's own headers name infinity and NaN; the compiler would
 # then print a page of warnings.
 _FLAGS = "-march=native -ffast-math -Wno-nan-infinity-disabled"
 wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": _FLAGS})
+
+_NEAR = wp.constant(1e-6)
+"""Nearer points, m, are not divided by their depth."""
+
+_FLAT = wp.constant(1e-12)
+"""Edges that rise less along a row are parallel to it."""
+
+
+@wp.func
+def _is_in_sight(eye: Eye, at: wp.vec3, radius: float) -> bool:
+    """Whether a sphere at ``at`` (camera frame) may be in the image."""
+    reach = eye.tangent * at[2] + radius * wp.sqrt(1.0 + eye.tangent * eye.tangent)
+    return at[2] > -radius and wp.abs(at[0]) < reach and wp.abs(at[1]) < reach
+
+
+@wp.func
+def _project(
+    solids: Solids, solid: Solid, eye: Eye, turn: wp.mat33, at: wp.vec3, scratch: ScratchBuffers
+):
+    """Project a solid's vertices into the scratch buffers."""
+    right = eye.focal * turn[0] + eye.centre * turn[2]
+    down = eye.focal * turn[1] + eye.centre * turn[2]
+    ahead = turn[2]
+    x = eye.focal * at[0] + eye.centre * at[2]
+    y = eye.focal * at[1] + eye.centre * at[2]
+    for v in range(solid.first_vertex, solid.last_vertex):
+        vertex = solids.vertices[v]
+        corner = wp.vec3(
+            wp.dot(right, vertex) + x, wp.dot(down, vertex) + y, wp.dot(ahead, vertex) + at[2]
+        )
+        scratch.corners[v] = corner
+        nearness = 1.0 / wp.max(corner[2], _NEAR)
+        scratch.points[v] = wp.vec2(corner[0] * nearness, corner[1] * nearness)
+
+
+@wp.func
+def _limit(edge: wp.vec3) -> wp.vec2:
+    """Where an edge crosses a row: change per row, and pixel's index at y = 0."""
+    rise = wp.where(wp.abs(edge[0]) > _FLAT, edge[0], _FLAT)
+    return wp.vec2(-edge[1] / rise, -edge[2] / rise - 0.5)
+
+
+@wp.func
+def _cut(span: wp.vec2, edge: wp.vec3, limit: wp.vec2, y: float) -> wp.vec2:
+    """The part of a row, first to last pixel's index, on an edge's inner side."""
+    at = limit[0] * y + limit[1]
+    is_left = edge[0] < -_FLAT
+    return wp.vec2(
+        wp.where(is_left, wp.max(span[0], at), span[0]),
+        wp.where(is_left, span[1], wp.min(span[1], at)),
+    )
+
+
+@wp.func
+def _bounds(a: float, b: float, c: float, size: int) -> wp.vec2:
+    """First and last pixel whose centre lies between the least and the greatest."""
+    least, greatest = wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
+    return wp.vec2(
+        wp.ceil(wp.max(least - 0.5, 0.0)), wp.floor(wp.min(greatest - 0.5, float(size - 1)))
+    )
+
+
+@wp.func
+def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
+    """Fill the pixels whose centres lie in a face and that see nothing nearer.
+
+    Args:
+        face: its index.
+        corners: its vertices.
+        slope: change of 1/z per pixel to the right and down, and its value at the upper left
+            corner of the image.
+        eye: who looks.
+        scratch: where to.
+    """
+    a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
+    columns, rows = wp.vec2(0.0, float(eye.size - 1)), wp.vec2(0.0, float(eye.size - 1))
+    if wp.min(wp.min(a[2], b[2]), c[2]) > _NEAR:
+        p, q, r = scratch.points[corners[0]], scratch.points[corners[1]], scratch.points[corners[2]]
+        columns, rows = _bounds(p[0], q[0], r[0], eye.size), _bounds(p[1], q[1], r[1], eye.size)
+    if columns[0] > columns[1] or rows[0] > rows[1]:
+        return
+    # Inside a face each of these is negative.
+    ab, bc, ca = wp.cross(a, b), wp.cross(b, c), wp.cross(c, a)
+    at_ab, at_bc, at_ca = _limit(ab), _limit(bc), _limit(ca)
+    for row in range(int(rows[0]), int(rows[1]) + 1):
+        y = float(row) + 0.5
+        span = _cut(columns, ab, at_ab, y)
+        span = _cut(_cut(span, bc, at_bc, y), ca, at_ca, y)
+        if span[0] > span[1]:
+            continue
+        first, last = int(wp.ceil(span[0])), int(wp.floor(span[1]))
+        start = slope[0] * 0.5 + slope[1] * y + slope[2]
+        for column in range(first, last + 1):
+            nearness = start + slope[0] * float(column)
+            pixel = row * eye.size + column
+            if nearness > scratch.nearness[pixel]:
+                scratch.nearness[pixel] = nearness
+                scratch.face[pixel] = face
+
+
+@wp.func
+def _draw_solid(
+    solids: Solids, index: int, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers
+):
+    solid = solids.solids[index]
+    away = poses.geom_xpos[env, solid.geom] - eye.position
+    at = eye.turn * away
+    if not _is_in_sight(eye, at, solid.radius):
+        return
+    axes = poses.geom_xmat[env, solid.geom]
+    turn = eye.turn * axes
+    scratch.turns[index] = turn
+    _project(solids, solid, eye, turn, at, scratch)
+    # The camera in the solid's frame.
+    here = -(wp.transpose(axes) * away)
+    for face in range(solid.first_face, solid.last_face):
+        plane = solids.planes[face]
+        out = wp.vec3(plane[0], plane[1], plane[2])
+        behind = plane[3] - wp.dot(out, here)
+        # Of a closed surface only the faces turned to the camera are seen.
+        if behind < 0.0:
+            slope = slope_of(turn * out, behind, eye)
+            _draw_face(face, solids.faces[face], slope, eye, scratch)
 
 
 @wp.func
@@ -32,15 +154,6 @@ def _packed(colour: wp.vec3) -> wp.uint32:
         int(255.0 * wp.clamp(colour[2], 0.0, 1.0)),
     )
     return wp.uint32((255 << 24) | (red << 16) | (green << 8) | blue)
-
-
-@wp.func
-def _lit(solids: Solids, solid: Solid, normal: wp.vec3, scratch: ScratchBuffers) -> wp.uint32:
-    """Colour of a surface with a normal in the camera frame."""
-    light = solid.ambient
-    for lamp in range(solids.lamps.shape[0]):
-        light += wp.max(wp.dot(normal, scratch.lamps[lamp]), 0.0) * solids.lamps[lamp]
-    return _packed(wp.cw_mul(solid.colour, light))
 
 
 @wp.func
@@ -63,7 +176,7 @@ def _normal(
 
 
 @wp.func
-def _relit(
+def _lit(
     solids: Solids,
     solid: Solid,
     normal: wp.vec3,
@@ -72,7 +185,7 @@ def _relit(
     env: int,
     scratch: ScratchBuffers,
 ) -> wp.vec3:
-    """``_lit`` under ``OPTICS``: with a tint, a sheen, and lamps of another strength.
+    """Colour of a surface, with the tint, the sheen and the strength of lamps of the ``OPTICS``.
 
     Args:
         solids: with the lamps.
@@ -143,7 +256,7 @@ def _table(solids: Solids, poses: Poses, env: int, eye: Eye) -> wp.vec3:
 
 
 @wp.func
-def expose(
+def _expose(
     solids: Solids,
     poses: Poses,
     lens: Lens,
@@ -157,19 +270,16 @@ def expose(
     As mujoco_warp's ray tracer shades: ambient and diffuse light, no shadows, no highlights,
     but for what the ``OPTICS`` say.
     """
-    relit, grain = poses.relit[env], poses.table_grain[env, 0]
-    relit_table = wp.vec3(0.0, 0.0, 0.0)
+    grain = poses.table_grain[env, 0]
     _light_lamps(solids, poses, env, eye, scratch)
     slope = _table(solids, poses, env, eye)
     nothing = wp.uint32(255 << 24)
-    plain = nothing
+    flat = wp.vec3(0.0, 0.0, 0.0)
     if solids.table.shape[0] > 0:
-        up = wp.transpose(poses.geom_xmat[env, solids.table[0].geom])[2]
-        plain = _lit(solids, solids.table[0], eye.turn * up, scratch)
         # It is matte: one colour everywhere, but for its pattern.
-        if relit == 1:
-            flat = eye.turn * up
-            relit_table = _relit(solids, solids.table[0], flat, flat, poses, env, scratch)
+        up = eye.turn * wp.transpose(poses.geom_xmat[env, solids.table[0].geom])[2]
+        flat = _lit(solids, solids.table[0], up, up, poses, env, scratch)
+    plain = _packed(flat)
     table = solids.faces.shape[0]
     pixels = eye.size * eye.size
     colour, depth, geom = (
@@ -184,29 +294,20 @@ def expose(
             nearness = start + slope[0] * float(column)
             face = wp.where(nearness > 0.0, table, table + 1)
             seen = wp.where(nearness > 0.0, plain, nothing)
+            x, y = float(column) + 0.5, float(row) + 0.5
             if scratch.nearness[pixel] > wp.max(nearness, 0.0):
                 nearness = scratch.nearness[pixel]
                 face = scratch.face[pixel]
-                if lens.colour >= 0 and relit == 0:
-                    normal = _normal(
-                        solids, face, float(column) + 0.5, float(row) + 0.5, eye, scratch
-                    )
-                    seen = _lit(solids, solids.solids[solids.owners[face]], normal, scratch)
-            scratch.nearness[pixel] = 0.0
-            if lens.colour >= 0 and relit == 1 and face <= table:
-                x, y = float(column) + 0.5, float(row) + 0.5
-                ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
-                if face < table:
+                if lens.colour >= 0:
                     normal = _normal(solids, face, x, y, eye, scratch)
+                    ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
                     solid = solids.solids[solids.owners[face]]
-                    seen = _packed(_relit(solids, solid, normal, ray, poses, env, scratch))
-                elif grain[0] > 0.0:
-                    turned = wp.transpose(eye.turn) * ray
-                    seen = _packed(
-                        _grain(turned, nearness, eye, grain, poses.pattern) * relit_table
-                    )
-                else:
-                    seen = _packed(relit_table)
+                    seen = _packed(_lit(solids, solid, normal, ray, poses, env, scratch))
+            elif grain[0] > 0.0 and face == table:
+                ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
+                turned = wp.transpose(eye.turn) * ray
+                seen = _packed(_grain(turned, nearness, eye, grain, poses.pattern) * flat)
+            scratch.nearness[pixel] = 0.0
             if lens.colour >= 0:
                 frames.colour[colour + pixel] = seen
             if lens.depth >= 0:
@@ -235,5 +336,5 @@ def draw(
             lens = lenses[view]
             eye = eye_of(poses, lens, env, size)
             for index in range(solids.solids.shape[0]):
-                draw_solid(solids, index, poses, env, eye, scratch)
-            expose(solids, poses, lens, env, eye, scratch, frames)
+                _draw_solid(solids, index, poses, env, eye, scratch)
+            _expose(solids, poses, lens, env, eye, scratch, frames)

@@ -26,21 +26,6 @@ from needlehoop.engines.rasteriser.buffers import (
 from needlehoop.engines.rasteriser.kernel import draw
 from needlehoop.engines.rasteriser.solids import Solids, pack
 
-_DTYPES = {
-    "geom_xpos": wp.vec3,
-    "geom_xmat": wp.mat33,
-    "cam_xpos": wp.vec3,
-    "cam_xmat": wp.mat33,
-    "light_xdir": wp.vec3,
-    "cam_tangent": float,
-    "geom_tint": wp.vec3,
-    "geom_sheen": float,
-    "lamp_strength": float,
-    "table_grain": wp.vec3,
-}
-"""What a drawing depends on: of the ``FIELDS``, of the ``OPTICS``, and the lenses."""
-
-
 _MOST = 2**31 - 1
 """Pixels that the kernel can count."""
 
@@ -81,14 +66,17 @@ class Rasteriser:
         start_warp()
         self.views = dict(views)
         self._size, self._solids = size, pack(model)
-        self._lenses = _lenses(model, self.views)
+        counts = [iter(range(len(views))) for _ in range(3)]
+        self._images = {
+            view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
+            for view, channels in views.items()
+        }
+        self._lenses = _lenses(model, self._images)
         self._buffers = _frame_buffers(self.views, num_envs, size)
         self._poses, self._fields = _poses(model, num_envs)
         self._tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
         self._fields["cam_tangent"][:] = self._tangents
         self._poses.pattern = wp.array(_pattern(), dtype=float, device="cpu")
-        self._poses.relit = wp.zeros(num_envs, dtype=int, device="cpu")
-        self._relit = self._poses.relit.numpy()
         self._scratch = [
             _scratch_buffers(self._solids, size) for _ in range(min(threads, num_envs))
         ]
@@ -111,19 +99,14 @@ class Rasteriser:
             ids: environments to render ``(k,)``; all by default.
         """
         count = self._buffers.count if ids is None else len(ids)
+        chosen = slice(None) if ids is None else ids
         for name, target in self._fields.items():
             if name in fields:
-                given = fields[name] if ids is None else fields[name][ids]
-                target[:count] = given.reshape(count, *target.shape[1:])
-        chosen = slice(None) if ids is None else ids
+                target[:count] = fields[name][chosen].reshape(count, *target.shape[1:])
+            elif name in OPTICS:
+                target[:count] = OPTICS[name]
         zoom = fields[ZOOM][chosen] if ZOOM in fields else 1.0
         self._fields["cam_tangent"][:count] = self._tangents / zoom
-        relit = np.zeros(self._buffers.count, bool)
-        for name, usual in OPTICS.items():
-            if name in fields:
-                given = fields[name].reshape(len(relit), -1)
-                relit |= (given != usual).any(1)
-        self._relit[:count] = relit[chosen]
         edges = np.linspace(0, count, len(self._scratch) + 1).astype(int).tolist()
         slices = [
             (scratch, *ends) for scratch, ends in zip(self._scratch, pairwise(edges), strict=True)
@@ -132,23 +115,20 @@ class Rasteriser:
             self._draw(*slices[0])
         else:
             list(self._pool.map(lambda part: self._draw(*part), slices))
-        return self._frames(count)
+        return {
+            view: Frame(
+                *(
+                    kind[at][:count] if at >= 0 else None
+                    for kind, at in zip(self._kinds, images, strict=True)
+                )
+            )
+            for view, images in self._images.items()
+        }
 
     def _draw(self, scratch: ScratchBuffers, first: int, last: int) -> None:
         scene = (self._solids, self._lenses, self._poses)
         inputs = [*scene, scratch, self._buffers, self._size, first, last]
         wp.launch(draw, dim=1, inputs=inputs, device="cpu")
-
-    def _frames(self, count: int) -> dict[str, Frame]:
-        frames, at = {}, [0, 0, 0]
-        for view, channels in self.views.items():
-            picked = [
-                kind[index][:count] if wanted else None
-                for kind, index, wanted in zip(self._kinds, at, channels, strict=True)
-            ]
-            at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
-            frames[view] = Frame(*picked)
-        return frames
 
 
 def _pattern() -> np.ndarray:
@@ -161,15 +141,14 @@ def _pattern() -> np.ndarray:
     return (smooth / np.abs(smooth).max()).astype(np.float32)
 
 
-def _lenses(model: mujoco.MjModel, views: Mapping[str, Channels]) -> wp.array:
-    rows, at = [], [0, 0, 0]
-    for view, channels in views.items():
+def _lenses(model: mujoco.MjModel, images: Mapping[str, list[int]]) -> wp.array:
+    """A lens for each view, with the images that it makes."""
+    rows = []
+    for view, indices in images.items():
         camera = model.camera(view).id
         if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
             raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
-        images = [i if wanted else -1 for i, wanted in zip(at, channels, strict=True)]
-        rows.append((camera, *images))
-        at = [index + wanted for index, wanted in zip(at, channels, strict=True)]
+        rows.append((camera, *indices))
     dtype: Any = Lens.numpy_dtype()
     return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
 
@@ -189,11 +168,13 @@ def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.nd
     """Poses for the kernel, and the same memory as arrays ``(n, objects, ...)`` by field."""
     poses, fields = Poses(), {}
     counts = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight, "lamp": 1, "table": 1}
-    for name, dtype in _DTYPES.items():
-        shape = (num_envs, counts[name.partition("_")[0]])
-        array = wp.full(shape, OPTICS.get(name, 0.0), dtype=dtype, device="cpu")
-        setattr(poses, name, array)
-        fields[name] = array.numpy()
+    for name, variable in Poses.vars.items():
+        # All but the pattern, which is of no object.
+        if (kind := name.partition("_")[0]) in counts:
+            usual, dtype = OPTICS.get(name, 0.0), variable.type.dtype
+            array = wp.full((num_envs, counts[kind]), usual, dtype=dtype, device="cpu")
+            setattr(poses, name, array)
+            fields[name] = array.numpy()
     return poses, fields
 
 

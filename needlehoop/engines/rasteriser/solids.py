@@ -17,15 +17,6 @@ _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo's geom colour, which gives way to the material's."""
 
 
-_WIDTHS = {
-    int: ((), np.int32),
-    wp.vec3i: ((3,), np.int32),
-    wp.vec3: ((3,), np.float32),
-    wp.vec4: ((4,), np.float32),
-}
-"""Numbers of an element, and their NumPy type, by Warp's type."""
-
-
 @wp.struct
 class Solid:
     """A drawn geom; its vertices and faces are a range (last excluded) of those in ``Solids``."""
@@ -136,6 +127,6 @@ def _radius(vertices: np.ndarray) -> float:
 
 def _array(parts: list, dtype: type) -> wp.array:
     """Parts one after the other; none are an empty array."""
-    width, kind = _WIDTHS[dtype]
-    joined = np.concatenate([np.zeros((0, *width)), *parts])
-    return wp.array(np.ascontiguousarray(joined, kind), dtype=dtype, device="cpu")
+    if not parts:
+        return wp.zeros(0, dtype=dtype, device="cpu")
+    return wp.array(np.concatenate(parts), dtype=dtype, device="cpu")
