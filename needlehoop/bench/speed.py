@@ -1,7 +1,8 @@
-"""Speed of the environment and of training, and where the time goes."""
+"""Speed of the environment and of training, where the time goes, and plain dm_control beside it."""
 
 from __future__ import annotations
 
+import os
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -9,6 +10,8 @@ from dataclasses import replace
 from statistics import harmonic_mean
 from typing import Any
 
+import mujoco
+import numpy as np
 import torch
 from tqdm import tqdm
 
@@ -17,6 +20,15 @@ from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.runs.machine import available_cpus, machine, peak_memory
+
+DM_CONTROL_STEPS = 40
+"""Steps of the single dm_control environment per round."""
+
+NO_OPENGL = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)
+"""What a machine without OpenGL raises, depending on MuJoCo's backend."""
+
+Work = tuple[int, Callable[[], None]]
+"""A number of environment steps, and a call that takes them."""
 
 
 def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
@@ -33,23 +45,32 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
         "torchrl_without_images": _random_steps(TorchRLEnv(replace(settings, cams=())), steps),
     }
     # Its first steps warm up and are not counted.
-    jobs["torchrl_with_images"]()
+    jobs["torchrl_with_images"][1]()
     watch.watch_env(seeing)
+    try:
+        jobs["dm_control_default_renderer"] = _opengl_steps(settings)
+        missing = None
+    except NO_OPENGL as error:
+        missing = f"{type(error).__name__}: {error}"
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in rounds_of(rounds, "round"):
-        for name, run in jobs.items():
+        for name, (_, run) in jobs.items():
             began = time.perf_counter()
             run()
             seconds[name].append(time.perf_counter() - began)
-    count = settings.num_envs * steps
+    rates = {name: count / min(seconds[name]) for name, (count, _) in jobs.items()}
+    default = rates.get("dm_control_default_renderer")
     return {
         **about(settings),
+        "gl": os.environ.get("MUJOCO_GL", "default"),
         "psm": settings.psm,
         "renderer": settings.engine.renderer,
-        "steps_per_second": {name: round(count / min(spent)) for name, spent in seconds.items()},
+        "steps_per_second": {name: round(rate) for name, rate in rates.items()},
         "share_of_a_step": watch.shares(
             sum(seconds["torchrl_with_images"]), "physics", "images", rest="task_and_interface"
         ),
+        "ratio_to_default_renderer": default and round(rates["torchrl_with_images"] / default, 1),
+        "default_renderer_missing": missing,
     }
 
 
@@ -113,8 +134,8 @@ def about(settings: Settings) -> dict[str, object]:
     }
 
 
-def _random_steps(env: TorchRLEnv, steps: int) -> Callable[[], None]:
-    """A call that takes steps with random actions; an episode that ends is followed by another."""
+def _random_steps(env: TorchRLEnv, steps: int) -> Work:
+    """Steps with random actions; an episode that ends is followed by the next one."""
     settings = env.settings
     generator = torch.Generator().manual_seed(settings.seed)
     shape = (settings.num_envs, settings.episode.action_size)
@@ -127,7 +148,29 @@ def _random_steps(env: TorchRLEnv, steps: int) -> Callable[[], None]:
             now["action"] = action
             _, now = env.step_and_maybe_reset(now)
 
-    return run
+    return settings.num_envs * steps, run
+
+
+def _opengl_steps(settings: Settings) -> Work:
+    """Steps of one dm_control environment that MuJoCo's default OpenGL renderer draws.
+
+    Raises:
+        one of ``NO_OPENGL``: this machine has no OpenGL.
+    """
+    # Finds an OpenGL library when it is imported, or raises.
+    from needlehoop.pictures.opengl import OpenGLEnvironment
+
+    environment = OpenGLEnvironment(settings)
+    environment.reset()
+    generator = np.random.default_rng(settings.seed)
+
+    def run() -> None:
+        for _ in range(DM_CONTROL_STEPS):
+            action = generator.uniform(-1, 1, settings.episode.action_size)
+            if environment.step(action)[1].last():
+                environment.reset()
+
+    return DM_CONTROL_STEPS, run
 
 
 def rounds_of(count: int, what: str) -> Iterator[int]:

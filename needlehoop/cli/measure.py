@@ -24,28 +24,28 @@ Rounds = Annotated[int, Range(1, 1_000_000)]
 
 
 @command(
-    argument("overrides", nargs="*", metavar="speed | train | key=value"),
+    argument("overrides", nargs="*", metavar="speed | train | sb3 | key=value"),
     JSON,
     config="bench",
 )
 def bench(options: argparse.Namespace) -> None:
     """Measure how fast the environment is on this machine (speed, the default), or training
-    (train).
+    (train), or Stable-Baselines3 on it (sb3).
 
-    train has the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml);
-    against=disturb=none measures another training in turns.
+    train and sb3 have the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml). With
+    train, against=disturb=none measures another training in turns.
     """
     from needlehoop.config.options import typed
 
     given = [word if "=" in word else f"what={word}" for word in options.overrides]
     what = ["speed", *typed(given, "what")][-1]
-    strict.check_names("what", [what], ("speed", "train"))
+    strict.check_names("what", [what], ("speed", "train", "sb3"))
     other = typed(given, "against")
     if other and what != "train":
         raise ValueError(f"against: bench {what} compares nothing; bench train does")
     words = [word for word in given if word.partition("=")[0] not in ("what", "against")]
     options.overrides = words
-    found = _speed(options) if what == "speed" else _training(words, other)
+    found = _speed(options) if what == "speed" else _learning(what, words, other)
     print(json.dumps(found) if options.json else yaml.safe_dump(found, sort_keys=False).rstrip())
 
 
@@ -57,7 +57,7 @@ def _speed(options: argparse.Namespace) -> dict[str, Any]:
     return measure(settings, asked.rounds, asked.steps)
 
 
-def _training(overrides: list[str], against: list[str]) -> dict[str, Any]:
+def _learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
     from needlehoop.config import composing
 
     values = composing.compose(overrides, "bench_train")
@@ -66,6 +66,10 @@ def _training(overrides: list[str], against: list[str]) -> dict[str, Any]:
 
     job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
     _check_cameras(job.env)
+    if what == "sb3":
+        from needlehoop.bench.stable_baselines import measure_sb3
+
+        return measure_sb3(job, rounds)
     from needlehoop.bench.speed import measure_training
 
     return measure_training(job, rounds, None if other is None else typed_job(other))

@@ -69,8 +69,7 @@ class Engine(ABC):
         self._addresses = Addresses(model, robot)
         self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
         given = (model, num_envs, views, size, self._threads)
-        self.renderer = make_renderer(config.renderer, quality, *given) if views else None
-        """What draws ``FIELDS``; there is none without cameras."""
+        self._renderer = make_renderer(config.renderer, quality, *given) if views else None
 
     def reset(self, ids: Tensor, start: Start) -> None:
         """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
@@ -131,12 +130,12 @@ class Engine(ABC):
 
         Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
         """
-        if self.renderer is None:
+        if self._renderer is None:
             return {}
         drawn: Mapping[str, np.ndarray] = {name: self._read(name) for name in FIELDS}
         if optics is not None:
             drawn = optics(drawn)
-        return self.renderer.render(drawn, None if ids is None else ids.numpy())
+        return self._renderer.render(drawn, None if ids is None else ids.numpy())
 
     @abstractmethod
     def data(self, env: int) -> mujoco.MjData:
@@ -179,7 +178,7 @@ class CpuEngine(Engine):
         self._scratch_data: mujoco.MjData | None = None
         self._scratch_model: mujoco.MjModel | None = None
         # A derived field is up to date from the first call after it was bound.
-        for name in ("sensordata", *(FIELDS if self.renderer else ())):
+        for name in ("sensordata", *(FIELDS if self._renderer else ())):
             self._batch.bind(name)
 
     def step(self, control: Tensor) -> None:

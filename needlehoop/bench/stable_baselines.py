@@ -1,0 +1,163 @@
+"""Stable-Baselines3's PPO, on our environments and on dm_control's. Extra ``bench``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from statistics import harmonic_mean
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from torch import Tensor, nn
+
+from needlehoop.bench.speed import NO_OPENGL, about, rounds_of
+from needlehoop.envs.settings import Settings
+from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
+from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype
+from needlehoop.learning.job import Job
+from needlehoop.runs.machine import available_cpus
+
+DM_CONTROL_ENVS = 8
+"""The paper's number of environments."""
+
+STEPS = 32
+"""Of each environment per round; times the above, one minibatch."""
+
+
+class OpenGLGymEnvironment(gymnasium.Env):
+    """The dm_control environment, seen by MuJoCo's renderer, as a gymnasium one."""
+
+    def __init__(self, settings: Settings, env: int):
+        # Finds an OpenGL library when it is imported, or raises.
+        from needlehoop.pictures.opengl import OpenGLEnvironment
+
+        self._environment = OpenGLEnvironment(settings, env)
+        size = settings.image_size
+        self.observation_space = gymnasium.spaces.Dict(
+            {
+                camera.name: gymnasium.spaces.Box(
+                    0, 255, (settings.renderings[camera.rendering].channels, size, size), np.uint8
+                )
+                for camera in settings.cameras
+            }
+        )
+        shape = (settings.episode.action_size,)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        return self._environment.reset(), {}
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        images, moment = self._environment.step(action)
+        over = moment.last()
+        terminated = over and moment.discount == 0.0
+        return images, float(moment.reward), terminated, over and not terminated, {}
+
+
+class Encoders(BaseFeaturesExtractor):
+    """Our encoders, one per camera, side by side."""
+
+    def __init__(self, observation_space: gymnasium.spaces.Dict, job: Job, dtype: torch.dtype):
+        out = job.algo.network.hidden
+        super().__init__(observation_space, out * len(observation_space.spaces))
+        self._fold = Fold(job.encoder.stem)
+        self.encoders = nn.ModuleDict(
+            {
+                name: Encoder(torch.Size(space.shape or ()), job.encoder, out, dtype)
+                for name, space in observation_space.spaces.items()
+            }
+        )
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        parts = [encoder(self._fold(observations[name])) for name, encoder in self.encoders.items()]
+        return torch.cat(parts, -1)
+
+
+def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
+    """Environment steps per second of SB3's PPO, on our engine and on dm_control's renderer.
+
+    Both learn with the job's hyperparameters and encoders, in turns in one process; the first
+    round of each warms up and is not counted.
+    """
+    runs = runner(job, StableBaselinesVecEnv(job.env)), runner(job, opengl_envs(job.env))
+    rates = [[run() for run in runs] for _ in rounds_of(rounds + 1, "round")][1:]
+    mean, other = (harmonic_mean(one) for one in zip(*rates, strict=True))
+    return {
+        **about(job.env),
+        "encoder": job.encoder.name,
+        "num_envs": {"needlehoop": job.env.num_envs, "dm_control": DM_CONTROL_ENVS},
+        "steps_per_second": {"needlehoop": round(mean, 3), "dm_control": round(other, 3)},
+        "ratio": round(mean / other, 1),
+        "ratio_of_each_round": [round(one / two, 1) for one, two in rates],
+    }
+
+
+def opengl_envs(settings: Settings) -> VecEnv:
+    """dm_control environments with MuJoCo's default renderer, stepped one after the other.
+
+    Raises:
+        RuntimeError: this machine has no OpenGL.
+    """
+    makers: list[Any] = [
+        partial(OpenGLGymEnvironment, settings, env) for env in range(DM_CONTROL_ENVS)
+    ]
+    try:
+        envs = DummyVecEnv(makers)
+        envs.reset()
+    except NO_OPENGL as error:
+        raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
+    return envs
+
+
+def runner(job: Job, env: VecEnv) -> Callable[[], float]:
+    """A round of SB3's PPO with a job's hyperparameters and network sizes, learning included.
+
+    Calling it returns steps per second.
+    """
+    dtype = convolution_dtype(job.precision, job.torch_device)
+    layers = [job.algo.network.hidden] * job.algo.network.layers
+    model = PPO(
+        "MultiInputPolicy",
+        env,
+        n_steps=STEPS,
+        batch_size=min(job.algo.minibatch, env.num_envs * STEPS),
+        n_epochs=job.algo.epochs,
+        learning_rate=job.algo.learning_rate,
+        gamma=job.algo.gamma,
+        gae_lambda=job.algo.lam,
+        clip_range=job.algo.epsilon,
+        ent_coef=job.algo.beta,
+        seed=job.env.seed,
+        device=job.torch_device,
+        policy_kwargs={
+            "features_extractor_class": Encoders,
+            "features_extractor_kwargs": {"job": job, "dtype": dtype},
+            # Images stay uint8: the encoder scales them itself.
+            "normalize_images": False,
+            "net_arch": layers,
+            "activation_fn": nn.SiLU,
+            # Theirs fails on convolutions whose weights are channels last.
+            "ortho_init": False,
+        },
+    )
+    steps = env.num_envs * STEPS
+
+    def run() -> float:
+        # Its users have torch on all cores. Where other work uses them too, torch's threads
+        # mostly wait for each other; then engine.threads=1 tells more.
+        before = torch.get_num_threads()
+        torch.set_num_threads(job.env.engine.threads or available_cpus())
+        began = time.perf_counter()
+        model.learn(steps, reset_num_timesteps=False)
+        seconds = time.perf_counter() - began
+        torch.set_num_threads(before)
+        return steps / seconds
+
+    return run
