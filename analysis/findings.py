@@ -35,8 +35,8 @@ from needlehoop.study.data import paper
 from needlehoop.study.render.style import save, styled
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.report.tables import rewards
-from needlehoop.study.stats.findings import Result, StudyFindings, study_findings
-from needlehoop.study.stats.predictions import MEASURED, PAPERS_MEASURED
+from needlehoop.study.stats.findings import StudyFindings, study_findings
+from needlehoop.study.stats.predictions import MEASURED, PAPERS_MEASURED, scored
 from needlehoop.study.stats.run import (
     CHEAT,
     HUMAN_POINTS,
@@ -49,7 +49,10 @@ from needlehoop.study.stats.run import (
 
 ROOT = Path(__file__).parents[1]
 
-STUDIES = ("fast", "imitation", "table2", "rewards")
+STUDIES = ("fast", "table2", "rewards")
+
+IMITATED = "imitation"
+"""The protocol's runs, where their success predicts what earlier studies measured."""
 
 _PROTOCOLS = {"0.5 M": "fast", "1.5 M": "table2"}
 """Studies that stand beside each other on the pages, by how many steps their agents train."""
@@ -117,40 +120,35 @@ def places() -> pd.DataFrame:
     return runs_of(found)
 
 
-def _by_cameras(name: str) -> dict[str, Result]:
-    return {result.cameras: result for result in study(name).ranked}
-
-
 def _results() -> Table:
     """The fast protocol's camera sets, the best first, with what else was measured of them.
 
-    That is imitation's successes, the paper's protocol as far as it has been run, and the paper's
-    own returns. Success is given seed by seed: two seeds of one set can be far apart.
+    That is the paper's protocol as far as it has been run, and the paper's own returns. Success is
+    given seed by seed: two seeds of one set can be far apart.
     """
-    imitated, longer, theirs = _by_cameras("imitation"), _by_cameras("table2"), paper.measured()
+    longer, theirs = {one.cameras: one for one in study("table2").ranked}, paper.measured()
     rows = []
-    for cameras, one in _by_cameras("fast").items():
-        end = longer.get(cameras)
+    for one in study("fast").ranked:
+        end = longer.get(one.cameras)
         rows.append(
             (
-                cameras,
+                one.cameras,
                 one.success and one.success.value,
                 [final.success for final in one.finals],
                 one.value.value,
                 one.middle(TRAINING),
                 one.cheat and one.cheat.value,
-                (success := imitated[cameras].success) and success.value,
                 end and end.success and end.success.value,
                 end and end.value.value,
                 end and end.middle(TRAINING),
-                theirs.get(cameras),
+                theirs.get(one.cameras),
             )
         )
     columns = (
         Column.share("threaded"), Column("by seed", form=".0f", scale=100.0),
         Column("return", form=".2f"), Column("over training", form=".2f"), Column.share("cheat"),
-        Column.share("imitated"), Column.share("1.5 M: threaded"),
-        Column("1.5 M: return", form=".2f"), Column("1.5 M: over training", form=".2f"),
+        Column.share("1.5 M: threaded"), Column("1.5 M: return", form=".2f"),
+        Column("1.5 M: over training", form=".2f"),
         Column("the paper's return", form=".2f"),
     )  # fmt: skip
     return Table("results", "", (Column("cameras"), *columns), tuple(rows))
@@ -197,11 +195,16 @@ def _protocol_columns() -> list[Column]:
 
 
 def _foretold() -> Table:
-    """Each prediction against the earlier studies: tau-b, p beyond the rule, regret."""
+    """Each prediction against the earlier studies: tau-b, p beyond the rule, regret.
+
+    The protocol's runs predict them, too.
+    """
     found: dict[str, dict[str, Cell]] = {}
+    imitated = scored(IMITATED, means(protocol()), paper.lists().values())
     for column, (name, truth) in _MEASURED.items():
         measured = study(name).truths[truth]
-        for who, lists in predicted(study(name).predictions_of(truth)).items():
+        foretold = [*study(name).predictions_of(truth), imitated]
+        for who, lists in predicted(foretold).items():
             tau, p, lost = held(who, lists, measured)
             cell: list[Cell] = [] if tau is None else [tau]
             cell += [] if p is None else [f"p {Column('p', form='p').text(p)}"]

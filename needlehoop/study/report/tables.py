@@ -401,8 +401,7 @@ def rankings(findings: StudyFindings) -> Table:
         ]
     note = (
         "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
-        " by mean place; imitation by success over its seeds. The probe cannot tell all of these"
-        " apart: its own table has the intervals."
+        " by mean place. The probe cannot tell all of these apart: its own table has the intervals."
     )
     return Table.of("rankings", "Rankings side by side", rows, note)
 
@@ -432,8 +431,8 @@ def agreements(findings: StudyFindings) -> Table:
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
         " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
-        " lost by taking the predicted best; against imitation, the share of successes. All lists:"
-        " means, with p by orders drawn for each list by itself."
+        " lost by taking the predicted best. All lists: means, with p by orders drawn for each list"
+        " by itself."
     )
     if all(row[_BRIER] is None for row in rows):
         rows = [{column: row[column] for column in row if column != _BRIER} for row in rows]

@@ -17,7 +17,6 @@ from needlehoop.study.data.contents import ALL, NONE, Stressed
 from needlehoop.study.data.paper import HUMAN, reward_order
 from needlehoop.study.data.records import LeftOut, Record, Study, read_study
 from needlehoop.study.stats.predictions import (
-    IMITATION,
     MEASURED,
     PAPERS_MEASURED,
     Prediction,
@@ -148,18 +147,12 @@ class StudyFindings:
 
     @property
     def truths(self) -> dict[str, Mapping[str, float]]:
-        """What predictions are held against: values by camera set, by what they are.
-
-        Imitation predicts, and is predicted: what flies ranks cameras as well.
-        """
+        """What predictions are held against: values by camera set, by what they are."""
         found: dict[str, Mapping[str, float]] = {}
         if self.study is not None:
             found = {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
-        for one in self.predictions:
-            if one.who == IMITATION:
-                found[IMITATION] = {k: v for own in one.lists.values() for k, v in own.items()}
         return found
 
     @property
@@ -168,7 +161,7 @@ class StudyFindings:
         found, lists = [*self.predictions], self.lists.values()
         for who, values in self.truths.items():
             one = scored(who, values, lists, whole=who == PAPERS_MEASURED)
-            if who != IMITATION and (one.lists or who != TRAINING.name):
+            if one.lists or who != TRAINING.name:
                 found.append(one)
         return tuple(found)
 
