@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from needlehoop.runs.reading import read_yaml
-from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
@@ -34,13 +32,14 @@ from needlehoop.study.stats.run import (
 from needlehoop.study.stats.statistics import (
     ENOUGH,
     SeedEstimate,
-    estimate,
     improvement,
     no_interval,
 )
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
+
+TO_SOON = Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6)
 
 _FINE = 0.95
 """Success from which on a camera set does not fail."""
@@ -220,7 +219,7 @@ def phases(findings: StudyFindings) -> Table:
 
 
 def rewards(findings: StudyFindings) -> Table:
-    """Camera sets that were trained with several rewards, and each reward over all of them."""
+    """Camera sets that were trained with several rewards."""
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
@@ -230,10 +229,6 @@ def rewards(findings: StudyFindings) -> Table:
         for result in by_reward
         if result.cameras == cameras
     ]
-    for reward in dict.fromkeys(r.reward for r in by_reward):
-        own = [r for r in findings.results if r.reward == reward and r.cameras in chosen]
-        if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
-            rows.append(_rewarded(_together(own), findings.is_papers, alone=False))
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -245,64 +240,31 @@ def rewards(findings: StudyFindings) -> Table:
     return Table.of("rewards", "Rewards: human, text, text + image", rows, note)
 
 
-def _together(results: Sequence[Result]) -> Result:
-    """A reward over several camera sets, each of them a stratum."""
-    value, success = (estimate([r.values(of) for r in results]) for of in (RETURN, SUCCESS))
-    cheats = [r.values(CHEAT) for r in results]
-    return Result(
-        f"all {len(results)}",
-        results[0].reward,
-        tuple(run for r in results for run in r.runs),
-        tuple(found for r in results for found in r.finals),
-        value,
-        success,
-        estimate(cheats) if all(cheats) else None,
-    )
-
-
-def _rewarded(result: Result, papers: bool, alone: bool = True) -> Row:
-    """A reward's numbers over one camera set, or several; those of the ``papers`` beside them."""
-    steps = [steps_to_share(run, "success", _SOON) for run in result.runs] if alone else []
+def _rewarded(result: Result, papers: bool) -> Row:
+    """A reward's numbers over one camera set; those of the ``papers`` beside them."""
     row: Row = {
         _CAMERAS: result.cameras,
         _REWARD: reward_label(result.reward),
         **_estimated(RETURN, result.value),
-        Column.of(HUMAN_POINTS): _human(result),
+        Column.of(HUMAN_POINTS): result.middle(HUMAN_POINTS),
         **_estimated(SUCCESS, result.success),
         Column.of(BEST): result.middle(BEST),
         Column.of(CHEAT): result.cheat and result.cheat.value,
         Column.of(SUCCESS_OVER_TRAINING): result.middle(SUCCESS_OVER_TRAINING),
-        Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6): [
-            "not reached" if one is None else one for one in steps
-        ],
+        TO_SOON: soon(result),
     }
     if papers:
         said = {(r.cameras, r.reward): r for r in paper.rewards()}
         theirs = said.get((result.cameras, result.reward))
-        row[_PAPERS_RETURN] = (theirs and theirs.value) or ("not published" if alone else None)
+        row[_PAPERS_RETURN] = (theirs and theirs.value) or "not published"
         row[Column("remark on the paper's")] = theirs and theirs.remark
     return row
 
 
-def _human(result: Result) -> Cell:
-    """The mean of the runs' points under the human reward; ``None`` where one has none.
-
-    Points of another scene unit than today's default come with a remark.
-    """
-    own = result.values(HUMAN_POINTS)
-    if not own:
-        return None
-    mean = float(np.mean(own))
-    now = {_unit(run.task.name) for run in result.runs}
-    others = {found.human_unit for found in result.finals} - now - {None}
-    said = " and ".join(f"{unit:g}" for unit in sorted(filter(None, others)))
-    return f"{mean:.2f} (unit {said} m)" if said else mean
-
-
-def _unit(task: str) -> float | None:
-    """The scene unit of a shipped task's human reward, m; ``None`` where there is none."""
-    path = CONF / f"reward/human/{task}.yaml"
-    return read_yaml(path).get("unit") if path.is_file() else None
+def soon(result: Result) -> list[float | str]:
+    """Steps after which each run's training succeeds nearly always."""
+    steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
+    return ["not reached" if one is None else one for one in steps]
 
 
 def table_1(findings: StudyFindings) -> Table:
