@@ -294,7 +294,7 @@ def test_without_answers_of_its_own_a_page_has_the_recorded_models_reasons(sketc
 @pytest.mark.parametrize(
     ("more", "first", "later"),
     [
-        ([], ("rewards", "success_and_cheats"), ("final_values", "rankings")),
+        ([], ("rewards", "success_and_cheats"), ("final_values",)),
         # With it a list has two sets to rank.
         (["rgb_front+rgb_side"], ("final_values",), ("rewards", "success_and_cheats")),
     ],

@@ -21,8 +21,6 @@ from needlehoop.study.report.tables import (
     all_tables,
     improvements,
     phases,
-    rankings,
-    reached,
     results,
     rewards,
     table_1,
@@ -57,13 +55,13 @@ def test_table_2_sets_ours_beside_the_papers(findings):
     assert len(rows) == 16
     first = rows[0]
     assert (first["list"], first["cameras"]) == ("RGB and depth", "dep_front+rgb_side")
-    assert (first["place"], first["VLM's place"], first["the paper's place"]) == ("1", "1", "1")
-    assert (first["the paper's return"], first["the paper's VLM's place"]) == ("8.92", "1")
+    assert (first["measured"], first["the paper's measured"]) == ("1", "1")
+    assert (first["the paper's return"], first["the paper's VLM"]) == ("8.92", "1")
     ours = {r.cameras: r.value.value for r in findings.ranked}
     assert float(first["return"]) == pytest.approx(ours["dep_front+rgb_side"], abs=0.006)
     for name in ("RGB and depth", "RGB and segmentation", "Depth and segmentation"):
         own = [row for row in rows if row["list"] == name]
-        assert [row["place"] for row in own] == [str(i + 1) for i in range(len(own))]
+        assert [row["measured"] for row in own] == [str(i + 1) for i in range(len(own))]
         returns = [float(row["return"]) for row in own]
         assert returns == sorted(returns, reverse=True)
 
@@ -106,11 +104,12 @@ def test_rankings_stand_side_by_side(tmp_path):
     study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
     (tmp_path / "probe").mkdir()
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
-    table = rankings(study_findings(study))
+    table = table_2(study_findings(study))
     who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
     who += ("the paper's measured",)
     asked = [f"claude, {how}" for how in LESS]
-    assert table.header == ("list", "cameras", *who[:2], *asked, *who[2:])
+    numbers = ("return", "return, 95 %", "success, %", "the paper's return")
+    assert table.header == ("list", "cameras", *numbers, *who[:2], *asked, *who[2:])
     rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
     assert len(rows) == 16
     best = rows["RGB and depth", "dep_front+rgb_side"]
@@ -121,8 +120,8 @@ def test_rankings_stand_side_by_side(tmp_path):
     assert rows["Depth and segmentation", "dep_front+seg_side"]["probe"] == ""
     said = {*map(said_of, dicts(agreements(study_findings(study))))}
     assert {(one, "the paper's measured") for one in who[:3]} <= said
-    assert "probe" not in rankings(paper_findings(NOWHERE)).header
-    assert "probe" in rankings(paper_findings(tmp_path)).header
+    assert "probe" not in table_2(paper_findings(NOWHERE)).header
+    assert "probe" in table_2(paper_findings(tmp_path)).header
 
 
 def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
@@ -133,9 +132,9 @@ def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
     for entry in found["lists"]:
         entry["rankings"][0].reverse()
     path.write_text(json.dumps(found))
-    table = rankings(study_findings(study))
+    table = table_2(study_findings(study))
     asked = [f"claude, {how}" for how in LESS]
-    assert table.header[2 : 5 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
+    assert table.header[6 : 9 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
     row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
     assert row["VLM"] == "5"
 
@@ -154,9 +153,10 @@ def test_what_was_not_run_is_said(tmp_path):
     write_study(tmp_path, [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
     found = study_findings(tmp_path)
     rows = dicts(table_2(found))
-    assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
-    assert {row["place"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
-    assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
+    said = [row["return, 95 %"] for row in rows]
+    assert said.count("not run") == 16 - 3
+    assert {row["measured"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
+    assert {*said} == {"not run", "one seed, no interval"}
     assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
     assert "improvement" not in {table.name for table in all_tables(found)}
 
@@ -166,9 +166,10 @@ def test_the_papers_own_tables(findings):
     assert [row["the paper's return"] for row in rows][:5] == [
         "8.92", "8.05", "3.40", "2.41", "1.56",
     ]  # fmt: skip
-    assert "place" not in rows[0]
+    assert "return" not in rows[0]
     # Its text says of which it was surprised: depth from the side, and segmentation.
-    assert [row["cameras"] for row in rows if row["better there than its VLM said"] == "yes"] == [
+    places = {row["cameras"]: (row["the paper's VLM"], row["the paper's measured"]) for row in rows}
+    assert [name for name, (said, measured) in places.items() if measured < said] == [
         "rgb_front+dep_side",
         "rgb_default+seg_default",
         "seg_front+seg_side",
@@ -300,7 +301,7 @@ def test_markdown_and_latex_escape_what_they_must():
 
 def test_tables_are_written_three_ways(findings, tmp_path):
     written = write_tables(findings, tmp_path)
-    names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
+    names = {"results", "table_1", "table_2", "agreement", "rewards", "improvement"}
     names |= {"phases"}
     assert {path.name for path in written} == {
         f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
@@ -387,17 +388,16 @@ def test_the_phase_that_loses_most_episodes_is_named(tmp_path):
 
 
 def test_an_episode_that_goes_past_a_fact_has_not_failed_there(tmp_path):
-    study = tmp_path / "main"
-    for cameras, reward, grasped, lifted, threaded in (
-        ("dep_default", "vlm_text", 1.0, 0.5, 1.0),
-        ("rgb_default", "vlm_text", 0.9, 0.1, 0.05),
-        ("rgb_default", "human", 0.9, 0.1, 0.05),
+    run = write_run(tmp_path / "main", "rgb_default")
+    for grasped, lifted, threaded, said in (
+        (1.0, 0.5, 1.0, ""),
+        (0.9, 0.1, 0.6, "lift and insert"),
+        (0.9, 0.1, 0.05, "lift"),
+        (0.9, 0.1, 0.11, "lift"),
     ):
-        run = write_run(study, cameras, reward)
         rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
-    found = reached(study_findings(study))
-    assert found["rgb_default", "vlm_text"].fails_in == "lift and insert"
-    assert found["rgb_default", "human"].fails_in == "lift"
+        (row,) = phases(study_findings(tmp_path / "main")).records()
+        assert (row["fails in"], row["lifted, %"]) == (said, lifted)
 
 
 CUBE = {"name": "cube", "goal": "on spot", "columns": ["success", "held", "on spot"]}
@@ -414,7 +414,7 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     run = write_run(study, "dep_default")
     tell(run, CUBE)
     last = {"episodes": 10, "return": 1.0, "success": 0.4, "held": 0.9, "on spot": 0.4}
-    (run / "evaluation.json").write_text(json.dumps({**last, "human_unit": None}))
+    (run / "evaluation.json").write_text(json.dumps(last))
     (run / "evaluations.csv").unlink()
     found = study_findings(study)
     assert found.left_out == ()

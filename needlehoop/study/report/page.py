@@ -20,7 +20,7 @@ from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
-from needlehoop.study.report.tables import all_tables, list_name, reached
+from needlehoop.study.report.tables import all_tables, fails_in, list_name
 from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import RETURN, final
@@ -111,6 +111,7 @@ def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **val
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
     environment.globals |= {
+        "fails_in": fails_in,
         "filmed_run": filmed_run,
         "happened": _happened,
         "inline": inline,
@@ -216,7 +217,6 @@ def _shown(part: Part, alone: bool) -> dict[str, Any]:
         "problems": problems,
         "first": [figure for figure in part.figures if figure.name in ahead],
         "figures": [figure for figure in part.figures if figure.name not in ahead],
-        "reached": reached(findings),
         "tables": all_tables(findings),
         "speakers": speakers,
         "common": sorted(common),
