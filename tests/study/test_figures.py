@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +45,11 @@ def names(axes) -> list[str]:
 
 
 def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
-    shutil.copy(Path(__file__).parents[2] / "docs" / "contact_sheet.png", study)
     assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     figures, tables = tmp_path / "figures", tmp_path / "tables"
     wanted = {f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")}
-    assert {path.name for path in figures.iterdir()} == wanted | {"contact_sheet.png"}
+    assert {path.name for path in figures.iterdir()} == wanted
     assert all(str(path) in said for path in [*figures.iterdir(), *tables.iterdir()])
     for name in DRAWN:
         with Image.open(figures / f"{name}.png") as image:
@@ -70,14 +68,7 @@ def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
     kept = {f"final_values.{kind}" for kind in ("png", "svg")}
     assert {path.name for path in tmp_path.iterdir()} == kept
     assert drawn["learning_curves"].missing == "no learning curves"
-    assert drawn["contact_sheet"].missing
     assert drawn["final_values"].missing is None
-
-
-def test_a_missing_contact_sheet_names_the_command(sketched, tmp_path):
-    write_run(tmp_path / "main", "rgb_default", updates=20)
-    sheet, *_ = draw(study_findings(tmp_path / "main"), tmp_path)
-    assert f"needlehoop snapshot out={tmp_path}/main/contact_sheet.png" in str(sheet.missing)
 
 
 def test_few_curves_share_a_panel(study):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,9 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
-from needlehoop.study.data.contents import check_media
 from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.render.style import (
@@ -33,9 +30,6 @@ from needlehoop.study.render.style import (
 )
 from needlehoop.study.stats.findings import Result, StudyFindings, robustness
 from needlehoop.study.stats.statistics import ENOUGH, Interval, SeedEstimate, no_interval
-
-CONTACT_SHEET = "contact_sheet.png"
-"""In a study's folder; only the simulator can make one, so it is copied."""
 
 _ROW = 4.2
 """Height of a bar and its gap, mm."""
@@ -253,7 +247,7 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
         folder: for the files; made where missing. Older figures there are replaced, or
             removed where there is nothing to draw any more.
     """
-    drawn = [_contact_sheet(findings, folder)]
+    drawn = []
     for name, (figure, caption) in _DRAWN.items():
         for suffix in (".png", ".svg"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
@@ -263,27 +257,8 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
                 warnings.filterwarnings("error", "constrained_layout not applied")
                 files = save(figure(findings), folder / name)
             drawn.append(Drawn(name, caption, tuple(files), None))
-        except MissingDataError as error:
-            drawn.append(Drawn(name, caption, (), str(error)))
         except Exception as error:
             # Numbers or names that nobody thought of; the other figures are drawn.
-            drawn.append(Drawn(name, caption, (), f"{type(error).__name__}: {error}"))
+            kind = "" if isinstance(error, MissingDataError) else f"{type(error).__name__}: "
+            drawn.append(Drawn(name, caption, (), f"{kind}{error}"))
     return drawn
-
-
-def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
-    caption = "Start and goal in every view and rendering."
-    if findings.study is None:
-        return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
-    source = findings.study.folder / CONTACT_SHEET
-    how = f"make it with: needlehoop snapshot out={source}"
-    if not source.exists():
-        return Drawn("contact_sheet", caption, (), how)
-    try:
-        check_media(source)
-    except UnreadableError as error:
-        return Drawn("contact_sheet", caption, (), f"{source} {error}; {how} overwrite=true")
-    folder.mkdir(parents=True, exist_ok=True)
-    copy = folder / CONTACT_SHEET
-    shutil.copyfile(source, copy)
-    return Drawn("contact_sheet", caption, (copy,), None)

@@ -113,17 +113,6 @@ class StudyFindings:
         return lists_of(self.answers, self.is_papers)
 
     @property
-    def compares_rewards(self) -> bool:
-        """Whether its question is rewards, not cameras: no list has two camera sets to compare.
-
-        What is not the paper's is one list.
-        """
-        sets = {result.cameras for result in self.ranked}
-        lists = self.lists.values() if self.is_papers else [sets]
-        to_rank = any(len(sets.intersection(members)) > 1 for members in lists)
-        return not to_rank and len(sets) < len(self.results)
-
-    @property
     def seeds(self) -> int:
         """The fewest seeds that a result has."""
         return min((result.value.seeds for result in self.results), default=0)
