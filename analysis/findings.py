@@ -8,6 +8,7 @@ each refill.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -203,8 +204,8 @@ def _writers() -> Table:
         for name, pairs in writers(study("rewards")).items()
     )
     columns = (
-        Column(f"{one.heading} (95 %)", form=f"+.{one.digits}f", scale=Column.of(one).scale)
-        for one in measures
+        replace(one, name=f"{one.heading} (95 %)", unit="", form=f"+{one.form}")
+        for one in map(Column.of, measures)
     )
     return Table("writers", "", (Column("reward"), *columns, Column("pairs")), rows)
 

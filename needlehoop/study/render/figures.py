@@ -199,10 +199,10 @@ def _ends(found: SeedEstimate) -> tuple[float, float]:
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
-        "Return over training: interquartile mean over seeds, with 95 %"
-        " bootstrap intervals where there are three; each point is the mean over the last 4 % of"
-        " the longest run. Thin: fewer seeds have come so far. Training samples its actions, so a"
-        " curve ends below the final return, which is of the mean action.",
+        "Return over training: mean over seeds, with 95 % intervals where there are three or more;"
+        " each point is the mean over the last 4 % of the longest run. Thin: fewer seeds have come"
+        " so far. Training samples its actions, so a curve ends below the final return, which is of"
+        " the mean action.",
     ),
     "rewards": (
         reward_comparison,
@@ -213,7 +213,7 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     ),
     "final_values": (
         final_values,
-        "Camera sets by final return, with success; interquartile means, and 95 % intervals: of"
+        "Camera sets by final return, with success; means over seeds, and 95 % intervals: of"
         " returns over three seeds or more, of success over episodes where there are fewer.",
     ),
     "stress": (

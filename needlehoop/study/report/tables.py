@@ -101,8 +101,8 @@ def results(findings: StudyFindings) -> Table:
         )
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, of runs whose"
-        " training is over. Interquartile means over seeds. Intervals are bootstrapped over three"
-        " seeds or more; with fewer, Wilson's over all episodes, for rates alone."
+        " training is over. Means over seeds. Intervals are over three seeds or more; with fewer,"
+        " Wilson's over all episodes, for rates alone."
     )
     if any(result.reward != findings.main_reward for result in findings.results):
         note += (

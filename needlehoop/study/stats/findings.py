@@ -274,7 +274,7 @@ def paper_findings(results: Path) -> StudyFindings:
         (row.cameras, row.reward): row.value for row in paper.rewards() if row.value is not None
     }
     found = [
-        Result(cameras, reward, (), (), estimate([[value]]), None, None)
+        Result(cameras, reward, (), (), estimate([value]), None, None)
         for (cameras, reward), value in values.items()
     ]
     title = "the paper's numbers"
@@ -298,7 +298,7 @@ def result_of(runs: Sequence[Record]) -> Result | None:
         runs[0].place.reward,
         counted,
         finals,
-        value=estimate([[found.value for found in finals]]),
+        value=estimate([found.value for found in finals]),
         success=rate([found.success for found in finals], episodes),
         cheat=rate(cheats, episodes) if len(cheats) == len(finals) else None,
     )

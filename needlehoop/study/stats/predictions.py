@@ -187,4 +187,4 @@ def _returns(folder: Path) -> dict[str, float]:
         # Of a labelled run, other settings than its cameras may have decided.
         if end is not None and end.finished and run.config.get("label") is None:
             ends.setdefault(run.place.cameras, []).append(end.value)
-    return {cameras: estimate([own]).value for cameras, own in ends.items()}
+    return {cameras: estimate(own).value for cameras, own in ends.items()}

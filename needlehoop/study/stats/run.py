@@ -65,11 +65,6 @@ class Measure:
     digits: int = 2
     """With which it is shown."""
 
-    @property
-    def heading(self) -> str:
-        """Name and unit."""
-        return f"{self.name}, {self.unit}" if self.unit else self.name
-
 
 RETURN = Measure("return", lambda found: found.value)
 """Return of the agent that training leaves."""
