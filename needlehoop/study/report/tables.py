@@ -311,15 +311,9 @@ def agreements(findings: StudyFindings) -> Table:
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
         " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
         " lost by taking the predicted best. All lists: means, with p by orders drawn for each list"
-        " by itself."
+        " by itself. Brier: mean squared error of the probabilities that a model stated for"
+        " neighbours in its order; 0.25 is that of knowing nothing."
     )
-    if all(row[_BRIER] is None for row in rows):
-        rows = [{column: row[column] for column in row if column != _BRIER} for row in rows]
-    else:
-        note += (
-            " Brier: mean squared error of the probabilities that a model stated for neighbours in"
-            " its order; 0.25 is that of knowing nothing."
-        )
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
