@@ -65,11 +65,13 @@ def luck(findings: StudyFindings, measure: Measure) -> tuple[Estimated, int | st
     ratio = f_oneway(*groups).statistic
     low = ratio / fisher.ppf(0.975, free, free_within)
     high = ratio * fisher.ppf(0.975, free_within, free)
-    share, *ends = (max((one - 1.0) / (one + seeds - 1.0), 0.0) for one in (ratio, low, high))
+    share, low, high = (
+        float(max((one - 1.0) / (one + seeds - 1.0), 0.0)) for one in (ratio, low, high)
+    )
     enough: int | str = "no number"
     if share > 0.0:
         enough = math.ceil(_RELIABLE * (1.0 - share) / ((1.0 - _RELIABLE) * share))
-    return Estimated(share, Interval(*map(float, ends))), enough
+    return Estimated(share, Interval(low, high)), enough
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,8 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
         weights[[names.index(name) for name in claim.worse]] = -1 / len(claim.worse)
         interval = None
         if min(len(runs[name]) for name in sets) >= _LEAST:
-            interval = Interval(*map(float, fit.t_test(weights).conf_int()[0]))
+            low, high = fit.t_test(weights).conf_int()[0]
+            interval = Interval(float(low), float(high))
         found[claim] = Estimated(float(weights @ fit.params), interval)
     return found
 
