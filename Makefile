@@ -65,7 +65,7 @@ docs: $(TESTED)
 # What results/ says: its tables, those of docs/findings.md and evidence.md, the figures of README.md
 # and evidence.md, and results/report.html, which git ignores.
 findings: $(TESTED)
-	for study in fast imitation table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
+	for study in fast table2 rewards; do $(BIN)/needlehoop plot results/$$study || exit; done
 	cp results/rewards/figures/rewards.png docs/
 	$(BIN)/python -m analysis.findings
 	$(BIN)/python -m analysis.report

@@ -1,18 +1,19 @@
-"""What cameras and rewards are worth: traits, the paper's ten comparisons, and who writes rewards.
+"""What cameras and rewards are worth: luck, the paper's ten comparisons, and who writes rewards.
 
 Each comparison is a mapping from its name to numbers; ``findings`` puts them into pages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import statsmodels.api as sm
-from scipy.stats import ttest_1samp
+from scipy.stats import f as fisher
+from scipy.stats import f_oneway, ttest_1samp
 
-from analysis.seeds import LEAST
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.table import Estimated
@@ -36,41 +37,41 @@ def has_labels(cameras: str) -> bool:
     return any(one.startswith("seg") for one in cameras.split("+"))
 
 
-TRAITS: dict[str, Callable[[str], bool]] = {
-    "two cameras, not one": lambda cameras: cameras.count("+") == 1,
-    "front and side views, not the default": is_two_sided,
-    "depth in a camera": has_depth,
-    "segmentation in a camera": has_labels,
-}
-"""Colour alone, from one default view, has none of them."""
+_LEAST = 2
+"""Seeds of a camera set from which on they say how far its runs lie apart."""
+
+_RELIABLE = 0.8
+"""Share of the variance of means over seeds that is to be the cameras'."""
 
 
-def effects(findings: StudyFindings, measure: Measure) -> dict[str, Estimated]:
-    """What each trait adds, the others held: a linear model over the camera sets.
+def luck(findings: StudyFindings, measure: Measure) -> tuple[Estimated, int | str]:
+    """What part of a number is the cameras', and not the seed's.
 
-    Each camera set counts once, by its value over its seeds. Traits that the sets cannot tell
-    apart are left out, and all of them where sets are too few, or one has no such number.
+    Returns:
+        Of the variance of single runs, the cameras' share: the intraclass correlation of one-way
+        random effects with its 95 % interval, no number below 0. Then the seeds for reliable means
+        (Spearman and Brown's formula), or that no number of them is enough.
+
+    Raises:
+        ValueError: fewer than two camera sets with two seeds.
     """
-    values = findings.middles(measure)
-    if len(values) < len(findings.ranked):
-        return {}
-    has = {name: np.array([of(one) for one in values], float) for name, of in TRAITS.items()}
-    kept: list[str] = []
-    for trait in TRAITS:
-        design = sm.add_constant(
-            np.column_stack([has[name] for name in (*kept, trait)]), has_constant="add"
-        )
-        if np.linalg.matrix_rank(design) == len(kept) + 2:
-            kept.append(trait)
-    if not kept or len(values) <= len(kept) + 1:
-        return {}
-    design = sm.add_constant(np.column_stack([has[name] for name in kept]), has_constant="add")
-    fit = sm.OLS([*values.values()], design).fit()
-    ends = fit.conf_int()
-    return {
-        name: Estimated(float(fit.params[i]), _interval(ends[i]))
-        for i, name in enumerate(kept, start=1)
-    }
+    groups = [own for own in findings.by_set(measure).values() if len(own) >= _LEAST]
+    if len(groups) < 2:
+        raise ValueError("luck: fewer than two camera sets have two seeds")
+    sizes = np.array([len(group) for group in groups], dtype=float)
+    free, free_within = len(groups) - 1, int(sizes.sum()) - len(groups)
+    # What stands for the number of seeds where sets have unlike numbers of them.
+    seeds = float((sizes.sum() - (sizes**2).sum() / sizes.sum()) / free)
+    ratio = f_oneway(*groups).statistic
+    low = ratio / fisher.ppf(0.975, free, free_within)
+    high = ratio * fisher.ppf(0.975, free_within, free)
+    share, low, high = (
+        float(max((one - 1.0) / (one + seeds - 1.0), 0.0)) for one in (ratio, low, high)
+    )
+    enough: int | str = "no number"
+    if share > 0.0:
+        enough = math.ceil(_RELIABLE * (1.0 - share) / ((1.0 - _RELIABLE) * share))
+    return Estimated(share, Interval(low, high)), enough
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
     """The difference of each claim whose camera sets have all been trained with the main reward.
 
     By the means of each side's sets, where every set has one by its runs. How far runs of one set
-    lie apart is pooled over all sets; there is an interval where each set of a claim has ``LEAST``
+    lie apart is pooled over all sets; there is an interval where each set of a claim has ``_LEAST``
     runs or more.
     """
     runs = findings.by_set(measure)
@@ -142,8 +143,9 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
         weights[[names.index(name) for name in claim.better]] = 1 / len(claim.better)
         weights[[names.index(name) for name in claim.worse]] = -1 / len(claim.worse)
         interval = None
-        if min(len(runs[name]) for name in sets) >= LEAST:
-            interval = _interval(fit.t_test(weights).conf_int()[0])
+        if min(len(runs[name]) for name in sets) >= _LEAST:
+            low, high = fit.t_test(weights).conf_int()[0]
+            interval = Interval(float(low), float(high))
         found[claim] = Estimated(float(weights @ fit.params), interval)
     return found
 
@@ -196,7 +198,3 @@ def difference(pairs: Sequence[tuple[Result, Result]], measure: Measure) -> Esti
         return Estimated(known[0], Interval(known[0], known[0]))
     ends = ttest_1samp(known, 0.0).confidence_interval(0.95)
     return Estimated(float(np.mean(known)), Interval(float(ends.low), float(ends.high)))
-
-
-def _interval(ends: np.ndarray) -> Interval:
-    return Interval(float(ends[0]), float(ends[1]))

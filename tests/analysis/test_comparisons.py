@@ -1,15 +1,14 @@
-"""Traits, the paper's comparisons and rewards, held against values worked out in other ways."""
+"""Luck, the paper's comparisons and rewards, held against values worked out in other ways."""
 
 import csv
 import json
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_rel
-from study_files import PAIRS, REWARDED, write_run, write_study
+from scipy.stats import f_oneway, ttest_rel
+from study_files import BUFFER, PAIRS, REWARDED, write_run, write_study
 
-from analysis.comparisons import CLAIMS, claims, difference, effects, writers
-from needlehoop.study.data import paper
+from analysis.comparisons import CLAIMS, claims, difference, luck, writers
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.findings import paper_findings, study_findings
 from needlehoop.study.stats.run import (
@@ -20,6 +19,9 @@ from needlehoop.study.stats.run import (
     SUCCESS_OVER_TRAINING,
     TRAINING,
 )
+
+NAMES = ("dep_front+seg_side", "dep_front+dep_side", "rgb_front+rgb_side", "dep_default")
+SHORT = {"updates": 3, "steps": 3 * BUFFER}
 
 SETS = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
@@ -33,32 +35,6 @@ def ends_of(found: Estimated | None) -> tuple[float, float]:
     assert found is not None
     assert found.interval is not None
     return found.interval.low, found.interval.high
-
-
-def test_effects_come_back_from_returns_that_were_made_of_them(tmp_path):
-    worth = {"two": 0.5, "pair": 1.0, "dep": 2.0, "seg": -0.25}
-    for cameras in paper.measured():
-        cams = cameras.split("+")
-        value = 3.0 + worth["two"] * (len(cams) == 2)
-        value += worth["pair"] * any("front" in cam for cam in cams)
-        value += worth["dep"] * any(cam.startswith("dep") for cam in cams)
-        value += worth["seg"] * any(cam.startswith("seg") for cam in cams)
-        rewrite(write_run(tmp_path / "main", cameras), **{"return": value})
-    found = effects(study_findings(tmp_path / "main"), RETURN)
-    assert [one.value for one in found.values()] == pytest.approx([*worth.values()])
-    for one in found.values():
-        assert ends_of(one) == pytest.approx((one.value, one.value))
-
-
-def test_sets_too_few_or_alike_say_nothing_of_effects(tmp_path):
-    for cameras in ("rgb_default", "dep_default"):
-        write_run(tmp_path / "main", cameras)
-    assert effects(study_findings(tmp_path / "main"), RETURN) == {}
-    # Nobody here has two cameras, or front and side.
-    for cameras in ("seg_default", "segdep_default", "segdep_front"):
-        write_run(tmp_path / "main", cameras)
-    found = effects(study_findings(tmp_path / "main"), RETURN)
-    assert [*found] == ["depth in a camera", "segmentation in a camera"]
 
 
 def test_the_papers_own_numbers_bear_its_claims_out():
@@ -185,3 +161,82 @@ def test_what_a_run_does_not_say_is_not_compared(tmp_path):
     ):
         alone = write_study(tmp_path / str(number), pairs, seeds=1)
         assert writers(study_findings(alone)) == {}
+
+
+def study_of(folder, groups, names=NAMES, column="return"):
+    """A study of sets with these returns, in the end or in training; a tenth of it in success."""
+    for name, values in zip(names, groups, strict=False):
+        for seed, value in enumerate(values):
+            run = write_run(folder, name, seed=seed, **SHORT)
+            if column == "training":
+                over_training(run / "metrics.csv", float(value))
+                continue
+            path = run / "evaluation.json"
+            outcome = {"return": float(value), "success": float(value) / 10}
+            path.write_text(json.dumps(json.loads(path.read_text()) | outcome))
+    return study_findings(folder)
+
+
+def over_training(path, mean):
+    """Write returns with this mean into a run's metrics, whose first buffer ends no episode."""
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0]["return"] == ""
+    for row, away in zip(rows[1:], (-0.5, 0.5), strict=True):
+        row["return"] = str(mean + away)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def test_luck_is_tested_as_scipy_does(tmp_path):
+    groups = [[8.0, 7.0, 7.5], [5.0, 6.5], [6.0, 7.0, 8.0, 5.0]]
+    found = study_of(tmp_path / "main", groups)
+    (by_return, seeds), by_success = luck(found, RETURN), luck(found, SUCCESS)
+    # A tenth of the return: the same shares of another unit.
+    assert by_success[0].value == pytest.approx(by_return.value)
+    assert ends_of(by_success[0]) == pytest.approx(ends_of(by_return))
+    # By the mean squares: F = 1 + k s / (1 - s) of k runs a set, which is 2.94 of these.
+    size = (9 - (9 + 4 + 16) / 9) / 2
+    ratio = f_oneway(*groups).statistic
+    assert ratio == pytest.approx(1 + size * by_return.value / (1 - by_return.value))
+    # Means of k seeds: k s / (k s + 1 - s) of their variance is the cameras'.
+    assert isinstance(seeds, int)
+    share = by_return.value
+    reliable = [k * share / (k * share + 1 - share) for k in (seeds - 1, seeds)]
+    assert reliable[0] < 0.8 <= reliable[1]
+
+
+def test_the_share_is_that_of_the_variance(tmp_path):
+    """Drawn with deviations of 1.0 between sets and 0.5 between seeds: 80 % of it."""
+    random = np.random.default_rng(0)
+    names = [f"{r}_{v}" for r in ("rgb", "dep", "seg") for v in range(20)]
+    groups = [random.normal(5.0, 1.0) + random.normal(0.0, 0.5, 3) for _ in names]
+    share, seeds = luck(study_of(tmp_path / "main", groups, names), RETURN)
+    low, high = ends_of(share)
+    assert low < 0.8 < high
+    assert high - low < 0.3
+    assert seeds in (1, 2)
+
+
+def test_seeds_alone_are_no_cameras(tmp_path):
+    found = study_of(tmp_path / "main", [[4.0, 8.0], [8.0, 4.0], [4.1, 7.9]])
+    share, seeds = luck(found, RETURN)
+    assert (share.value, seeds) == (0.0, "no number")
+    assert ends_of(share)[0] == 0.0
+
+
+def test_without_repeats_nothing_is_said_of_luck(tmp_path):
+    with pytest.raises(ValueError, match="fewer than two camera sets have two seeds"):
+        luck(study_of(tmp_path / "main", [[8.0, 7.0], [5.0]]), RETURN)
+
+
+def test_returns_over_training_are_those_of_all_buffers(tmp_path):
+    groups = [[4.0, 4.5], [2.0, 2.25]]
+    found = study_of(tmp_path / "main", groups, column="training")
+    values = found.by_set(TRAINING)
+    assert [values[name] for name in NAMES[:2]] == groups
+    for number in range(len(groups)):
+        write_run(tmp_path / "short", NAMES[number], updates=20)
+    assert study_findings(tmp_path / "short").by_set(TRAINING) == {}

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,15 +10,12 @@ from scipy.stats import kendalltau
 from analysis import findings as analysis
 from analysis.comparisons import is_two_sided
 from analysis.protocol import BLIND, PREREGISTERED, RULE, held, means, predicted
-from analysis.seeds import apart, luck
-from needlehoop.study.render.table import Table
-from needlehoop.study.report.tables import phases, results, rewards
+from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.run import TRAINING
 
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("findings.md", "evidence.md")}
 PAGE = "\n".join(PAGES.values())
-TABLES = {"results": results, "phases": phases, "rewards": rewards, "apart": apart, "luck": luck}
 
 
 def cells_of(marker: str) -> list[list[str]]:
@@ -37,16 +33,11 @@ def rows_of(marker: str) -> list[dict[str, str]]:
     return [dict(zip(head, row, strict=True)) for row in rows]
 
 
-@cache
-def table(study: str, name: str) -> Table:
-    return TABLES[name](analysis.study(study))
-
-
 def test_a_refilled_page_is_the_page():
-    for name in analysis.TABLES:
-        assert analysis.refilled(name, PAGES[name]) == PAGES[name]
-    with pytest.raises(ValueError, match=r"evidence\.md: no table effects"):
-        analysis.refilled("evidence.md", PAGE.replace("<!-- effects", "<!-- nothing"))
+    page = PAGES["evidence.md"]
+    assert analysis.refilled(page) == page
+    with pytest.raises(ValueError, match=r"evidence\.md: no table claims"):
+        analysis.refilled(page.replace("<!-- claims", "<!-- nothing"))
 
 
 def test_the_findings_fit_one_screen():
@@ -61,27 +52,6 @@ def test_success_by_seed_is_what_evaluations_say():
         share = json.loads(path.read_text())["success"]
         seeds.setdefault(path.parts[-4], []).append(f"{100 * share:.0f}")
     assert shown == {cameras: ", ".join(own) for cameras, own in seeds.items()}
-
-
-def test_luck_on_the_page_is_that_of_the_runs():
-    fast, imitation = (
-        {row["of"]: row for row in table(study, "luck").texts_by_heading()}
-        for study in ("fast", "imitation")
-    )
-    end, success, over_training = map(
-        share_of, (fast["return"], fast["success, %"], fast["return over training"])
-    )
-    words = " ".join(PAGE.split())
-    assert f"is {over_training} of returns over training, {end} of final returns" in words
-    assert f"and {success} of success" in words
-    assert f"Of imitation's successes it is {share_of(imitation['success, %'])}." in words
-    seeds = [fast[of]["seeds needed"] for of in ("return over training", "return", "success, %")]
-    assert "means of {}, {} and {} seeds".format(*seeds) in words
-
-
-def share_of(row: dict[str, str]) -> str:
-    share, interval = row["the cameras' share, %"], row["95 %"]
-    return f"{share} % ({interval})"
 
 
 def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
@@ -137,7 +107,9 @@ def test_sentences_on_predictions_have_the_tables_numbers():
         "probe puts first loses {} points of success, `claude`'s {}, and one that the rule allows"
     )
     assert f"{said} {{}}".format(*lost) in words
-    first = analysis.protocol()
+    imitated = {row["prediction"]: row["1.5 M"] for row in rows_of("foretold")}["imitation"]
+    assert f"shows more than the rule ({imitated.split(', ')[1]}, with two seeds)" in words
+    first = analysis.runs("protocol")
     first = first[first["seed"] == first["seed"].min()]
     _, p, _ = held(
         "probe", predicted(analysis.study("protocol").predictions)["probe"], means(first)
@@ -173,7 +145,7 @@ REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 def test_sentences_on_rewards_have_the_runs_numbers():
     of = {
         (row["cameras"], row["reward"]): row
-        for row in table("rewards", "rewards").texts_by_heading()
+        for row in rewards(analysis.study("rewards")).texts_by_heading()
         if row["cameras"] in REWARDED
     }
     words = " ".join(PAGE.split())
@@ -222,7 +194,7 @@ def test_the_last_seed_alone_is_foretold_as_the_page_says():
             returns = [float(row["return"]) for row in csv.DictReader(file) if row["return"]]
         over_training[path.parts[-4]] = sum(returns) / len(returns)
     predictions = [one for one in analysis.study("fast").predictions if len(one.lists) == 3]
-    assert len(predictions) == 7
+    assert len(predictions) == 6
     means = []
     for one in predictions:
         taus = [

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +19,12 @@ from needlehoop.study.render.curves import (
     reward_comparison,
 )
 from needlehoop.study.render.figures import draw, final_values, success_and_cheats
-from needlehoop.study.render.style import WIDTH, apart, styled
+from needlehoop.study.render.style import WIDTH, styled
 from needlehoop.study.stats.findings import paper_findings, study_findings
 from needlehoop.study.stats.run import steps_to_share
 
 DRAWN = {
-    *("learning_curves", "rewards", "final_values", "rankings"),
-    "success_and_cheats",
+    *("learning_curves", "rewards", "final_values", "success_and_cheats"),
 }
 
 
@@ -42,17 +40,16 @@ def sums(folder: Path) -> dict[str, str]:
 
 
 def names(axes) -> list[str]:
-    """What is written beside the ends of lines."""
-    return [text.get_text().strip() for text in axes.texts]
+    """What is written beside a panel's lines."""
+    return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
-    shutil.copy(Path(__file__).parents[2] / "docs" / "contact_sheet.png", study)
     assert main(["plot", str(study), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     figures, tables = tmp_path / "figures", tmp_path / "tables"
     wanted = {f"{name}.{kind}" for name in DRAWN for kind in ("png", "svg")}
-    assert {path.name for path in figures.iterdir()} == wanted | {"contact_sheet.png"}
+    assert {path.name for path in figures.iterdir()} == wanted
     assert all(str(path) in said for path in [*figures.iterdir(), *tables.iterdir()])
     for name in DRAWN:
         with Image.open(figures / f"{name}.png") as image:
@@ -68,17 +65,10 @@ def test_plot_draws_all_and_repeats_to_the_byte(study, tmp_path, capsys):
 def test_nothing_to_draw_is_said_and_old_figures_go(tmp_path):
     (tmp_path / "rewards.png").write_text("old")
     drawn = {figure.name: figure for figure in draw(paper_findings(Path("nowhere")), tmp_path)}
-    kept = {f"{name}.{kind}" for name in ("final_values", "rankings") for kind in ("png", "svg")}
+    kept = {f"final_values.{kind}" for kind in ("png", "svg")}
     assert {path.name for path in tmp_path.iterdir()} == kept
     assert drawn["learning_curves"].missing == "no learning curves"
-    assert drawn["contact_sheet"].missing
     assert drawn["final_values"].missing is None
-
-
-def test_a_missing_contact_sheet_names_the_command(sketched, tmp_path):
-    write_run(tmp_path / "main", "rgb_default", updates=20)
-    sheet, *_ = draw(study_findings(tmp_path / "main"), tmp_path)
-    assert f"needlehoop snapshot out={tmp_path}/main/contact_sheet.png" in str(sheet.missing)
 
 
 def test_few_curves_share_a_panel(study):
@@ -110,7 +100,7 @@ def test_many_curves_are_grouped_as_in_the_paper(tmp_path):
         dict(
             zip(
                 names(axes),
-                [line.get_color() for line in axes.lines[len(names(axes)) :]],
+                [line.get_color() for line in axes.get_legend().get_lines()],
                 strict=True,
             )
         )
@@ -232,33 +222,14 @@ def test_evaluations_are_shown_by_their_steps(before, on_the_way, lines, tmp_pat
         assert share[~np.isnan(share)][-1] > 0.5
 
 
-def test_cheats_stand_against_successes(study):
+def test_cheats_stand_beside_successes(study):
     with styled():
-        axes = success_and_cheats(study_findings(study)).axes[0]
-    lengths = [patch.get_width() for patch in axes.patches]
-    rows = [label.get_text() for label in axes.get_yticklabels()]
+        success, cheats = success_and_cheats(study_findings(study)).axes
+    rows = [label.get_text() for label in success.get_yticklabels()]
     text_only = rows.index("dep_front+seg_side: VLM, text")
-    assert lengths[text_only] == pytest.approx(0.2, abs=0.01)
-    assert lengths[len(rows) + text_only] == pytest.approx(-0.6, abs=0.01)
-    # The axis ends where shares do; the numbers beside the bars need more room.
-    assert axes.spines["bottom"].get_bounds() == (-1.0, 1.0)
-
-
-def test_whoever_always_cheats_is_still_named(tmp_path):
-    cameras = "dep_front+seg_side"
-    write_run(tmp_path, cameras)
-    path = write_run(tmp_path, cameras, "vlm_img_claude") / "evaluation.json"
-    last = json.loads(path.read_text())
-    path.write_text(json.dumps(last | {"success": 0.0, "cheat": 1.0}))
-    with styled():
-        figure = success_and_cheats(study_findings(tmp_path))
-        figure.draw_without_rendering()
-        (axes,) = figure.axes
-        # Beside each other they would be read as one.
-        numbers = [text.get_window_extent().padded(figure.dpi / 30) for text in axes.texts]
-        names = [text.get_window_extent() for text in axes.get_yticklabels()]
-    assert len(numbers) >= len(names) == 2
-    assert not any(number.overlaps(name) for number in numbers for name in names)
+    assert success.patches[text_only].get_width() == pytest.approx(0.2, abs=0.01)
+    assert cheats.patches[text_only].get_width() == pytest.approx(0.6, abs=0.01)
+    assert [axes.get_title("left") for axes in (success, cheats)] == ["threaded", "cheated"]
 
 
 def test_time_to_threshold_is_the_first_buffer_that_holds_it(tmp_path):
@@ -272,18 +243,6 @@ def test_time_to_threshold_is_the_first_buffer_that_holds_it(tmp_path):
     (record,) = read_study(tmp_path).runs
     assert steps_to_share(record, "success", 0.5) == 10 * BUFFER
     assert steps_to_share(record, "success", 0.95) is None
-
-
-def test_labels_keep_apart_near_their_lines():
-    for wanted, placed in (
-        ([1.0, 5.0], [1.0, 5.0]),
-        ([5.0, 5.0], [4.5, 5.5]),
-        ([5.0, 5.0, 5.0], [4.0, 5.0, 6.0]),
-        ([0.0, 0.0], [0.0, 1.0]),
-        ([9.9, 10.0], [9.0, 10.0]),
-        ([5.0] * 21, list(np.linspace(0, 10, 21))),
-    ):
-        assert apart(wanted, 1.0, 0.0, 10.0) == pytest.approx(placed)
 
 
 def test_the_papers_numbers_draw_before_a_single_run(sketched, tmp_path, capsys, monkeypatch):

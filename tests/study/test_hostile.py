@@ -112,7 +112,6 @@ def test_status_and_report_live_among_foreign_files(
         note = tmp_path / ".sweeps" / "x" / kind / "outcome.json"
         note.parent.mkdir(parents=True)
         hostile(note, kind)
-    hostile(study / "contact_sheet.png", "pipe")
     (study / "else\x1b[2Jwhere").symlink_to("/etc")
     assert main([command, str(study)]) == 0
     said = capsys.readouterr().out

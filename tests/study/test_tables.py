@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
 
-from needlehoop.rewards import reference_reward
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS
 from needlehoop.study.data.paper import reward_label
@@ -22,8 +21,6 @@ from needlehoop.study.report.tables import (
     all_tables,
     improvements,
     phases,
-    rankings,
-    reached,
     results,
     rewards,
     table_1,
@@ -32,7 +29,6 @@ from needlehoop.study.report.tables import (
 )
 from needlehoop.study.stats.findings import StudyFindings, paper_findings, study_findings
 from needlehoop.study.stats.statistics import OVER_EPISODES, Interval
-from needlehoop.tasks.registry import find
 
 NOWHERE = Path("nowhere")
 """A folder of studies without a probe."""
@@ -59,13 +55,13 @@ def test_table_2_sets_ours_beside_the_papers(findings):
     assert len(rows) == 16
     first = rows[0]
     assert (first["list"], first["cameras"]) == ("RGB and depth", "dep_front+rgb_side")
-    assert (first["place"], first["VLM's place"], first["the paper's place"]) == ("1", "1", "1")
-    assert (first["the paper's return"], first["the paper's VLM's place"]) == ("8.92", "1")
+    assert (first["measured"], first["the paper's measured"]) == ("1", "1")
+    assert (first["the paper's return"], first["the paper's VLM"]) == ("8.92", "1")
     ours = {r.cameras: r.value.value for r in findings.ranked}
     assert float(first["return"]) == pytest.approx(ours["dep_front+rgb_side"], abs=0.006)
     for name in ("RGB and depth", "RGB and segmentation", "Depth and segmentation"):
         own = [row for row in rows if row["list"] == name]
-        assert [row["place"] for row in own] == [str(i + 1) for i in range(len(own))]
+        assert [row["measured"] for row in own] == [str(i + 1) for i in range(len(own))]
         returns = [float(row["return"]) for row in own]
         assert returns == sorted(returns, reverse=True)
 
@@ -108,11 +104,12 @@ def test_rankings_stand_side_by_side(tmp_path):
     study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
     (tmp_path / "probe").mkdir()
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
-    table = rankings(study_findings(study))
+    table = table_2(study_findings(study))
     who = ("the paper's VLM", "claude", "probe", "measured", "return over training")
     who += ("the paper's measured",)
     asked = [f"claude, {how}" for how in LESS]
-    assert table.header == ("list", "cameras", *who[:2], *asked, *who[2:])
+    numbers = ("return", "return, 95 %", "success, %", "the paper's return")
+    assert table.header == ("list", "cameras", *numbers, *who[:2], *asked, *who[2:])
     rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
     assert len(rows) == 16
     best = rows["RGB and depth", "dep_front+rgb_side"]
@@ -123,8 +120,8 @@ def test_rankings_stand_side_by_side(tmp_path):
     assert rows["Depth and segmentation", "dep_front+seg_side"]["probe"] == ""
     said = {*map(said_of, dicts(agreements(study_findings(study))))}
     assert {(one, "the paper's measured") for one in who[:3]} <= said
-    assert "probe" not in rankings(paper_findings(NOWHERE)).header
-    assert "probe" in rankings(paper_findings(tmp_path)).header
+    assert "probe" not in table_2(paper_findings(NOWHERE)).header
+    assert "probe" in table_2(paper_findings(tmp_path)).header
 
 
 def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
@@ -135,9 +132,9 @@ def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
     for entry in found["lists"]:
         entry["rankings"][0].reverse()
     path.write_text(json.dumps(found))
-    table = rankings(study_findings(study))
+    table = table_2(study_findings(study))
     asked = [f"claude, {how}" for how in LESS]
-    assert table.header[2 : 5 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
+    assert table.header[6 : 9 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
     row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
     assert row["VLM"] == "5"
 
@@ -156,9 +153,10 @@ def test_what_was_not_run_is_said(tmp_path):
     write_study(tmp_path, [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
     found = study_findings(tmp_path)
     rows = dicts(table_2(found))
-    assert sum(row["95 %"] == "not run" for row in rows) == 16 - 3
-    assert {row["place"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
-    assert {row["95 %"] for row in rows} == {"not run", "one seed, no interval"}
+    said = [row["return, 95 %"] for row in rows]
+    assert said.count("not run") == 16 - 3
+    assert {row["measured"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
+    assert {*said} == {"not run", "one seed, no interval"}
     assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
     assert "improvement" not in {table.name for table in all_tables(found)}
 
@@ -168,9 +166,10 @@ def test_the_papers_own_tables(findings):
     assert [row["the paper's return"] for row in rows][:5] == [
         "8.92", "8.05", "3.40", "2.41", "1.56",
     ]  # fmt: skip
-    assert "place" not in rows[0]
+    assert "return" not in rows[0]
     # Its text says of which it was surprised: depth from the side, and segmentation.
-    assert [row["cameras"] for row in rows if row["better there than its VLM said"] == "yes"] == [
+    places = {row["cameras"]: (row["the paper's VLM"], row["the paper's measured"]) for row in rows}
+    assert [name for name, (said, measured) in places.items() if measured < said] == [
         "rgb_front+dep_side",
         "rgb_default+seg_default",
         "seg_front+seg_side",
@@ -201,20 +200,23 @@ def test_results_have_places_among_those_of_their_reward(findings):
 
 def test_rewards_stand_together_with_the_papers(findings):
     rows = dicts(rewards(findings))
-    assert len(rows) == 9 + 3
-    assert [(row["cameras"], row["reward"], row["cheat, %"]) for row in rows[9:]] == [
-        ("all 3", "human", "2"),
-        ("all 3", "VLM, text", "60"),
-        ("all 3", "VLM, text + image", "2"),
-    ]
-    images = [final for r in findings.results if r.reward == "vlm_img" for final in r.finals]
-    for column, values, error in (
-        ("return", [final.value for final in images], 0.006),
-        ("success at best, %", [100 * (final.best or 0) for final in images], 0.6),
-        ("success over training, %", [100 * (final.success_area or 0) for final in images], 0.6),
-    ):
-        assert float(rows[11][column]) == pytest.approx(np.mean(values), abs=error)
-        assert float(rows[11][column]) > float(rows[10][column])
+    assert len(rows) == 9
+    for result in (one for one in findings.results if one.reward == "vlm_img"):
+        (row,) = (
+            one
+            for one in rows
+            if (one["cameras"], one["reward"]) == (result.cameras, "VLM, text + image")
+        )
+        for column, values, error in (
+            ("return", [final.value for final in result.finals], 0.006),
+            ("success at best, %", [100 * (final.best or 0) for final in result.finals], 0.6),
+            (
+                "success over training, %",
+                [100 * (one.success_area or 0) for one in result.finals],
+                0.6,
+            ),
+        ):
+            assert float(row[column]) == pytest.approx(np.mean(values), abs=error)
     assert [row["reward"] for row in rows[:3]] == ["human", "VLM, text", "VLM, text + image"]
     (cheat,) = [row for row in rows if row["the paper's return"] == "6.53"]
     assert (cheat["cameras"], cheat["reward"]) == ("rgb_front+seg_side", "VLM, text")
@@ -255,30 +257,6 @@ def test_rewards_say_how_soon_each_seed_threads(findings):
     told = {said for row in rows.values() for said in row["M steps to 90 %"].split(", ")}
     assert "not reached" in told
     assert len(told) > 2
-
-
-def unit_of(task: str) -> float:
-    return getattr(reference_reward(find(task)), "unit")  # noqa: B009 (not every reward has one)
-
-
-def test_points_of_another_scene_unit_say_so(tmp_path):
-    pairs = [("rgb_default", "human"), ("rgb_default", "vlm_text"), ("rgb_default", "vlm_img")]
-    study = write_study(tmp_path / "main", pairs, seeds=2)
-    said = {
-        "human": {"human_unit": None},
-        "vlm_text": {"human_unit": unit_of("needle_hoop")},
-        "vlm_img": {"human_unit": 1},
-    }
-    for reward, unit in said.items():
-        for path in (study / "rgb_default" / reward).glob("*/evaluation.json"):
-            found = json.loads(path.read_text())
-            path.write_text(json.dumps({**found, "return_human": 2.5, **unit}))
-    rows = {row["reward"]: row["human's points"] for row in dicts(rewards(study_findings(study)))}
-    assert rows == {
-        "human": "2.50",
-        "VLM, text": "2.50",
-        "VLM, text + image": "2.50 (unit 1 m)",
-    }
 
 
 def test_chances_to_be_better_add_up(findings):
@@ -323,7 +301,7 @@ def test_markdown_and_latex_escape_what_they_must():
 
 def test_tables_are_written_three_ways(findings, tmp_path):
     written = write_tables(findings, tmp_path)
-    names = {"results", "table_1", "table_2", "rankings", "agreement", "rewards", "improvement"}
+    names = {"results", "table_1", "table_2", "agreement", "rewards", "improvement"}
     names |= {"phases"}
     assert {path.name for path in written} == {
         f"{name}.{kind}" for name in names for kind in ("csv", "md", "tex")
@@ -355,25 +333,13 @@ def test_the_papers_lists_hold_its_14_camera_sets():
     assert {name for members in lists.values() for name in members} == set(paper.measured())
 
 
-def test_imitation_is_a_ranking_of_its_own(tmp_path):
+def test_predictions_of_an_imitated_study_are_held_against_its_own_runs(tmp_path):
     sets = ["rgb_default", "rgb_default+dep_default", "rgb_front+rgb_side", "rgb_front+dep_side"]
     pairs = [(cameras, "expert") for cameras in (*sets, "dep_front+rgb_side")]
-    imitation = write_study(tmp_path / "imitation", pairs, seeds=2)
     (tmp_path / "probe").mkdir()
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
-    study = write_study(tmp_path / "main", [("rgb_default", "human")], seeds=1)
-    findings = study_findings(study)
-    assert "imitation" in rankings(findings).header
-    said = {said_of(row) for row in dicts(agreements(findings)) if row["tau-b"]}
-    assert {
-        ("imitation", "the paper's measured"),
-        ("probe", "imitation"),
-        ("the paper's VLM", "imitation"),
-    } <= said
-    # In its own study it is what was measured.
-    own = study_findings(imitation)
+    own = study_findings(write_study(tmp_path / "main", pairs, seeds=2))
     assert own.main_reward == "expert"
-    assert "imitation" not in rankings(own).header
     assert ("probe", "measured") in {said_of(r) for r in dicts(agreements(own)) if r["tau-b"]}
 
 
@@ -422,17 +388,16 @@ def test_the_phase_that_loses_most_episodes_is_named(tmp_path):
 
 
 def test_an_episode_that_goes_past_a_fact_has_not_failed_there(tmp_path):
-    study = tmp_path / "main"
-    for cameras, reward, grasped, lifted, threaded in (
-        ("dep_default", "vlm_text", 1.0, 0.5, 1.0),
-        ("rgb_default", "vlm_text", 0.9, 0.1, 0.05),
-        ("rgb_default", "human", 0.9, 0.1, 0.05),
+    run = write_run(tmp_path / "main", "rgb_default")
+    for grasped, lifted, threaded, said in (
+        (1.0, 0.5, 1.0, ""),
+        (0.9, 0.1, 0.6, "lift and insert"),
+        (0.9, 0.1, 0.05, "lift"),
+        (0.9, 0.1, 0.11, "lift"),
     ):
-        run = write_run(study, cameras, reward)
         rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
-    found = reached(study_findings(study))
-    assert found["rgb_default", "vlm_text"].fails_in == "lift and insert"
-    assert found["rgb_default", "human"].fails_in == "lift"
+        (row,) = phases(study_findings(tmp_path / "main")).records()
+        assert (row["fails in"], row["lifted, %"]) == (said, lifted)
 
 
 CUBE = {"name": "cube", "goal": "on spot", "columns": ["success", "held", "on spot"]}
@@ -449,7 +414,7 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     run = write_run(study, "dep_default")
     tell(run, CUBE)
     last = {"episodes": 10, "return": 1.0, "success": 0.4, "held": 0.9, "on spot": 0.4}
-    (run / "evaluation.json").write_text(json.dumps({**last, "human_unit": None}))
+    (run / "evaluation.json").write_text(json.dumps(last))
     (run / "evaluations.csv").unlink()
     found = study_findings(study)
     assert found.left_out == ()

@@ -35,10 +35,10 @@ from needlehoop.study.data.contents import (
     task_of,
 )
 
-HUMAN_RETURN, HUMAN_UNIT = "return_human", "human_unit"
-"""What an evaluation says of the human reward: its points, and its scene unit in m."""
+HUMAN_RETURN = "return_human"
+"""The points that the human reward gives an evaluation's episodes."""
 
-_MORE = {"steps_trained": (0.0, LARGEST), HUMAN_RETURN: RETURN_RANGE, HUMAN_UNIT: (0.0, 1e9)}
+_MORE = {"steps_trained": (0.0, LARGEST), HUMAN_RETURN: RETURN_RANGE}
 """What ``evaluation.json`` may say besides, and the range of each number."""
 
 _RUN_FOLDER = re.compile(r"seed\d+")
@@ -300,7 +300,6 @@ def _outcome(task: TaskNote) -> Ranges:
 def _evaluation(path: Path, outcome: Ranges, root: Path) -> dict[str, Any]:
     """The long evaluation at the end of a run."""
     found = read_json(path, within=root)
-    # Not every task's human reward has a unit.
     limits = {**outcome, **{key: _MORE[key] for key in _MORE if found.get(key) is not None}}
     odd = [key for key, ends in limits.items() if not _between(found.get(key), *ends)]
     if odd:

@@ -16,16 +16,13 @@ from matplotlib.ticker import MaxNLocator
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.data.records import Record
-from needlehoop.study.render.style import COLOURS, DASHES, apart, in_percent, new_figure, short
+from needlehoop.study.render.style import COLOURS, DASHES, in_percent, new_figure, short
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.run import evaluations, grid_of, has_curve, smooth
 from needlehoop.study.stats.statistics import band
 
 _PANEL = 7
 """Curves in a panel, at most: one for each colour."""
-
-LineEnd = tuple[str, float, float, str]
-"""A line's name, where it ends in millions of steps and in y, and its colour."""
 
 Lines = Sequence[tuple[str, Sequence[Record], int]]
 """What a panel shows: name, runs and number of the colour of each line."""
@@ -59,8 +56,8 @@ def learning_curves(findings: StudyFindings) -> Figure:
         (title, [(short(r.cameras), r.runs, colours[r.cameras]) for r in own])
         for title, own in panels
     ]
-    ends = draw_panels(grid[:, 0], shown, partial(smooth, column="return"), "return in training")
-    name_ends(figure, grid[:, 0], ends)
+    draw_panels(grid[:, 0], shown, partial(smooth, column="return"), "return in training", True)
+    count_steps(grid[-1, 0])
     return figure
 
 
@@ -142,9 +139,13 @@ def reward_comparison(findings: StudyFindings) -> Figure:
 
 
 def draw_panels(
-    column: Sequence[Axes], panels: Sequence[tuple[str, Lines]], curve: Curve, words: str
-) -> list[list[LineEnd]]:
-    """Draw panels over training below each other; returns where each one's lines end.
+    column: Sequence[Axes],
+    panels: Sequence[tuple[str, Lines]],
+    curve: Curve,
+    words: str,
+    named: bool = False,
+) -> None:
+    """Draw panels over training below each other.
 
     Runs without a value on the grid of steps are left out.
 
@@ -153,66 +154,43 @@ def draw_panels(
         panels: title and lines of each.
         curve: what they show.
         words: the same in words.
+        named: whether each panel has its lines' names beside it, in the order of their ends.
     """
     steps = grid_of(run for _, lines in panels for _, runs, _ in lines for run in runs)
-    ends = []
     for axes, (title, lines) in zip(column, panels, strict=True):
         axes.set_title(title)
         axes.set_ylabel(words)
         axes.set_xlim(0, steps[-1] / 1e6)
         axes.grid(axis="y", linewidth=0.3)
-        own = []
+        drawn = []
         for name, runs, number in lines:
             curves = np.array([curve(run, steps) for run in runs])
             curves = curves[~np.isnan(curves).all(axis=1)]
             if len(curves):
-                own.append(_draw_line(axes, steps, number, name, curves))
-        ends.append(own)
+                drawn.append((*_draw_line(axes, steps, number, curves), name))
+        if named and drawn:
+            _, handles, names = zip(*sorted(drawn, key=lambda own: -own[0]), strict=True)
+            axes.legend(
+                handles, names, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False,
+                fontsize=6.5, handlelength=2.2,
+            )  # fmt: skip
     # One scale for all panels makes them comparable.
     low = min(axes.get_ylim()[0] for axes in column)
     high = max(axes.get_ylim()[1] for axes in column)
     for axes in column:
         axes.set_ylim(low, high)
-    return ends
 
 
-def name_ends(figure: Figure, column: Sequence[Axes], ends: Sequence[Sequence[LineEnd]]) -> None:
-    """Write names beside lines that ``draw_panels`` drew, apart from each other, with thin leaders.
-
-    It is the last thing that is done to a figure.
-
-    Args:
-        figure: with the axes in ``column`` below each other, and their limits set.
-        column: axes.
-        ends: of each one's lines.
-    """
-    # Room for the names, then names: they need to know how tall the axes came out.
-    column[-1].set_xlabel("environment steps, millions")
-    column[-1].xaxis.set_major_locator(MaxNLocator(4))
-    layout: Any = figure.get_layout_engine()
-    longest_name = max(len(name) for own in ends for name, *_ in own)
-    layout.set(rect=(0, 0, 0.92 - 0.0135 * longest_name, 1))
-    figure.draw_without_rendering()
-    right = 1.06 * column[0].get_xlim()[1]
-    for axes, own in zip(column, ends, strict=True):
-        low, high = axes.get_ylim()
-        # 6.5 pt letters need 8 pt from line to line.
-        gap = 8.0 / 72.0 / (axes.get_position().height * figure.get_figheight()) * (high - low)
-        ordered = sorted(own, key=lambda end: end[2])
-        places = apart([y for _, _, y, _ in ordered], gap, low, high)
-        for (name, x, y, colour), place in zip(ordered, places, strict=True):
-            # Fainter than the line: one that ended early does not go on.
-            leader = {"linewidth": 0.5, "alpha": 0.4, "clip_on": False}
-            axes.plot([x, right], [y, place], color=colour, solid_capstyle="butt", **leader)
-            axes.text(right, place, f" {name}", va="center", fontsize=6.5, clip_on=False)
-    # The names are not the layout's business.
-    figure.set_layout_engine("none")
+def count_steps(axes: Axes) -> None:
+    """Say what stands below the lowest panel of training."""
+    axes.set_xlabel("environment steps, millions")
+    axes.xaxis.set_major_locator(MaxNLocator(4))
 
 
 def _draw_line(
-    axes: Axes, steps: np.ndarray, number: int, name: str, curves: np.ndarray
-) -> LineEnd:
-    """Draw the IQM and the interval over seeds; returns where the line ends.
+    axes: Axes, steps: np.ndarray, number: int, curves: np.ndarray
+) -> tuple[float, Line2D]:
+    """Draw the IQM and the interval over seeds; returns the last value, and the line.
 
     The line breaks where a run ends before the others: from there it is a mean over fewer runs, and
     thinner.
@@ -221,21 +199,21 @@ def _draw_line(
         axes: whose x is in millions of steps.
         steps: rising, ``(points,)``.
         number: of the line's colour.
-        name: of the line.
         curves: ``(seeds, points)``; NaN where a run has not come so far.
     """
     colour, dash = _stroke(number)
     middle, low, high = band(curves)
     million = steps / 1e6
     present = (~np.isnan(curves)).sum(axis=0)
-    for some in sorted({*present.tolist()} - {0}):
+    lines = [
         axes.plot(
             million, np.where(present == some, middle, np.nan), color=colour, linestyle=dash,
             linewidth=1.2 if some == len(curves) else 0.6,
-        )  # fmt: skip
+        )[0]
+        for some in sorted({*present.tolist()} - {0})
+    ]  # fmt: skip
     axes.fill_between(million, low, high, color=colour, alpha=0.15, linewidth=0)
-    last = np.flatnonzero(~np.isnan(middle))[-1]
-    return name, float(million[last]), float(middle[last]), colour
+    return float(middle[~np.isnan(middle)][-1]), lines[-1]
 
 
 def _stroke(number: int) -> tuple[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,10 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from needlehoop.runs.reading import UnreadableError
 from needlehoop.study.data import paper
-from needlehoop.study.data.contents import check_media
-from needlehoop.study.data.paper import HUMAN, LISTS, reward_label
+from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.render.style import (
     CHEAT,
@@ -33,9 +30,6 @@ from needlehoop.study.render.style import (
 )
 from needlehoop.study.stats.findings import Result, StudyFindings, robustness
 from needlehoop.study.stats.statistics import ENOUGH, Interval, SeedEstimate, no_interval
-
-CONTACT_SHEET = "contact_sheet.png"
-"""In a study's folder; only the simulator can make one, so it is copied."""
 
 _ROW = 4.2
 """Height of a bar and its gap, mm."""
@@ -88,71 +82,28 @@ def final_values(findings: StudyFindings) -> Figure:
 
 
 def success_and_cheats(findings: StudyFindings) -> Figure:
-    """Success to the right, cheating to the left, for every camera set and reward.
+    """How often every camera set succeeds with every reward, and how often it cheats.
 
     Raises:
         MissingDataError: no run says how often it succeeds.
     """
-    results = [
+    known = [
         (one.success, one.cheat, one)
         for one in findings.results
         if one.success is not None and one.cheat is not None
     ]
-    if not results:
+    if not known:
         raise MissingDataError("no success and cheat rates")
-    results.sort(key=lambda own: (-own[0].value, own[1].value, own[2].cameras, own[2].reward))
-    successes, cheats, shown = zip(*results, strict=True)
-    figure, ((axes,),) = new_figure(17 + _ROW * len(shown))
-    _rows(axes, [_name(result, findings) for result in shown])
-    for rates, sign, colour in ((successes, 1, SUCCESS), (cheats, -1, CHEAT)):
-        for y, found in enumerate(rates):
-            axes.barh(y, sign * found.value, height=0.66, color=colour)
-            low, high = _ends(found)
-            if found.interval:
-                axes.plot([sign * low, sign * high], [y, y], color=INK, linewidth=0.8)
-            if found.value > 0:
-                said, side = f"{100 * found.value:.0f} %", "left" if sign > 0 else "right"
-                beyond = max(found.value, high) + 0.03
-                axes.text(sign * beyond, y, said, va="center", ha=side, fontsize=6)
-    axes.axvline(0, color=INK, linewidth=0.6)
-    axes.spines["left"].set_visible(False)
-    # Wide enough for a bar of 100 % with its number beyond it, in half of a narrow figure.
-    axes.set_xlim(-2.1, 1.9)
-    axes.set_xticks([-1, 0, 1], ["100 %", "0", "100 %"])
-    axes.spines["bottom"].set_bounds(-1.0, 1.0)
-    axes.set_xlabel("share of episodes")
-    axes.set_title("◂ cheated", color=CHEAT, loc="left")
-    axes.set_title(f"{findings.goal} ▸", color=SUCCESS, loc="right", fontweight="bold")
-    return figure
-
-
-def ranking_chart(findings: StudyFindings) -> Figure:
-    """Places in each list: a column for each ranking, darker where better.
-
-    Raises:
-        MissingDataError: nobody ranked anything.
-    """
-    shown = findings.rankings
-    blocks = {n: m for n, m in findings.lists.items() if any(one.places(m) for one in shown)}
-    if not blocks:
-        raise MissingDataError("nobody ranked these camera sets")
-    height = 20 + sum(5 + _ROW * len(members) for members in blocks.values())
-    figure, grid = new_figure(
-        height, len(blocks), sharex=True, height_ratios=[len(m) for m in blocks.values()]
-    )
-    for axes, (name, members) in zip(grid[:, 0], blocks.items(), strict=True):
-        ordered = findings.in_order(members)
-        axes.set_xlim(-0.5, len(shown) - 0.5)
-        for x, one in enumerate(shown):
-            _shades(axes, x, one.places(members), ordered)
-        _rows(axes, ordered)
-        axes.set_ylim(len(ordered) - 0.5, -0.5)
-        axes.set_title(LISTS.get(name, name))
-        axes.tick_params(length=0)
-        axes.spines[:].set_visible(False)
-    heads = [short(one.who.replace("the paper's", "paper's")) for one in shown]
-    turned = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"}
-    grid[-1, 0].set_xticks(range(len(shown)), heads, **turned)
+    known.sort(key=lambda own: (-own[0].value, own[1].value, own[2].cameras, own[2].reward))
+    *columns, shown = zip(*known, strict=True)
+    figure, grid = new_figure(17 + _ROW * len(shown), 1, 2, sharey=True)
+    _rows(grid[0, 0], [_name(result, findings) for result in shown])
+    heads = ((findings.goal, SUCCESS), ("cheated", CHEAT))
+    for axes, own, (said, colour) in zip(grid[0], columns, heads, strict=True):
+        _bars(axes, own, colour, "{:.0f} %", 100.0, 1.0)
+        axes.tick_params(axis="y", length=0)
+        axes.set_title(said, color=colour)
+        axes.set_xticks([0, 1], ["0", "100 %"])
     return figure
 
 
@@ -211,22 +162,6 @@ def stress_figure(findings: StudyFindings) -> Figure:
     return figure
 
 
-def _shades(axes: Axes, x: int, places: Mapping[str, float], ordered: Sequence[str]) -> None:
-    """The cells of one ranking, shaded from its best place to its worst."""
-    for y, cameras in enumerate(ordered):
-        if cameras not in places:
-            axes.text(x, y, "–", ha="center", va="center", fontsize=6, color=FAINT)
-            continue
-        # A single place is neither good nor bad.
-        last = len(places)
-        better = (last - places[cameras]) / (last - 1) if last > 1 else 0.0
-        axes.fill_between([x - 0.46, x + 0.46], y - 0.44, y + 0.44, color=COLOURS[0], linewidth=0,
-                          alpha=0.06 + 0.84 * better)  # fmt: skip
-        place = f"{places[cameras]:g}" + (f" of {last}" if last < len(ordered) else "")
-        ink = "white" if better > 0.45 else INK
-        axes.text(x, y, place, ha="center", va="center", fontsize=6, color=ink)
-
-
 def _rows(axes: Axes, names: Sequence[str]) -> None:
     axes.set_yticks(range(len(names)), [*map(short, names)])
     axes.set_ylim(len(names) - 0.4, -0.6)
@@ -264,10 +199,10 @@ def _ends(found: SeedEstimate) -> tuple[float, float]:
 _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     "learning_curves": (
         learning_curves,
-        "Return over training: interquartile mean over seeds, with 95 %"
-        " bootstrap intervals where there are three; each point is the mean over the last 4 % of"
-        " the longest run. Thin: fewer seeds have come so far. Training samples its actions, so a"
-        " curve ends below the final return, which is of the mean action.",
+        "Return over training: mean over seeds, with 95 % intervals where there are three or more;"
+        " each point is the mean over the last 4 % of the longest run. Thin: fewer seeds have come"
+        " so far. Training samples its actions, so a curve ends below the final return, which is of"
+        " the mean action.",
     ),
     "rewards": (
         reward_comparison,
@@ -278,13 +213,8 @@ _DRAWN: dict[str, tuple[Callable[[StudyFindings], Figure], str]] = {
     ),
     "final_values": (
         final_values,
-        "Camera sets by final return, with success; interquartile means, and 95 % intervals: of"
+        "Camera sets by final return, with success; means over seeds, and 95 % intervals: of"
         " returns over three seeds or more, of success over episodes where there are fewer.",
-    ),
-    "rankings": (
-        ranking_chart,
-        "Rankings side by side: places that were predicted and measured, in each list; darker is"
-        " better. The rows stand as measured.",
     ),
     "stress": (
         stress_figure,
@@ -317,7 +247,7 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
         folder: for the files; made where missing. Older figures there are replaced, or
             removed where there is nothing to draw any more.
     """
-    drawn = [_contact_sheet(findings, folder)]
+    drawn = []
     for name, (figure, caption) in _DRAWN.items():
         for suffix in (".png", ".svg"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
@@ -327,27 +257,8 @@ def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
                 warnings.filterwarnings("error", "constrained_layout not applied")
                 files = save(figure(findings), folder / name)
             drawn.append(Drawn(name, caption, tuple(files), None))
-        except MissingDataError as error:
-            drawn.append(Drawn(name, caption, (), str(error)))
         except Exception as error:
             # Numbers or names that nobody thought of; the other figures are drawn.
-            drawn.append(Drawn(name, caption, (), f"{type(error).__name__}: {error}"))
+            kind = "" if isinstance(error, MissingDataError) else f"{type(error).__name__}: "
+            drawn.append(Drawn(name, caption, (), f"{kind}{error}"))
     return drawn
-
-
-def _contact_sheet(findings: StudyFindings, folder: Path) -> Drawn:
-    caption = "Start and goal in every view and rendering."
-    if findings.study is None:
-        return Drawn("contact_sheet", caption, (), "the paper's pictures are not ours to ship")
-    source = findings.study.folder / CONTACT_SHEET
-    how = f"make it with: needlehoop snapshot out={source}"
-    if not source.exists():
-        return Drawn("contact_sheet", caption, (), how)
-    try:
-        check_media(source)
-    except UnreadableError as error:
-        return Drawn("contact_sheet", caption, (), f"{source} {error}; {how} overwrite=true")
-    folder.mkdir(parents=True, exist_ok=True)
-    copy = folder / CONTACT_SHEET
-    shutil.copyfile(source, copy)
-    return Drawn("contact_sheet", caption, (copy,), None)

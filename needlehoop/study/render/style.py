@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.optimize import isotonic_regression
 
 WIDTH = 85 / 25.4
 """A journal's column, inches."""
@@ -83,17 +80,3 @@ def save(figure: Figure, stem: Path) -> list[Path]:
         figure.savefig(png, metadata={"Software": None})
         figure.savefig(svg, metadata={"Date": None, "Creator": None})
     return [png, svg]
-
-
-def apart(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Places near the wanted ones (rising), at least ``gap`` from each other, within bounds.
-
-    Of all such places these lie nearest, in squares. Where the bounds are too tight for
-    all, the gap gives way.
-    """
-    n = len(wanted)
-    gap = min(gap, (high - low) / max(n - 1, 1))
-    steps = gap * np.arange(n)
-    # With the gaps taken out, "in order and apart" is just "in order".
-    fitted = isotonic_regression(np.asarray(wanted, dtype=float) - steps).x
-    return [float(x) for x in np.clip(fitted, low, high - gap * (n - 1)) + steps]

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.curves import MissingDataError, draw_panels, name_ends
+from needlehoop.study.render.curves import count_steps, draw_panels
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import in_percent, new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
@@ -271,18 +271,15 @@ def comparison_chart(one: Comparison) -> Figure:
     runs = one.every
     shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
     drawn = [column for column in shown if all(column in (run.metrics or ()) for run in runs)]
-    if not drawn:
-        raise MissingDataError("no learning curves")
     figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
     lines = [(short(name), own, number) for number, (name, own) in enumerate(one.runs.items())]
-    ends = []
     for axes, column in zip(grid[:, 0], drawn, strict=True):
         if column != "return":
             in_percent(axes, room=0.03)
         words = f"{shown[column]} in training"
-        ends += draw_panels([axes], [("", lines)], partial(smooth, column=column), words)
+        draw_panels([axes], [("", lines)], partial(smooth, column=column), words, named=True)
     grid[0, 0].set_title(short(one.title))
-    name_ends(figure, grid[:, 0], ends)
+    count_steps(grid[-1, 0])
     return figure
 
 

@@ -20,7 +20,7 @@ from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.table import Column
-from needlehoop.study.report.tables import all_tables, list_name, reached
+from needlehoop.study.report.tables import all_tables, fails_in, list_name
 from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
 from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import RETURN, final
@@ -29,17 +29,14 @@ from needlehoop.study.stats.statistics import ENOUGH, no_interval
 CAMERAS = "cameras"
 """A study's folder with what an agent sees through each camera; for the paper's task, beside it."""
 
-_FIRST = ("final_values",)
+_FIRST = ("rewards", "final_values")
 """Figures before all others."""
 
-_FIRST_OF_REWARDS = ("rewards", "success_and_cheats")
-"""The same for a study whose question is rewards."""
-
-_LONGEST = 10_000_000
-"""Bytes of a page; films are left out of it to keep to this."""
+_FILMS = 7_500_000
+"""Bytes that films take of a page; those beyond are linked to."""
 
 _FILM = 4_000_000
-"""Bytes of the longest film that is part of a page; a longer one is linked to."""
+"""Bytes of the longest film that is part of a page."""
 
 _TYPES = {".svg": "image/svg+xml", ".png": "image/png", ".mp4": "video/mp4"}
 
@@ -111,6 +108,7 @@ def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **val
         loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
     environment.globals |= {
+        "fails_in": fails_in,
         "filmed_run": filmed_run,
         "happened": _happened,
         "inline": inline,
@@ -125,18 +123,14 @@ def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **val
     for kind in ("css", "js"):
         environment.globals[kind] = loader.get_source(environment, f"report.{kind}")[0]
 
-    def page(embedded: Collection[Path]) -> str:
-        def film(path: Path) -> str:
-            if path in embedded:
-                return inline(path)
-            return Path(os.path.relpath(path, out.parent)).as_posix()
+    held = {*_fitting(wanted)}
 
-        return environment.get_template(template).render(film=film, **values)
+    def film(path: Path) -> str:
+        return inline(path) if path in held else Path(os.path.relpath(path, out.parent)).as_posix()
 
-    # The page with links says how much room films have; a link is as long as a film's tags.
-    room = _LONGEST - len(page(()).encode())
+    page = environment.get_template(template).render(film=film, **values)
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(page([*_fitting(wanted, room)]), encoding="utf-8")
+    out.write_text(page, encoding="utf-8")
 
 
 def inline(path: Path) -> str:
@@ -145,8 +139,9 @@ def inline(path: Path) -> str:
     return f"data:{_TYPES[path.suffix]};base64,{data}"
 
 
-def _fitting(rankings: Sequence[Sequence[Path]], room: int) -> Iterator[Path]:
-    """The films that fit into ``room`` bytes of a page; rankings take turns."""
+def _fitting(rankings: Sequence[Sequence[Path]]) -> Iterator[Path]:
+    """The films that fit into a page; rankings take turns."""
+    room = _FILMS
     for film in (film for turn in zip_longest(*rankings) for film in turn if film):
         size = film.stat().st_size
         # Base64 turns 3 bytes into 4.
@@ -198,7 +193,7 @@ def _tiles(study: Study) -> tuple[dict[str, str], list[str]]:
 def _shown(part: Part, alone: bool) -> dict[str, Any]:
     """What the template shows of a study."""
     findings, study = part.findings, part.findings.study
-    ahead = _FIRST_OF_REWARDS if findings.compares_rewards else _FIRST
+    ahead = [figure for figure in part.figures if figure.name in _FIRST and figure.files]
     tiles, problems = _tiles(study) if study else ({}, [])
     speakers = []
     if study and findings.answers and findings.answers.rankings:
@@ -214,9 +209,8 @@ def _shown(part: Part, alone: bool) -> dict[str, Any]:
         "stressed": next((one for one in robustness(findings)[:1] if one.mean), None),
         "tiles": tiles,
         "problems": problems,
-        "first": [figure for figure in part.figures if figure.name in ahead],
-        "figures": [figure for figure in part.figures if figure.name not in ahead],
-        "reached": reached(findings),
+        "first": ahead,
+        "figures": [figure for figure in part.figures if figure not in ahead],
         "tables": all_tables(findings),
         "speakers": speakers,
         "common": sorted(common),

@@ -13,6 +13,7 @@ import numpy as np
 from needlehoop.runs import files
 from needlehoop.study.data.records import Place, Record, Study
 from needlehoop.study.data.sweeps import JobEnd
+from needlehoop.study.render.table import Column, Row, Table
 
 STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = [
     "done",
@@ -109,23 +110,26 @@ def describe(found: list[Standing], study: Study) -> str:
     """The standings as a table of text, with the sums below."""
     if not found:
         return "\n".join((f"{study.folder}: no runs", *map(str, study.left_out)))
-    rows = [("run", "state", "steps", "steps/s", "time left", "last sign")]
+    rows: list[Row] = []
     for one in found:
-        share = f"{one.steps / one.planned:.0%}" if one.planned else ""
-        rate = "" if one.rate is None else f"{one.rate:.0f}"
-        left = "" if one.state == DONE else duration(one.left)
-        sign = "" if one.state == DONE or one.silent is None else f"{duration(one.silent)} ago"
-        rows.append((str(one.place), one.state, share, rate, left, sign))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        names = (cell.ljust(width) for cell, width in zip(row[:2], widths, strict=False))
-        numbers = (cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True))
-        lines.append("  ".join((*names, *numbers)).rstrip())
+        open_, silent = one.state != DONE, one.silent
+        rows.append(
+            {
+                Column("run"): str(one.place),
+                Column("state"): one.state,
+                Column("steps", form=".0%"): one.steps / one.planned if one.planned else None,
+                Column("steps/s", form=".0f"): one.rate,
+                Column("time left"): duration(one.left) if open_ else None,
+                Column("last sign"): (
+                    f"{duration(silent)} ago" if open_ and silent is not None else None
+                ),
+            }
+        )
+    lines = [Table.of("status", str(study.folder), rows).text()]
     counts = Counter(one.state for one in found)
     tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
     tally += f", {counts[OTHER]} with other settings" if counts[OTHER] else ""
-    lines += ["", f"{tally}; {time_left(found)}"]
+    lines += [f"{tally}; {time_left(found)}"]
     lines += [f"{one.state}: {one.place}: {one.error}" for one in found if one.error]
     others = len({run.place for run in study.runs} - {one.place for one in found})
     if others:

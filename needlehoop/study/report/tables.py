@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from needlehoop.runs.reading import read_yaml
-from needlehoop.runs.shipped import CONF
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
@@ -34,13 +32,14 @@ from needlehoop.study.stats.run import (
 from needlehoop.study.stats.statistics import (
     ENOUGH,
     SeedEstimate,
-    estimate,
     improvement,
     no_interval,
 )
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
+
+TO_SOON = Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6)
 
 _FINE = 0.95
 """Success from which on a camera set does not fail."""
@@ -70,15 +69,15 @@ def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
 
 
 def _every(findings: StudyFindings) -> list[Table]:
-    makers = (results, stress, phases, rewards, table_1, table_2, rankings, agreements)
+    makers = (results, stress, phases, rewards, table_1, table_2, agreements)
     return [maker(findings) for maker in (*makers, improvements)]
 
 
-def _estimated(measure: Measure, found: SeedEstimate | None) -> Row:
+def _estimated(measure: Measure, found: SeedEstimate | None, missing: str | None = None) -> Row:
     """A value over seeds, and in a column of its own the interval or why there is none."""
     column = Column.of(measure)
     ends = replace(column, name=f"{measure.name}, 95 %", unit="")
-    return {column: found and found.value, ends: found and found.interval_or_why}
+    return {column: found and found.value, ends: found.interval_or_why if found else missing}
 
 
 def results(findings: StudyFindings) -> Table:
@@ -102,8 +101,8 @@ def results(findings: StudyFindings) -> Table:
         )
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, of runs whose"
-        " training is over. Interquartile means over seeds. Intervals are bootstrapped over three"
-        " seeds or more; with fewer, Wilson's over all episodes, for rates alone."
+        " training is over. Means over seeds. Intervals are over three seeds or more; with fewer,"
+        " Wilson's over all episodes, for rates alone."
     )
     if any(result.reward != findings.main_reward for result in findings.results):
         note += (
@@ -138,52 +137,25 @@ def stress(findings: StudyFindings) -> Table:
     return Table.of("stress", "Under disturbances", rows, note)
 
 
-@dataclass(frozen=True)
-class Reached:
-    """Shares of a result's episodes, means over its seeds."""
+def fails_in(result: Result) -> str:
+    """The phase in which most episodes end; empty where next to none fail, or there are no phases.
 
-    phases: tuple[tuple[str, str], ...]
-    """Of its task: name, and the fact that ends it."""
-    shares: Mapping[str, float | None]
-    """By fact; ``None`` where runs under the same reward go past it."""
-
-    @property
-    def fails_in(self) -> str:
-        """The phase in which most episodes end; empty where next to none fail."""
-        lost: dict[str, float] = {}
-        names: list[str] = []
-        before = 1.0
-        for name, fact in self.phases:
-            names.append(name)
-            share = self.shares[fact]
-            if share is not None:
-                lost[" and ".join(names)] = before - share
-                names, before = [], share
-        return "" if before >= _FINE else max(lost, key=lambda phase: lost[phase])
+    A reward may let episodes go past a phase's end. Then this phase and the next are one.
+    """
+    phases = _phases(result)
+    shares = np.array([_share(result, fact) for _, fact in phases])
+    if not phases or shares[-1] >= _FINE:
+        return ""
+    behind = np.maximum.accumulate(shares[::-1])[::-1]
+    first = last = int(np.argmin(np.diff(behind, prepend=1.0)))
+    while behind[last] > shares[last] + _PAST:
+        last += 1
+    return " and ".join(name for name, _ in phases[first : last + 1])
 
 
-def reached(findings: StudyFindings) -> dict[tuple[str, str], Reached]:
-    """How far each camera set came with each reward, if its task has phases."""
-    shares = {
-        (one.cameras, one.reward, phases): {
-            fact: float(np.mean([found.shares[fact] for found in one.finals])) for _, fact in phases
-        }
-        for one in findings.results
-        if (phases := _phases(one))
-    }
-    past = {
-        (reward, phases, fact)
-        for (_, reward, phases), own in shares.items()
-        for number, fact in enumerate(own)
-        if max([*own.values()][number:]) > own[fact] + _PAST
-    }
-    return {
-        (cameras, reward): Reached(
-            phases,
-            {fact: None if (reward, phases, fact) in past else own[fact] for fact in own},
-        )
-        for (cameras, reward, phases), own in shares.items()
-    }
+def _share(result: Result, fact: str) -> float:
+    """Of final episodes, the mean over seeds."""
+    return float(np.mean([found.shares[fact] for found in result.finals]))
 
 
 def _phases(result: Result) -> tuple[tuple[str, str], ...]:
@@ -194,33 +166,28 @@ def _phases(result: Result) -> tuple[tuple[str, str], ...]:
 
 def phases(findings: StudyFindings) -> Table:
     """How far each camera set came with each reward, in the order of results."""
-    known = reached(findings)
-    facts = dict.fromkeys(fact for one in known.values() for fact in one.shares)
+    ends = [(one, [fact for _, fact in _phases(one)]) for one in findings.results]
+    facts = dict.fromkeys(fact for _, own in ends for fact in own)
     rows: list[Row] = [
         {
             _CAMERAS: result.cameras,
-            **{Column.share(fact): one.shares.get(fact) for fact in facts},
-            Column("fails in"): one.fails_in,
+            **{Column.share(fact): _share(result, fact) if fact in own else None for fact in facts},
+            Column("fails in"): fails_in(result),
             _REWARD: reward_label(result.reward),
             _SEEDS: result.value.seeds,
         }
-        for result in findings.results
-        if (one := known.get((result.cameras, result.reward)))
+        for result, own in ends
+        if own
     ]
     note = (
         "Shares of final episodes, means over seeds. Fails in: the phase in which most episodes"
         f" end, where less than {100 * _FINE:.0f} % come to the end of the last."
     )
-    if any(share is None for one in known.values() for share in one.shares.values()):
-        note += (
-            " A share is left empty under a reward that lets episodes go past it; there, the phase"
-            " that it ends and the next are one."
-        )
     return Table.of("phases", "Where they fail", rows, note)
 
 
 def rewards(findings: StudyFindings) -> Table:
-    """Camera sets that were trained with several rewards, and each reward over all of them."""
+    """Camera sets that were trained with several rewards."""
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
@@ -230,10 +197,6 @@ def rewards(findings: StudyFindings) -> Table:
         for result in by_reward
         if result.cameras == cameras
     ]
-    for reward in dict.fromkeys(r.reward for r in by_reward):
-        own = [r for r in findings.results if r.reward == reward and r.cameras in chosen]
-        if len(chosen) > 1 and len(own) == len(chosen) and all(r.finals for r in own):
-            rows.append(_rewarded(_together(own), findings.is_papers, alone=False))
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -245,64 +208,31 @@ def rewards(findings: StudyFindings) -> Table:
     return Table.of("rewards", "Rewards: human, text, text + image", rows, note)
 
 
-def _together(results: Sequence[Result]) -> Result:
-    """A reward over several camera sets, each of them a stratum."""
-    value, success = (estimate([r.values(of) for r in results]) for of in (RETURN, SUCCESS))
-    cheats = [r.values(CHEAT) for r in results]
-    return Result(
-        f"all {len(results)}",
-        results[0].reward,
-        tuple(run for r in results for run in r.runs),
-        tuple(found for r in results for found in r.finals),
-        value,
-        success,
-        estimate(cheats) if all(cheats) else None,
-    )
-
-
-def _rewarded(result: Result, papers: bool, alone: bool = True) -> Row:
-    """A reward's numbers over one camera set, or several; those of the ``papers`` beside them."""
-    steps = [steps_to_share(run, "success", _SOON) for run in result.runs] if alone else []
+def _rewarded(result: Result, papers: bool) -> Row:
+    """A reward's numbers over one camera set; those of the ``papers`` beside them."""
     row: Row = {
         _CAMERAS: result.cameras,
         _REWARD: reward_label(result.reward),
         **_estimated(RETURN, result.value),
-        Column.of(HUMAN_POINTS): _human(result),
+        Column.of(HUMAN_POINTS): result.middle(HUMAN_POINTS),
         **_estimated(SUCCESS, result.success),
         Column.of(BEST): result.middle(BEST),
         Column.of(CHEAT): result.cheat and result.cheat.value,
         Column.of(SUCCESS_OVER_TRAINING): result.middle(SUCCESS_OVER_TRAINING),
-        Column(f"M steps to {100 * _SOON:.0f} %", form=".2f", scale=1e-6): [
-            "not reached" if one is None else one for one in steps
-        ],
+        TO_SOON: soon(result),
     }
     if papers:
         said = {(r.cameras, r.reward): r for r in paper.rewards()}
         theirs = said.get((result.cameras, result.reward))
-        row[_PAPERS_RETURN] = (theirs and theirs.value) or ("not published" if alone else None)
+        row[_PAPERS_RETURN] = (theirs and theirs.value) or "not published"
         row[Column("remark on the paper's")] = theirs and theirs.remark
     return row
 
 
-def _human(result: Result) -> Cell:
-    """The mean of the runs' points under the human reward; ``None`` where one has none.
-
-    Points of another scene unit than today's default come with a remark.
-    """
-    own = result.values(HUMAN_POINTS)
-    if not own:
-        return None
-    mean = float(np.mean(own))
-    now = {_unit(run.task.name) for run in result.runs}
-    others = {found.human_unit for found in result.finals} - now - {None}
-    said = " and ".join(f"{unit:g}" for unit in sorted(filter(None, others)))
-    return f"{mean:.2f} (unit {said} m)" if said else mean
-
-
-def _unit(task: str) -> float | None:
-    """The scene unit of a shipped task's human reward, m; ``None`` where there is none."""
-    path = CONF / f"reward/human/{task}.yaml"
-    return read_yaml(path).get("unit") if path.is_file() else None
+def soon(result: Result) -> list[float | str]:
+    """Steps after which each run's training succeeds nearly always."""
+    steps = [steps_to_share(run, "success", _SOON) for run in result.runs]
+    return ["not reached" if one is None else one for one in steps]
 
 
 def table_1(findings: StudyFindings) -> Table:
@@ -327,84 +257,32 @@ def table_1(findings: StudyFindings) -> Table:
 
 
 def table_2(findings: StudyFindings) -> Table:
-    """Measured and predicted places in each list, ours and the paper's."""
+    """Returns in each list, and the places that predictions and measurements give its sets."""
     results = {result.cameras: result for result in findings.ranked}
-    ours, published = findings.measured, paper.measured()
-    said, papers = _predicted(findings.answers), _predicted(paper.answers())
-    rows: list[Row] = []
-    for name, members in findings.lists.items():
-        own, theirs = _places(ours, members), _places(published, members)
-        model, papers_model = said.get(frozenset(members), {}), papers.get(frozenset(members), {})
-        far = len(members) + 1
-        for cameras in sorted(members, key=lambda c: (own.get(c, far), theirs.get(c, far))):
-            result = results.get(cameras)
-            row: Row = {_LIST: LISTS.get(name, name), _CAMERAS: cameras}
-            # The paper's own numbers are in the columns that say so.
-            if findings.study is not None:
-                row |= {
-                    Column("place"): _place(own, cameras, len(members)),
-                    _RETURN: result and result.value.value,
-                    replace(_RETURN, name="95 %"): (
-                        result.value.interval_or_why if result else "not run"
-                    ),
-                    Column.of(SUCCESS): result and result.success and result.success.value,
-                    Column("VLM's place"): model.get(cameras),
-                }
-            if findings.is_papers:
-                foretold, there = papers_model.get(cameras), theirs.get(cameras)
-                row |= {
-                    Column("the paper's place"): there,
-                    _PAPERS_RETURN: published.get(cameras),
-                    Column("the paper's VLM's place"): foretold,
-                    Column("better there than its VLM said"): (
-                        None if there is None or foretold is None else there < foretold
-                    ),
-                }
-            rows.append(row)
-    title = f"{'Table II: m' if findings.is_papers else 'M'}easured and predicted"
-    if findings.study is None:
-        title = "Table II, as published in the paper"
-    return Table.of("table_2", title, rows)
-
-
-def _predicted(answers: Answers | None) -> dict[frozenset[str], Mapping[str, float]]:
-    """Places by camera set of each ranked list, by its members."""
-    rankings = answers.rankings if answers else ()
-    return {frozenset(ranking.places): ranking.places for ranking in rankings}
-
-
-def _places(values: Mapping[str, float], members: Sequence[str]) -> dict[str, int]:
-    """Places of those members that have a value: 1 is the highest; ties share the best place."""
-    known = {cameras: values[cameras] for cameras in members if cameras in values}
-    return {
-        cameras: 1 + sum(other > value for other in known.values())
-        for cameras, value in known.items()
-    }
-
-
-def _place(places: Mapping[str, float], cameras: str, of: int) -> Cell:
-    """A place; among so many only, where not all of a list has one."""
-    if cameras in places and len(places) < of:
-        return Of(places[cameras], len(places))
-    return places.get(cameras)
-
-
-def rankings(findings: StudyFindings) -> Table:
-    """The place that each prediction and each measurement gives to each set of each list."""
     rows: list[Row] = []
     for name, members in findings.lists.items():
         places = {Column(one.who): one.places(members) for one in findings.rankings}
-        rows += [
-            {_LIST: LISTS.get(name, name), _CAMERAS: cameras}
-            | {column: _place(own, cameras, len(members)) for column, own in places.items()}
-            for cameras in findings.in_order(members)
-        ]
+        for cameras in findings.in_order(members):
+            row: Row = {_LIST: LISTS.get(name, name), _CAMERAS: cameras}
+            # The paper's own numbers are in the column that says so.
+            if findings.study is not None:
+                result = results.get(cameras)
+                row |= _estimated(RETURN, result and result.value, "not run")
+                row |= {Column.of(SUCCESS): result and result.success and result.success.value}
+            if findings.is_papers:
+                row[_PAPERS_RETURN] = paper.measured().get(cameras)
+            for column, own in places.items():
+                ranked = len(own) == len(members) or cameras not in own
+                row[column] = own.get(cameras) if ranked else Of(own[cameras], len(own))
+            rows.append(row)
     note = (
         "Place in the list, 1 the best; ties share their mean. Models that were asked repeatedly:"
-        " by mean place; imitation by success over its seeds. The probe cannot tell all of these"
-        " apart: its own table has the intervals."
+        " by mean place. The probe cannot tell all of these apart: its own table has the intervals."
     )
-    return Table.of("rankings", "Rankings side by side", rows, note)
+    title = f"{'Table II: m' if findings.is_papers else 'M'}easured and predicted"
+    if findings.study is None:
+        title = "Table II, as published in the paper"
+    return Table.of("table_2", title, rows, note)
 
 
 _BRIER = Column("Brier", form=".2f")
@@ -432,16 +310,10 @@ def agreements(findings: StudyFindings) -> Table:
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
         " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
-        " lost by taking the predicted best; against imitation, the share of successes. All lists:"
-        " means, with p by orders drawn for each list by itself."
+        " lost by taking the predicted best. All lists: means, with p by orders drawn for each list"
+        " by itself. Brier: mean squared error of the probabilities that a model stated for"
+        " neighbours in its order; 0.25 is that of knowing nothing."
     )
-    if all(row[_BRIER] is None for row in rows):
-        rows = [{column: row[column] for column in row if column != _BRIER} for row in rows]
-    else:
-        note += (
-            " Brier: mean squared error of the probabilities that a model stated for neighbours in"
-            " its order; 0.25 is that of knowing nothing."
-        )
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 

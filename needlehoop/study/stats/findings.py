@@ -17,7 +17,6 @@ from needlehoop.study.data.contents import ALL, NONE, Stressed
 from needlehoop.study.data.paper import HUMAN, reward_order
 from needlehoop.study.data.records import LeftOut, Record, Study, read_study
 from needlehoop.study.stats.predictions import (
-    IMITATION,
     MEASURED,
     PAPERS_MEASURED,
     Prediction,
@@ -114,17 +113,6 @@ class StudyFindings:
         return lists_of(self.answers, self.is_papers)
 
     @property
-    def compares_rewards(self) -> bool:
-        """Whether its question is rewards, not cameras: no list has two camera sets to compare.
-
-        What is not the paper's is one list.
-        """
-        sets = {result.cameras for result in self.ranked}
-        lists = self.lists.values() if self.is_papers else [sets]
-        to_rank = any(len(sets.intersection(members)) > 1 for members in lists)
-        return not to_rank and len(sets) < len(self.results)
-
-    @property
     def seeds(self) -> int:
         """The fewest seeds that a result has."""
         return min((result.value.seeds for result in self.results), default=0)
@@ -148,18 +136,12 @@ class StudyFindings:
 
     @property
     def truths(self) -> dict[str, Mapping[str, float]]:
-        """What predictions are held against: values by camera set, by what they are.
-
-        Imitation predicts, and is predicted: what flies ranks cameras as well.
-        """
+        """What predictions are held against: values by camera set, by what they are."""
         found: dict[str, Mapping[str, float]] = {}
         if self.study is not None:
             found = {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
-        for one in self.predictions:
-            if one.who == IMITATION:
-                found[IMITATION] = {k: v for own in one.lists.values() for k, v in own.items()}
         return found
 
     @property
@@ -168,7 +150,7 @@ class StudyFindings:
         found, lists = [*self.predictions], self.lists.values()
         for who, values in self.truths.items():
             one = scored(who, values, lists, whole=who == PAPERS_MEASURED)
-            if who != IMITATION and (one.lists or who != TRAINING.name):
+            if one.lists or who != TRAINING.name:
                 found.append(one)
         return tuple(found)
 
@@ -292,7 +274,7 @@ def paper_findings(results: Path) -> StudyFindings:
         (row.cameras, row.reward): row.value for row in paper.rewards() if row.value is not None
     }
     found = [
-        Result(cameras, reward, (), (), estimate([[value]]), None, None)
+        Result(cameras, reward, (), (), estimate([value]), None, None)
         for (cameras, reward), value in values.items()
     ]
     title = "the paper's numbers"
@@ -316,7 +298,7 @@ def result_of(runs: Sequence[Record]) -> Result | None:
         runs[0].place.reward,
         counted,
         finals,
-        value=estimate([[found.value for found in finals]]),
+        value=estimate([found.value for found in finals]),
         success=rate([found.success for found in finals], episodes),
         cheat=rate(cheats, episodes) if len(cheats) == len(finals) else None,
     )

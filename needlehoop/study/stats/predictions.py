@@ -1,4 +1,4 @@
-"""Who predicted the best cameras: models, the probe, imitation, shorter trainings."""
+"""Who predicted the best cameras: models, the probe, shorter trainings."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from pathlib import Path
 
 from pydantic import FiniteFloat
 
-from needlehoop.runs.files import EXPERT
 from needlehoop.runs.reading import UnreadableError
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS, VLM, Answers, read_answers
 from needlehoop.study.data.contents import read_entries
 from needlehoop.study.data.records import LeftOut, read_study
-from needlehoop.study.stats.run import Final, final
-from needlehoop.study.stats.statistics import estimate, rate
+from needlehoop.study.stats.run import final
+from needlehoop.study.stats.statistics import estimate
 
 PAPERS_VLM = "the paper's VLM"
 OWN_VLM = "VLM"
 PROBE = "probe"
-IMITATION = "imitation"
 FAST = "fast protocol"
 
 MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
@@ -30,8 +28,8 @@ MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
 _PROBE = Path("probe/ranking.csv")
 """Beside the studies."""
 
-_STUDIES = {"imitation": IMITATION, "fast": FAST}
-"""Studies that predict what others measure, by their folders beside them."""
+_FAST = "fast"
+"""The study of short trainings, which predicts what others measure, beside them."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ def predictions(
 
     Args:
         own: of the study's own model.
-        results: the folder of all studies, for the probe, imitation and short trainings.
+        results: the folder of all studies, for the probe and short trainings.
         lists: to cut scores of single sets into.
         measured: the study that is to be foretold, which foretells nothing itself.
         papers: whether it has the paper's task and camera sets, which all but its own model
@@ -138,9 +136,8 @@ def predictions(
             found.append(scored(PROBE, scores, lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
-    for name, who in _STUDIES.items():
-        if papers and name != measured and (results / name).is_dir():
-            found.append(_trained(who, results / name, lists))
+    if papers and measured != _FAST and (results / _FAST).is_dir():
+        found.append(scored(FAST, _returns(results / _FAST), lists))
     return tuple(one for one in found if one.lists), left_out
 
 
@@ -182,24 +179,12 @@ def scored(
     return Prediction(who, {m: {name: scores[name] for name in m & known} for m in chosen})
 
 
-def _trained(who: str, folder: Path, lists: Sequence[Iterable[str]]) -> Prediction:
-    """By the finished runs of a study; its own pages say what is wrong there.
-
-    Imitation by success, since no reward taught it; the others by final return.
-    """
-    imitated = who == IMITATION
-    ends: dict[str, list[Final]] = {}
+def _returns(folder: Path) -> dict[str, float]:
+    """Returns of a study's finished runs by camera set; its own pages say what is wrong there."""
+    ends: dict[str, list[float]] = {}
     for run in read_study(folder).runs:
         end = final(run)
         # Of a labelled run, other settings than its cameras may have decided.
-        if end is None or not end.finished or run.config.get("label") is not None:
-            continue
-        if (run.place.reward == EXPERT) == imitated:
-            ends.setdefault(run.place.cameras, []).append(end)
-    scores = {
-        cameras: rate([end.success for end in own], [end.episodes for end in own])
-        if imitated
-        else estimate([[end.value for end in own]])
-        for cameras, own in ends.items()
-    }
-    return scored(who, {cameras: one.value for cameras, one in scores.items()}, lists)
+        if end is not None and end.finished and run.config.get("label") is None:
+            ends.setdefault(run.place.cameras, []).append(end.value)
+    return {cameras: estimate(own).value for cameras, own in ends.items()}

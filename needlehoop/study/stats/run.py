@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from needlehoop.study.data.records import HUMAN_RETURN, HUMAN_UNIT, Record
+from needlehoop.study.data.records import HUMAN_RETURN, Record
 
 BUFFERS = 5
 """Buffers of training over which a share of episodes is taken."""
@@ -35,8 +35,6 @@ class Final:
     """Steps of training when it was measured."""
     finished: bool
     """Whether the run's training was over."""
-    human_unit: float | None
-    """The human reward's scene unit, m; ``None`` where it was not written down."""
     area: float | None
     """Mean return over all of training: the area under its curve, by steps. ``None`` where
     training is not over, or has left no curve."""
@@ -66,11 +64,6 @@ class Measure:
     unit: str = ""
     digits: int = 2
     """With which it is shown."""
-
-    @property
-    def heading(self) -> str:
-        """Name and unit."""
-        return f"{self.name}, {self.unit}" if self.unit else self.name
 
 
 RETURN = Measure("return", lambda found: found.value)
@@ -116,7 +109,6 @@ def final(run: Record) -> Final | None:
     return Final(
         value=float(said["return"]),
         human=said.get(HUMAN_RETURN),
-        human_unit=said.get(HUMAN_UNIT),
         shares={name: float(said[name]) for name in run.task.columns},
         area=_over_training(run, "return"),
         success_area=_over_training(run, "success"),

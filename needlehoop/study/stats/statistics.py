@@ -1,8 +1,8 @@
 """Statistics over seeds: means and their intervals, chances to be better.
 
 A few runs have a mean with Student's interval. From ten on they have an interquartile mean, after
-Agarwal et al., "Deep RL at the Edge of the Statistical Precipice" (2021): runs are resampled within
-each stratum, and 95 % intervals are the percentiles of what comes out.
+Agarwal et al., "Deep RL at the Edge of the Statistical Precipice" (2021): runs are resampled, and
+95 % intervals are the percentiles of what comes out.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class SeedEstimate(Estimated):
     """A value over seeds; without an interval where they are too few to tell."""
 
     seeds: int = 1
-    """Runs in the smallest stratum."""
+    """Runs that it is of; of a comparison, those of the side with fewer."""
 
     @property
     def interval_or_why(self) -> Interval | str:
@@ -70,24 +70,17 @@ def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     return trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
 
 
-def estimate(strata: Sequence[Sequence[float]]) -> SeedEstimate:
-    """The IQM over all runs.
-
-    Args:
-        strata: the runs' values, by stratum: one for a camera set's seeds; several, such as
-            one for each camera set, to sum up over them. None is empty.
-    """
-    groups = [np.asarray(stratum, dtype=float) for stratum in strata]
-    fewest = min(map(len, groups))
-    value = float(iqm(np.concatenate(groups)))
-    if fewest < ENOUGH:
-        return SeedEstimate(value, None, fewest)
-    if len(groups) == 1 and fewest < FEW:
-        half = float(_half(groups[0]))
-        return SeedEstimate(value, Interval(value - half, value + half), fewest)
-    generator = np.random.default_rng(0)
-    drawn = np.concatenate([_resample(group, generator) for group in groups], axis=1)
-    return SeedEstimate(value, _percentiles(iqm(drawn, axis=1)), fewest)
+def estimate(values: Sequence[float] | np.ndarray) -> SeedEstimate:
+    """The IQM over runs ``(n,)``; of fewer than ``FEW`` their mean, with Student's interval."""
+    own = np.asarray(values, dtype=float)
+    n, value = len(own), float(iqm(own))
+    if n < ENOUGH:
+        return SeedEstimate(value, None, n)
+    if n < FEW:
+        half = float(student.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
+        return SeedEstimate(value, Interval(value - half, value + half), n)
+    drawn = _resample(own, np.random.default_rng(0))
+    return SeedEstimate(value, _percentiles(iqm(drawn, axis=1)), n)
 
 
 def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
@@ -100,7 +93,7 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
         shares: of each run's episodes.
         episodes: of each run.
     """
-    found = estimate([shares])
+    found = estimate(shares)
     if (ends := found.interval) is not None:
         return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
@@ -147,29 +140,16 @@ def band(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         Middle, low and high, ``(points,)`` each; low and high are NaN where there are fewer
         than three runs.
     """
-    present = ~np.isnan(curves)
-    middle, low, high = (np.full(curves.shape[1], np.nan) for _ in range(3))
-    # Runs end at few different steps: each stretch with the same runs is one resampling.
-    for who in np.unique(present, axis=1).T:
-        here = (present == who[:, None]).all(axis=0)
-        stretch = curves[who][:, here]
-        if len(stretch):
-            middle[here] = iqm(stretch, axis=0)
-        if ENOUGH <= len(stretch) < FEW:
-            half = _half(stretch)
-            low[here], high[here] = middle[here] - half, middle[here] + half
-        elif len(stretch) >= FEW:
-            generator = np.random.default_rng(0)
-            picks = generator.integers(len(stretch), size=(_RESAMPLES // 4, len(stretch)))
-            drawn = iqm(stretch[picks], axis=1)
-            low[here], high[here] = np.percentile(drawn, _LIMITS, axis=0)
+    middle, low, high = np.full((3, curves.shape[1]), np.nan)
+    for point, column in enumerate(curves.T):
+        known = column[~np.isnan(column)]
+        if not len(known):
+            continue
+        found = estimate(known)
+        middle[point] = found.value
+        if found.interval is not None:
+            low[point], high[point] = found.interval.low, found.interval.high
     return middle, low, high
-
-
-def _half(values: np.ndarray) -> np.ndarray:
-    """Half of Student's 95 % interval of the mean of runs ``(n, ...)``."""
-    n = len(values)
-    return student.ppf(0.975, n - 1) * values.std(axis=0, ddof=1) / np.sqrt(n)
 
 
 def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
