@@ -113,15 +113,13 @@ def vlm_reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                paths, comparison = inquiry.reward(own.flavour, rules, own.samples, trained)
+                paths = inquiry.reward(own.flavour, rules, own.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
                 print(f"  {error}", file=sys.stderr)
                 failed.append("+".join(values["cams"]))
                 continue
-        if comparison is not None:
-            print(comparison.text())
         _report(inquiry, *(path.relative_to(inquiry.folder) for path in paths))
     if failed:
         raise NoAnswerError(
