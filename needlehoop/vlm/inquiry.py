@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.written import FIRST, check_flavour, file_name
+from needlehoop.rewards.written import FIRST, file_name
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
@@ -213,13 +213,11 @@ class Inquiry(AbstractContextManager):
             The files of the accepted programs.
 
         Raises:
-            ValueError: no cameras, an unknown flavour, too little told, or the programs exist
-                already.
+            ValueError: no cameras, too little told, or the programs exist already.
         """
         told, settings, cameras = self._told, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        check_flavour(flavour)
         if trained is not None and told != FULL:
             raise ValueError(f"vlm.told: a program is revised with {FULL}")
         if told == "nothing" and flavour == "text":
