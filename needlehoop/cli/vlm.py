@@ -90,7 +90,9 @@ def vlm_reward(options: argparse.Namespace) -> None:
 
     # All camera sets are checked before the first is asked for.
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
-    own = strict.read(several[0], flavour=str, samples=Samples, revise=str | None)
+    from needlehoop.rewards.written import Flavour
+
+    own = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
         strict.as_type(values["gates"], Gates, "gates")
         _understood(values)
@@ -113,15 +115,13 @@ def vlm_reward(options: argparse.Namespace) -> None:
             # The trajectories that programs are judged by do not depend on the cameras.
             rules = rules or rules_of(values)
             try:
-                paths, comparison = inquiry.reward(own.flavour, rules, own.samples, trained)
+                paths = inquiry.reward(own.flavour, rules, own.samples, trained)
             except (NoAnswerError, RefusalError) as error:
                 if len(several) == 1:
                     raise
                 print(f"  {error}", file=sys.stderr)
                 failed.append("+".join(values["cams"]))
                 continue
-        if comparison is not None:
-            print(comparison.text())
         _report(inquiry, *(path.relative_to(inquiry.folder) for path in paths))
     if failed:
         raise NoAnswerError(
@@ -190,7 +190,7 @@ def vlm_check(options: argparse.Namespace) -> int:
     from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
-    from needlehoop.rewards.written import find, read, scaled
+    from needlehoop.rewards.written import Flavour, find, read, scaled
     from needlehoop.runs.files import check_name
     from needlehoop.vlm.config import Gates
 
@@ -208,8 +208,9 @@ def vlm_check(options: argparse.Namespace) -> int:
 
     settings = settings_from(values)
     gates = strict.as_type(values["gates"], Gates, "gates")
-    kinds = {"flavour": str, "study": str, "results": str, "recording": str | None, "sample": Count}
-    own = strict.read(values, **kinds)
+    own = strict.read(
+        values, flavour=Flavour, study=str, results=str, recording=str | None, sample=Count
+    )
     check_name("study", own.study)
     if files:
         source = read(Path(files[0]))

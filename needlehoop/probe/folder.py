@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -53,8 +52,7 @@ class Folder:
             *(f"{phase}_{name}" for phase in asked.phases for name in asked.names),
         ]
         self._run = Run(path)
-        self._began, self._lock = time.perf_counter(), threading.Lock()
-        self._origin = {**provenance(), "command": list(command)}
+        self._began, self._command = time.perf_counter(), list(command)
         own, held = dict(config), path / CONFIG
         before: dict[str, Any] = {}
         if path.exists() and any(file.is_file() for file in path.iterdir()):
@@ -83,19 +81,8 @@ class Folder:
         if overwrite or any(before.get(key) != own.get(key) for key in ("fit", "cams", "seeds")):
             write_whole(held, yaml.safe_dump(own, sort_keys=False))
 
-    def has(self, seed: int, name: str) -> bool:
-        """Whether a camera set's errors are there."""
-        return errors_of(self.path, seed, name).exists()
-
-    def names(self, seeds: int) -> list[str]:
-        """Camera sets whose errors are there for every seed below ``seeds``."""
-        found = [
-            {file.stem for file in (self.path / f"seed{s}").glob("*.csv")} for s in range(seeds)
-        ]
-        return sorted(set.intersection(*found))
-
     def save(self, seed: int, name: str, means: np.ndarray, frames: np.ndarray) -> None:
-        """Write a camera set's errors, whole or not at all, and what it took; see ``errors``."""
+        """Write a camera set's errors, whole or not at all; see ``errors``."""
         rows = []
         for episode, (own, seen) in enumerate(zip(means, frames, strict=True)):
             cells = ["" if np.isnan(value) else f"{value:.4g}" for value in own.flatten()]
@@ -103,12 +90,13 @@ class Folder:
         path = errors_of(self.path, seed, name)
         path.parent.mkdir(exist_ok=True)
         write_whole(path, csv_text(self._columns, rows))
-        # Time and memory of all calls that measured something.
-        with self._lock:
-            spent = self._before.get("wall_time", 0.0) + time.perf_counter() - self._began
-            memory = max(self._before.get("memory_gb", 0.0), peak_memory())
-            facts = {"wall_time": round(spent, 1), "memory_gb": round(memory, 2)}
-            self._run.note(**self._origin, **facts)
+
+    def note(self) -> None:
+        """Note in the manifest what all calls took that measured something."""
+        spent = self._before.get("wall_time", 0.0) + time.perf_counter() - self._began
+        memory = max(self._before.get("memory_gb", 0.0), peak_memory())
+        facts = {"wall_time": round(spent, 1), "memory_gb": round(memory, 2)}
+        self._run.note(**provenance(), command=self._command, **facts)
 
     def load(self, seed: int, name: str) -> np.ndarray:
         """A camera set's mean errors ``(episodes, phases, quantities)``.
@@ -131,13 +119,12 @@ class Folder:
 
     def results(self, seeds: int) -> ProbeResults:
         """All that was probed with every seed; errors as in ``load``."""
-        return ProbeResults(
-            self.asked,
-            {
-                name: np.stack([self.load(seed, name) for seed in range(seeds)])
-                for name in self.names(seeds)
-            },
-        )
+        files = ({f.stem for f in (self.path / f"seed{s}").glob("*.csv")} for s in range(seeds))
+        means = {
+            name: np.stack([self.load(seed, name) for seed in range(seeds)])
+            for name in sorted(set.intersection(*files))
+        }
+        return ProbeResults(self.asked, means)
 
 
 def errors_of(place: Path, seed: int, name: str) -> Path:

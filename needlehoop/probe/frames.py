@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
-from needlehoop.envs.rollout import batches, rollout
+from needlehoop.envs.rollout import Controller, batches, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals, columns
 from needlehoop.tasks.contract import Task
@@ -151,11 +151,11 @@ def collect(
         own, first = simulation.settings, int(simulation.envs[0])
         phases = [
             torch.where(step.alive, phase_of(asked, step.signals), -1)
-            for step in rollout(simulation, _Cast(own, first))
+            for step in rollout(simulation, _cast(own, first))
         ]
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
         simulation.reseed(settings.seed)
-        for step, wanted in zip(rollout(simulation, _Cast(own, first)), chosen, strict=True):
+        for step, wanted in zip(rollout(simulation, _cast(own, first)), chosen, strict=True):
             ids = torch.from_numpy(np.flatnonzero(wanted))
             if len(ids):
                 images.append(step.images(ids))
@@ -186,34 +186,34 @@ def phase_of(asked: Quantities, signals: Signals) -> Tensor:
     return torch.where(getattr(signals, asked.fact), index, 0)
 
 
-class _Cast:
+def _cast(settings: Settings, first: int) -> Controller:
     """The controllers of a batch: environment ``i`` has the one that ``KINDS`` names.
 
     Args:
         settings: of the batch.
         first: index of its first environment.
     """
+    n, expert = settings.num_envs, controller("expert", settings)
+    who = [KINDS[(first + env) % len(KINDS)] for env in range(n)]
+    is_random, perturbed = (
+        torch.tensor([one == kind for one in who]).unsqueeze(-1) for kind in ("random", "perturbed")
+    )
+    generator = torch.Generator().manual_seed(settings.seed + first)
 
-    def __init__(self, settings: Settings, first: int):
-        who = [KINDS[(first + env) % len(KINDS)] for env in range(settings.num_envs)]
-        self._expert = controller("expert", settings)
-        self._size = settings.episode.action_size
-        self._generator = torch.Generator().manual_seed(settings.seed + first)
-        low, high = _NOISE
-        amplitude = low + (high - low) * self._draw(settings.num_envs)
-        self._random = torch.tensor([kind == "random" for kind in who]).unsqueeze(-1)
-        perturbed = torch.tensor([kind == "perturbed" for kind in who])
-        self._amplitude = (amplitude * perturbed).unsqueeze(-1)
-        self._drift = torch.zeros(settings.num_envs, self._size, dtype=torch.float64)
+    def draw(*shape: int) -> Tensor:
+        return torch.rand(shape, generator=generator, dtype=torch.float64)
 
-    def __call__(self, signals: Signals) -> Tensor:
-        uniform = 2.0 * self._draw(*self._drift.shape) - 1.0
-        self._drift = NOISE_MEMORY * self._drift + uniform
-        scripted = self._expert(signals) + self._amplitude * self._drift
-        return torch.where(self._random, uniform, scripted.clamp(-1.0, 1.0))
+    low, high = _NOISE
+    amplitude = (low + (high - low) * draw(n, 1)) * perturbed
+    drift = torch.zeros(n, settings.episode.action_size, dtype=torch.float64)
 
-    def _draw(self, *shape: int) -> Tensor:
-        return torch.rand(shape, generator=self._generator, dtype=torch.float64)
+    def act(signals: Signals) -> Tensor:
+        uniform = 2.0 * draw(*drift.shape) - 1.0
+        drift.mul_(NOISE_MEMORY).add_(uniform)
+        scripted = expert(signals) + amplitude * drift
+        return torch.where(is_random, uniform, scripted.clamp(-1.0, 1.0))
+
+    return act
 
 
 def _spread(phases: np.ndarray, number: int, most: int) -> np.ndarray:

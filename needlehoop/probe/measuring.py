@@ -33,14 +33,21 @@ def probe(plan: Plan, folder: Folder) -> None:
     Raises:
         ValueError: episodes that do not come to every phase.
     """
-    todo = missing(plan, folder.path)
+    todo = {
+        seed: lacking
+        for seed, lacking in missing(plan, folder.path).items()
+        if lacking or not errors_of(folder.path, seed, CONSTANT).exists()
+    }
     total = plan.fit.updates * sum(map(len, todo.values()))
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
-    with tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
-        for seed, lacking in todo.items():
-            if lacking or not folder.has(seed, CONSTANT):
+    try:
+        with tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
+            for seed, lacking in todo.items():
                 _probe_seed(plan, folder, seed, lacking, bar)
+    finally:
+        if todo:
+            folder.note()
 
 
 def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:

@@ -1,8 +1,7 @@
 """Rewards that are Python functions from outside the package.
 
-``function(signals, **values)`` returns named terms, or one tensor. There are three ways to give
-one: as an object, by a name (``module:name`` or ``file.py:name``), or by an entry point of an
-installed package.
+``function(signals, **values)`` returns named terms, or one tensor. It is given as an object, or by
+a name: ``module:name`` or ``file.py:name``.
 
 Importing a name runs code. Only ``allow`` and ``recall`` import, and they put the function itself
 into the config. ``load`` takes that function and never a name, so a config that was read from a
@@ -16,7 +15,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +28,7 @@ if TYPE_CHECKING:
     from needlehoop.scene.signals import Signals
 
 KIND = "python"
-"""The kind of a reward that names its function. An entry point's name is a kind as well."""
-
-GROUP = "needlehoop.rewards"
-"""The group of entry points: ``mine = "my_package:my_reward"`` makes the kind ``mine``."""
+"""The kind of a reward that names its function."""
 
 _CALL = "call"
 """Key of an allowed config: the function in use. No file can hold one."""
@@ -88,11 +83,6 @@ class Called:
         return f"# {self.origin}, {dict(self.values)}\n{_source(self.function)}"
 
 
-def kinds() -> tuple[str, ...]:
-    """Kinds that installed packages add by entry points."""
-    return tuple(sorted(entry_points(group=GROUP).names))
-
-
 def given(function: Callable[..., Any]) -> dict[str, Any]:
     """The config of a function object. It can't be written down for another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
@@ -106,9 +96,9 @@ def check(config: Mapping[str, Any]) -> None:
     Raises:
         ValueError: missing or unknown keys, or ``values`` is not a mapping.
     """
-    if config["kind"] == KIND:
-        values = {key: one for key, one in config.items() if key not in ("name", _CALL)}
-        structure(values, _Config, "reward")
+    structure(
+        {key: one for key, one in config.items() if key not in ("name", _CALL)}, _Config, "reward"
+    )
 
 
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,11 +111,6 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     if _CALL in config:
         return dict(config)
     check(config)
-    if config["kind"] != KIND:
-        (entry,) = entry_points(group=GROUP, name=config["kind"])
-        values = {key: value for key, value in config.items() if key not in ("kind", "name")}
-        call = Called(entry.load(), values, f"the entry point {entry.name} ({entry.value})")
-        return {**config, _CALL: call}
     name = config["function"]
     function = _find(name)
     if config["source"] not in (None, _source(function)):
@@ -141,7 +126,7 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
     """
     if not trust:
         raise _untrusted(config)
-    if config["kind"] == KIND and config.get("source") is None:
+    if config.get("source") is None:
         raise ValueError("reward.source: null; a run notes the source of its function")
     return allow(config)
 
@@ -152,8 +137,6 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         ValueError: as in ``allow``.
     """
-    if config["kind"] != KIND:
-        return dict(config)
     reward, name = load(allow(config)), config["function"]
     file, _, function = name.rpartition(":")
     if file.endswith(".py"):
@@ -174,10 +157,9 @@ def load(config: Mapping[str, Any]) -> Called:
 
 
 def _untrusted(config: Mapping[str, Any]) -> ValueError:
-    what = config.get("function") if config["kind"] == KIND else f"the entry point {config['kind']}"
     return ValueError(
-        f"reward: the run's files name Python code, {shown(what)}, which would be imported and run;"
-        " add trust=true if you trust them"
+        f"reward: the run's files name Python code, {shown(config.get('function'))}, which would be"
+        " imported and run; add trust=true if you trust them"
     )
 
 

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from torch import Tensor
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Positive, Real
+from needlehoop.config.strict import Count, OneOf, Positive, Real
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import check_finite, potential
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 """What a VLM was shown when it wrote a reward, by the reward's kind."""
+
+Flavour = Annotated[str, OneOf(*FLAVOURS.values())]
 
 KINDS = ("file", *FLAVOURS)
 """Kinds of rewards that are programs."""
@@ -233,11 +235,10 @@ def find(
 
     Raises:
         NotWrittenError: no program; the message has the command that makes it.
-        ValueError: an unknown flavour or recording, neither study nor recording, or no program
-            in a recording that is searched alone.
+        ValueError: an unknown recording, neither study nor recording, or no program in a
+            recording that is searched alone.
     """
     chosen = tuple(cams)
-    check_flavour(flavour)
     if study is None and recording is None:
         raise ValueError("reward.study, reward.recording: both are null; give one to look into")
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
@@ -283,13 +284,6 @@ def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path:
 def file_name(flavour: str, sample: int = FIRST) -> str:
     """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
     return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
-
-
-def check_flavour(flavour: str) -> None:
-    """Raises ``ValueError`` for an unknown flavour."""
-    if flavour not in FLAVOURS.values():
-        valid = ", ".join(FLAVOURS.values())
-        raise ValueError(f"flavour: {flavour!r} is unknown; choose from {valid}")
 
 
 def command(

@@ -173,7 +173,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     try:
         with Inquiry(settings, asked, provider) as opened:
             flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
-            paths, _ = opened.reward(flavour, rules_of(values), sample)
+            paths = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
         raise rewards.RewardError(f"reward: no program was written: {error}") from error
     print(f"reward written to {paths[-1]}")

@@ -16,8 +16,8 @@ from string import Template
 
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.language.compiler import MAX_EXPONENT
 from needlehoop.rewards.language.functions import FUNCTIONS
+from needlehoop.rewards.language.program import MAX_EXPONENT
 from needlehoop.scene.cameras import Rendering, View
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Task, Telling

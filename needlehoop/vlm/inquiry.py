@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.written import FIRST, check_flavour, file_name
+from needlehoop.rewards.written import FIRST, file_name
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
-from needlehoop.study.render.table import Table
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
@@ -35,10 +34,8 @@ from needlehoop.vlm.rankings import agreement_csv, deal, of_groups, of_samples, 
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import (
     DESCENT,
-    Accepted,
     ProgramRules,
     Trained,
-    compared,
     guess_prompt,
     reward_prompt,
     rows_of,
@@ -198,7 +195,7 @@ class Inquiry(AbstractContextManager):
         rules: ProgramRules,
         samples: int = FIRST,
         trained: Trained | None = None,
-    ) -> tuple[list[Path], Table | None]:
+    ) -> list[Path]:
         """Ask for reward programs for the settings' cameras.
 
         A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
@@ -213,16 +210,14 @@ class Inquiry(AbstractContextManager):
                 from, the latest last.
 
         Returns:
-            The files of the accepted programs; how they differ, if there are several.
+            The files of the accepted programs.
 
         Raises:
-            ValueError: no cameras, an unknown flavour, too little told, or the programs exist
-                already.
+            ValueError: no cameras, too little told, or the programs exist already.
         """
         told, settings, cameras = self._told, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        check_flavour(flavour)
         if trained is not None and told != FULL:
             raise ValueError(f"vlm.told: a program is revised with {FULL}")
         if told == "nothing" and flavour == "text":
@@ -242,12 +237,12 @@ class Inquiry(AbstractContextManager):
             prompt = trained.prompt(prompt)
             free = next(n for n in count(FIRST) if not self._has_reward(flavour, n))
             asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
-        accepted, failed, paths = {}, [], []
+        failed, paths = [], []
         for sample, name in asked.items():
             file = self._reward_file(flavour, sample)
             conversation = self._begin(name)
             try:
-                source, verdict = write_program(conversation, rules, prompt, first)
+                source = write_program(conversation, rules, prompt, first)
             except NoAnswerError as error:
                 failed.append(error)
                 continue
@@ -257,16 +252,11 @@ class Inquiry(AbstractContextManager):
                     attempts = str(file.with_suffix(".attempts.jsonl"))
                     self._files.write(attempts, "\n".join([*rows, ""]))
             paths.append(self._files.write(str(file), source))
-            accepted[sample] = Accepted(verdict.card, rules.values(source))
             if trained is not None:
                 self._files.write(str(file.with_suffix(DESCENT)), trained.descent())
-        table = None
-        if len(accepted) > 1:
-            table = compared(f"{flavour}.samples", accepted)
-            self._files.write(f"rewards/{cameras}/{table.name}.csv", table.csv())
         if failed:
             raise NoAnswerError("; ".join(map(str, failed)))
-        return paths, table
+        return paths
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""

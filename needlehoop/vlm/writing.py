@@ -8,25 +8,23 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
 from PIL import Image
-from scipy.stats import rankdata
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.rewards.written import FIRST, KINDS
+from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.reading import UnreadableError, read_json
 from needlehoop.runs.run import Run
 from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
-from needlehoop.study.render.table import Column, Table
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
-from needlehoop.vlm.card import card, values_of
+from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.description import fill, telling_of
@@ -42,8 +40,6 @@ class ProgramRules:
     highest: float
     """The range that a program's value must keep to."""
     judge: Callable[[str], Verdict]
-    values: Callable[[str], Sequence[float]]
-    """An accepted program's value at each recorded moment."""
 
 
 def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
@@ -64,16 +60,13 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
             reason = reason.replace(name, said)
         return Verdict(reason or None, found.as_dict())
 
-    def values(source: str) -> list[float]:
-        return values_of(compile_program(source, table), trajectories.moments, gates).tolist()
-
-    return ProgramRules(gates.low, gates.high, judge, values)
+    return ProgramRules(gates.low, gates.high, judge)
 
 
 def write_program(
     conversation: Conversation, rules: ProgramRules, prompt: list[Part], first: Sequence[Part] = ()
-) -> tuple[str, Verdict]:
-    """Ask for a program until one is accepted; its source, and what was found of it.
+) -> str:
+    """Ask for a program until one is accepted; its source.
 
     Args:
         conversation: a new one.
@@ -92,8 +85,7 @@ def write_program(
 
     if first:
         conversation.ask(first, Guess)
-    answer = conversation.ask(prompt, ProgramAnswer, judge)
-    return _bare(answer.program), conversation.attempts[-1].verdict
+    return _bare(conversation.ask(prompt, ProgramAnswer, judge).program)
 
 
 def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
@@ -114,48 +106,6 @@ def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-class Accepted(NamedTuple):
-    """A program's figures at the gates, and its values at the recorded moments."""
-
-    card: Mapping[str, Any]
-    values: Sequence[float]
-
-
-def compared(name: str, programs: Mapping[int, Accepted]) -> Table:
-    """How several programs for the same cameras differ: one row each.
-
-    Args:
-        name: of the table's file.
-        programs: by the number of the sample.
-    """
-    # A task without a cheat has no such figure.
-    figures = [own.card for own in programs.values()]
-    others = [to for to in ("random", "cheat") if figures[0][to] is not None]
-    # Undefined for one whose values are all the same.
-    with np.errstate(invalid="ignore"):
-        rho = np.corrcoef(rankdata([own.values for own in programs.values()], axis=1))
-    rows = [
-        (
-            number,
-            *(own.card["expert"] - own.card[to] for to in others),
-            own.card["paid"],
-            *(None if np.isnan(one) else float(one) for one in correlations),
-        )
-        for (number, own), correlations in zip(programs.items(), rho, strict=True)
-    ]
-    columns = (
-        Column("sample"),
-        *(Column(f"expert - {to}", form=".3f") for to in others),
-        Column("paid", "%", ".1f", 100.0),
-        *(Column(f"rho with {number}", form=".3f") for number in programs),
-    )
-    note = (
-        "rho: Spearman's, of the values over the recorded trajectories. Trained on: sample"
-        f" {FIRST}, or that of reward.sample=."
-    )
-    return Table(name, "Samples compared", columns, tuple(rows), note)
 
 
 def reward_prompt(

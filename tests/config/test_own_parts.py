@@ -1,7 +1,5 @@
 """Cameras, renderings, tasks and rewards from outside the package."""
 
-from importlib.metadata import EntryPoint, EntryPoints
-
 import pytest
 import torch
 import yaml
@@ -12,7 +10,7 @@ from needlehoop import rewards
 from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings
-from needlehoop.rewards import called
+from needlehoop.runs.files import reward_name
 
 VIEW = {**yaml.safe_load((composing.CONF / "view/front.yaml").read_text()), "azimuth": 20.0}
 
@@ -122,20 +120,16 @@ def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, mon
         rewards.recall(kept, trust=True)
 
 
-def test_an_installed_package_tells_of_its_rewards(monkeypatch, tmp_path):
-    entry = EntryPoint("mine", "test_own_parts:half", called.GROUP)
-    monkeypatch.setattr(
-        called,
-        "entry_points",
-        lambda **wanted: EntryPoints([entry]).select(**wanted),
-    )
+def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
+    values = {"defaults": ["python", "_self_"], "function": "test_own_parts:half", "name": "mine"}
     (tmp_path / "reward").mkdir()
-    (tmp_path / "reward/mine.yaml").write_text("kind: mine\nmost: 7.0\n")
+    (tmp_path / "reward/mine.yaml").write_text(yaml.safe_dump({**values, "values": {"most": 7.0}}))
     found = compose_settings([f"conf_dir={tmp_path}", "reward=mine"])
     reward = load_reward(found.reward)
     assert reward.values == {"most": 7.0}
     assert "def half" in rewards.text(reward)
-    with pytest.raises(ValueError, match=r"choose from .*file.*python, mine"):
+    assert reward_name(found.reward) == "mine"
+    with pytest.raises(ValueError, match=r"choose from .*file.*python"):
         compose_settings(["reward.kind=yours"])
 
 

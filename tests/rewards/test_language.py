@@ -286,13 +286,6 @@ def test_programs_are_equal_by_their_source():
     assert "reward = 1" in repr(one)
 
 
-def test_nothing_is_computed_twice_or_in_vain():
-    d = "distance(goal, needle_tip)"
-    once = len(compile_program(f"reward = exp({d})").code.steps)
-    source = f"unused = norm(joints)\na = {d}\nreward = exp({d}) if True else a"
-    assert len(compile_program(source).code.steps) == once + 1
-
-
 # Programs drawn from the grammar, sensible or not.
 
 NAMES = st.sampled_from(["a", "b", "c", "reward", *vocabulary(TABLE)])

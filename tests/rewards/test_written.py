@@ -116,8 +116,6 @@ def test_find_says_where_the_text_came_from(place, tmp_path):
     source = find(["b", "a"], "image", "s", "results", None)
     assert source.text.startswith("a = 7\n")
     assert Path(source.origin) == Path("results/s/vlm/rewards/a+b/image.txt")
-    with pytest.raises(ValueError, match="choose from text, image"):
-        find(["a"], "picture", "s", "results", "paper")
     with pytest.raises(ValueError, match="choose from paper"):
         find(["a"], "image", "s", "results", "papre")
 

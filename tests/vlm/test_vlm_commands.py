@@ -33,26 +33,14 @@ GOOD = "reward = 9 if grasped else 0\n"
 CAMS = "cams=[dep_front,seg_side]"
 
 
-def worth(source: str) -> int:
-    """What a program's first number says: ``reward = 3`` ends 3 above a random policy's 0."""
-    return int((re.findall(r"[0-9]+", source) or ["0"])[0])
-
-
 def judge(source: str) -> Verdict:
     refused = "import" in source
-    own = {"expert": float(worth(source)), "random": 0.0, "cheat": worth(source) ** 2 / 10}
-    card = {"ok": True, **own, "paid": 0.5}
-    return Verdict("line 1: import is not allowed" if refused else None, card)
-
-
-def values(source: str) -> list[float]:
-    """A program's at six moments: rising, or falling if its worth is even."""
-    return [(-1) ** (worth(source) + 1) * step for step in range(6)]
+    return Verdict("line 1: import is not allowed" if refused else None, {"ok": True})
 
 
 @pytest.fixture(autouse=True)
 def rules(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    rules = ProgramRules(0.0, 9.0, judge, values)
+    rules = ProgramRules(0.0, 9.0, judge)
     monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
 
 
@@ -330,7 +318,7 @@ def programs(*worths: int | str) -> list[str]:
     return [json.dumps({"explanation": "e", "program": source}) for source in sources]
 
 
-def test_several_samples_are_compared(study, words, server, capsys):
+def test_several_samples_are_conversations_and_files_of_their_own(study, words, server):
     server.script[:] = programs(3, 4, 5)
     assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 0
     assert len(server.requests) == 3
@@ -343,11 +331,6 @@ def test_several_samples_are_compared(study, words, server, capsys):
     names = [line["conversation"] for line in lines_of(study / "transcript.jsonl")][-3:]
     own = "reward/dep_front+seg_side/image"
     assert names == [own, f"{own}/2", f"{own}/3"]
-    rows = rows_of(folder / "image.samples.csv")
-    assert [row["expert - random"] for row in rows] == ["3.000", "4.000", "5.000"]
-    assert [row["expert - cheat"] for row in rows] == ["2.100", "2.400", "2.500"]
-    assert [row["rho with 1"] for row in rows] == ["1.000", "-1.000", "1.000"]
-    assert "Samples compared" in capsys.readouterr().out
     # Asked again, all is there; without two of them, the record gives the same.
     assert main(["vlm", "reward", *words, CAMS, "samples=3"]) == 2
     before = contents(folder)
@@ -378,7 +361,6 @@ def test_a_sample_that_fails_does_not_take_the_others_with_it(study, words, serv
     folder = study / "rewards/dep_front+seg_side"
     kept = {path.name for path in folder.glob("*.txt")}
     assert kept == {"image.txt", "image_3.txt"}
-    assert [row["sample"] for row in rows_of(folder / "image.samples.csv")] == ["1", "3"]
 
 
 @pytest.mark.full

@@ -30,7 +30,7 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 @pytest.fixture(autouse=True)
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
+    rules = ProgramRules(0.0, 9.0, judge)
     monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
 
 

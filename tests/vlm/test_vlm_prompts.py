@@ -19,7 +19,7 @@ from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.rewards import NONE
-from needlehoop.rewards.language.compiler import MAX_EXPONENT
+from needlehoop.rewards.language.program import MAX_EXPONENT
 from needlehoop.robot import geometry as geo
 from needlehoop.scene import signals as scene_signals
 from needlehoop.tasks.needle_hoop import TASK, sharp_end_is_nearer

@@ -400,10 +400,9 @@ def judge(source: str) -> Verdict:
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):
     provider = Scripted(program("import os"), reply("{}"), program("```python\nreward = 9\n```"))
     record = Record(tmp_path, provider)
-    rules = ProgramRules(0.0, 9.0, judge, lambda _: [])
+    rules = ProgramRules(0.0, 9.0, judge)
     conversation = Conversation(record, "reward/text", 3)
-    found = write_program(conversation, rules, ["write"])
-    assert found == ("reward = 9\n", judge("reward = 9\n"))
+    assert write_program(conversation, rules, ["write"]) == "reward = 9\n"
     assert "line 1, column 1: no" in provider.asked[1].messages[-1].parts[0]
     rows = rows_of(conversation)
     assert [row["accepted"] for row in rows] == [False, False, True]

@@ -1,35 +1,17 @@
-"""What a reward program may compute: kinds of values, operators and functions."""
+"""What a reward program may compute: operators and functions."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import reduce
+from operator import itemgetter
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-
-
-class Kind(NamedTuple):
-    """What a value is: ``size`` 0 for a number or a truth value, else a vector's length."""
-
-    name: str
-    size: int = 0
-
-    def __str__(self) -> str:
-        return f"a {self.size}-vector" if self.size else f"a {self.name}"
-
-
-NUMBER, TRUTH = Kind("number"), Kind("truth value")
-
-
-def vector_of(size: int) -> Kind:
-    """The kind of vectors of that length."""
-    return Kind("vector", size)
-
 
 Operator = tuple[str, Callable[..., Tensor]]
 """A sign and what it does."""
@@ -54,25 +36,19 @@ JUNCTIONS: dict[type[ast.boolop], Operator] = {
 }
 
 
-def component(v: Tensor, index: int) -> Tensor:
-    """One component of vectors ``(n, k)``."""
-    return v[..., index]
-
-
 class Function(NamedTuple):
     """One row of the table of functions.
 
     ``takes`` names each argument's kind: ``number``; ``truth``; ``vector`` (all of one length);
     ``vector3``; ``vector4``; ``any`` (all of one kind); ``index`` (a whole number, written out).
-    The last one may be repeated if the signature ends with dots. A truth value counts as the
-    number 0 or 1 where a number is taken. ``gives`` is the result's kind.
+    The last one may be repeated if the signature has dots. A truth value counts as the number 0
+    or 1 where a number is taken. ``run`` takes numbers ``(n,)`` and vectors ``(n, k)``.
     """
 
     signature: str
     meaning: str
     takes: tuple[str, ...]
     run: Callable[..., Tensor]
-    gives: Kind = NUMBER
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
@@ -101,7 +77,7 @@ def _greatest(*values: Tensor) -> Tensor:
 
 
 _N, _V, _V3 = "number", "vector", "vector3"
-_X, _Y, _Z = (partial(component, index=index) for index in range(3))
+_X, _Y, _Z = (itemgetter((..., index)) for index in range(3))
 _ROWS = (
     Function("distance(u, v)", "Euclidean distance", (_V, _V), _distance),
     Function("norm(v)", "length of a vector", (_V,), _norm),
@@ -113,15 +89,14 @@ _ROWS = (
         "component(v, i)",
         "component of any vector; i is written out and counts from 0",
         (_V, "index"),
-        component,
+        Tensor.__getitem__,
     ),
-    Function("vector(a, b, c)", "a 3-vector", (_N, _N, _N), _vector, vector_of(3)),
+    Function("vector(a, b, c)", "a 3-vector", (_N, _N, _N), _vector),
     Function(
         "rotate(q, v)",
         "3-vector v turned by quaternion q (w, x, y, z)",
         ("vector4", _V3),
         geo.rotate,
-        vector_of(3),
     ),
     Function(
         "clip(a, low, high)",
