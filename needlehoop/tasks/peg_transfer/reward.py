@@ -45,7 +45,7 @@ class Human:
         kept = s.grasped | about
         off = s.block_position[:, 2] - s.goal[:, 2]
         rise = (off / (s.above_goal[:, 2] - s.goal[:, 2])).clamp(0.0, 1.0)
-        carried_off = torch.logical_or(s.lifted, s.over | s.arrived)
+        carried_off = torch.logical_or(s.lifted, s.over).logical_or(s.arrived)
         raised = torch.where(carried_off, one, 0.8 * rise)
         close = torch.exp(-self.carry_rate * aside(s.block_position - s.goal))
         carried = torch.where(s.over, one, 0.8 * close)
