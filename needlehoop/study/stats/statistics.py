@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import binomtest, trim_mean
-from scipy.stats import t as student
+
+# Its ``stats`` are imported at their first use: a table of files alone does not wait for them.
+import scipy
 
 _RESAMPLES = 2_000
 _LIMITS = (2.5, 97.5)
@@ -67,7 +68,7 @@ def no_interval(seeds: int) -> str:
 
 def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     """Mean of the middle half; of fewer than ``FEW`` values, the mean of all of them."""
-    return trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
+    return scipy.stats.trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
 
 
 def estimate(values: Sequence[float] | np.ndarray) -> SeedEstimate:
@@ -77,7 +78,7 @@ def estimate(values: Sequence[float] | np.ndarray) -> SeedEstimate:
     if n < ENOUGH:
         return SeedEstimate(value, None, n)
     if n < FEW:
-        half = float(student.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
+        half = float(scipy.stats.t.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
         return SeedEstimate(value, Interval(value - half, value + half), n)
     drawn = _resample(own, np.random.default_rng(0))
     return SeedEstimate(value, _percentiles(iqm(drawn, axis=1)), n)
@@ -97,7 +98,7 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
     if (ends := found.interval) is not None:
         return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
-    wilson = binomtest(hits, sum(episodes)).proportion_ci(method="wilson")
+    wilson = scipy.stats.binomtest(hits, sum(episodes)).proportion_ci(method="wilson")
     interval = Interval(float(wilson.low), float(wilson.high), OVER_EPISODES)
     return SeedEstimate(hits / sum(episodes), interval, found.seeds)
 
