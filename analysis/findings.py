@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis import placements
+from analysis import placements, survival
 from analysis.comparisons import claims, difference, luck, writers
 from analysis.protocol import (
     BLIND,
@@ -25,18 +25,24 @@ from analysis.protocol import (
     held,
     means,
     predicted,
-    runs_of,
     sets_figure,
     sets_table,
     traits_table,
 )
+from analysis.runs import runs_of, stress_of
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.render.style import save, styled
 from needlehoop.study.render.table import Cell, Column, Table
 from needlehoop.study.report.tables import TO_SOON, soon
 from needlehoop.study.stats.findings import StudyFindings, study_findings
-from needlehoop.study.stats.predictions import MEASURED, PAPERS_MEASURED, scored
+from needlehoop.study.stats.predictions import (
+    MEASURED,
+    PAPERS_MEASURED,
+    Prediction,
+    predictions,
+    scored,
+)
 from needlehoop.study.stats.run import (
     BEST,
     CHEAT,
@@ -99,12 +105,23 @@ def study(name: str) -> StudyFindings:
     return study_findings(ROOT / "results" / name)
 
 
-@cache
 def runs(name: str) -> pd.DataFrame:
     """The runs of one of docs/protocol.md's studies: ``protocol``, or ``placements``."""
-    found = study(name).study
-    assert found is not None
-    return runs_of(found)
+    return runs_of(ROOT / "results" / name)
+
+
+@cache
+def foretellers() -> tuple[Prediction, ...]:
+    """Who predicted the protocol's camera sets."""
+    found, left_out = predictions(None, ROOT / "results", [*paper.lists().values()], "protocol")
+    assert not left_out, left_out
+    return found
+
+
+@cache
+def stress() -> pd.DataFrame:
+    """What disturbances cost the protocol's runs."""
+    return stress_of(ROOT / "results" / "protocol")
 
 
 def _results() -> Table:
@@ -213,11 +230,14 @@ def _writers() -> Table:
 TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
-    "protocol_foretold": lambda: foretold_table(
-        study("protocol").predictions, means(runs("protocol"))
-    ),
+    "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
     "places": lambda: placements.places_table(runs("placements")),
     "placements": lambda: placements.foretold_table(placements.scores(), runs("placements")),
+    "survival": lambda: survival.sets_table(runs("protocol"), survival.survival(stress())),
+    "survival_axes": lambda: survival.axes_table(stress()),
+    "survival_foretold": lambda: survival.foretold_table(
+        runs("protocol"), survival.survival(stress())
+    ),
     "results": _results,
     "luck": _luck,
     "claims": _claims,
@@ -229,8 +249,9 @@ TABLES: Mapping[str, Callable[[], Table]] = {
 
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "which_cameras": lambda: sets_figure(runs("protocol")),
-    "foretold": lambda: foretold_figure(study("protocol").predictions, means(runs("protocol"))),
+    "foretold": lambda: foretold_figure(foretellers(), means(runs("protocol"))),
     "where_cameras": lambda: placements.map_figure(runs("placements")),
+    "survival": lambda: survival.survival_figure(survival.survival(stress())),
 }
 """PNG files of docs/."""
 

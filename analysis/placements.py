@@ -98,8 +98,9 @@ def _pixels(settings: Settings) -> tuple[int, int]:
     return int(totals[0]), int(totals[1])
 
 
-def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
-    """Spearman's ρ of each prediction (a column of ``scores``) with mean success by camera set."""
+def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, ...]]:
+    """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
+    set, how often a shuffled order agrees as well, and regret."""
     measured = means(runs)
     names = [name for name in scores.index if name in measured]
     truth = np.array([measured[name] for name in names])
@@ -114,11 +115,16 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
         ends = _bootstrap(own, runs, names)
         rows.append((str(who), Estimated(float(rho), ends), float(chance), lost))
     rows.append(("drawn blindly", None, None, float(truth.max() - truth.mean())))
+    return rows
+
+
+def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
+    """Each prediction of the single cameras beside a blind choice."""
     columns = (
         Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
         Column("regret", "points", ".0f", 100.0),
     )  # fmt: skip
-    return Table("placements", "", columns, tuple(rows))
+    return Table("placements", "", columns, tuple(correlations(scores, runs)))
 
 
 def places_table(runs: pd.DataFrame) -> Table:

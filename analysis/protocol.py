@@ -11,9 +11,8 @@ import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau
 
-from analysis.comparisons import has_depth, has_labels, is_two_sided
+from analysis.comparisons import is_two_sided
 from needlehoop.study.data import paper
-from needlehoop.study.data.records import Study
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import Column, Estimated, Table
 from needlehoop.study.stats.agreement import agreement
@@ -37,33 +36,9 @@ RULE, BLIND = "the rule", "drawn blindly"
 Scores = Mapping[str, float]
 
 
-def runs_of(study: Study) -> pd.DataFrame:
-    """A row for each finished run: its camera set, seed, and shares of its 100 episodes.
-
-    A seed counts once all camera sets have it, so that all sets are measured on the same seeds.
-    """
-    rows = [
-        {
-            "cameras": run.place.cameras,
-            "seed": run.place.seed,
-            "success": run.evaluation["success"],
-            "sampled": run.evaluation["success_sampled"],
-            "touched": run.evaluation["touched"],
-        }
-        for run in sorted(study.runs, key=lambda run: run.place)
-        if run.finished and run.evaluation is not None
-    ]
-    runs = pd.DataFrame(rows, columns=["cameras", "seed", "success", "sampled", "touched"])
-    sets_by_seed = runs.groupby("seed")["cameras"].transform("nunique")
-    runs = runs.loc[sets_by_seed == runs["cameras"].nunique()].reset_index(drop=True)
-    for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
-        runs[name] = [of(cameras) for cameras in runs["cameras"]]
-    return runs
-
-
-def means(runs: pd.DataFrame) -> dict[str, float]:
-    """Mean success by camera set, the best first."""
-    found = {str(name): float(np.mean(own["success"])) for name, own in runs.groupby("cameras")}
+def means(runs: pd.DataFrame, of: str = "success") -> dict[str, float]:
+    """Mean of a column by camera set, the best first."""
+    found = {str(name): float(np.mean(own[of])) for name, own in runs.groupby("cameras")}
     return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 

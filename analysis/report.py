@@ -35,9 +35,7 @@ def as_html(page: Path, beside: Path) -> str:
 def main() -> None:
     """Write the page."""
     figures = OUT.parent / "figures"
-    parts = [
-        Part(study(name), draw(study(name), figures / name)) for name in ("protocol", *STUDIES)
-    ]
+    parts = [Part(study(name), draw(study(name), figures / name)) for name in STUDIES]
     opening = as_html(ROOT / "docs" / "findings.md", OUT.parent)
     write_report(parts, OUT, "python -m analysis.report", opening)
     print(OUT)

@@ -74,9 +74,9 @@ def test_sentences_on_cameras_have_the_tables_numbers():
         for of in ("mean (95 %), %", "sampled, %")
     )
     seeds = {len(row["threaded by seed, %"].split(", ")) for row in found}
-    assert seeds == {2}
-    assert "all sets have two of their five seeds" in words
-    assert "runs have two seeds of five so far" in words
+    assert seeds == {3}
+    assert "all sets have three of their five seeds" in words
+    assert "runs have three seeds of five so far" in words
     best = next(iter(mean))
     assert f"`{best}`, threads in {mean[best]} of 100" in words
     assert f"`rgb_default` in {mean['rgb_default']}." in words
@@ -108,13 +108,29 @@ def test_sentences_on_predictions_have_the_tables_numbers():
     )
     assert f"{said} {{}}".format(*lost) in words
     imitated = {row["prediction"]: row["1.5 M"] for row in rows_of("foretold")}["imitation"]
-    assert f"shows more than the rule ({imitated.split(', ')[1]}, with two seeds)" in words
+    assert f"does not show more than the rule ({imitated.split(', ')[1]};" in words
     first = analysis.runs("protocol")
     first = first[first["seed"] == first["seed"].min()]
-    _, p, _ = held(
-        "probe", predicted(analysis.study("protocol").predictions)["probe"], means(first)
-    )
+    _, p, _ = held("probe", predicted(analysis.foretellers())["probe"], means(first))
     assert f"first seed alone, the probe did know more than the rule (p {p:.2f})" in words
+
+
+def test_sentences_on_survival_have_the_tables_numbers():
+    words = " ".join(PAGE.split())
+    sets = rows_of("survival")
+    rho = rows_of("survival_foretold")[0]["ρ (95 %)"].replace(")", "; one seed was tested)")
+    assert f"each by itself, by ρ {rho}" in words
+    kept = {row["cameras"]: row["mean over axes, %"] for row in sets}
+    best = sets[0]["cameras"]
+    assert f"`{best}` keeps {kept[best]} %, `rgb_default` {kept['rgb_default']}." in words
+    left = {row["axis"]: row["trained undisturbed, %"] for row in rows_of("survival_axes")}
+    assert [*left][:3] == ["all", "camera.turn", "camera.shift"]
+    said = "they leave {camera.turn} and {camera.shift} % where undisturbed episodes have {none}"
+    for axis in ("camera.turn", "camera.shift", "none"):
+        said = said.replace(f"{{{axis}}}", left[axis])
+    assert said in words
+    together = max(int(row["all axes at once, %"]) for row in sets)
+    assert f"leave no set more than {together} %" in words
 
 
 def test_sentences_on_places_have_the_tables_numbers():

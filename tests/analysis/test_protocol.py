@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
-from study_files import write_run
 
 from analysis.comparisons import is_two_sided
 from analysis.protocol import (
@@ -15,12 +12,10 @@ from analysis.protocol import (
     beyond_the_rule,
     mean_tau,
     regret,
-    runs_of,
     sets_table,
     traits_table,
 )
 from needlehoop.study.data import paper
-from needlehoop.study.data.records import read_study
 
 LISTS = list(paper.lists().values())
 MEASURED = {
@@ -104,15 +99,3 @@ def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
     ends = table[0]["mean (95 %), %"].interval
     assert ends.low == pytest.approx(0.85, abs=0.001)
     assert ends.high == pytest.approx(0.95, abs=0.001)
-
-
-def test_a_seed_counts_once_all_camera_sets_have_it(tmp_path):
-    for cameras, seeds in (("dep_front+seg_side", (0, 1)), ("rgb_front+rgb_side", (1, 2))):
-        for seed in seeds:
-            path = write_run(tmp_path / "main", cameras, seed=seed) / "evaluation.json"
-            more = {"success_sampled": 0.5, "touched": 0.5}
-            path.write_text(json.dumps(json.loads(path.read_text()) | more))
-    runs = runs_of(read_study(tmp_path / "main"))
-    assert runs["seed"].tolist() == [1, 1]
-    assert runs["two_views"].all()
-    assert runs["depth"].tolist() == runs["labels"].tolist() == [True, False]

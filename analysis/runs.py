@@ -1,0 +1,91 @@
+"""The protocol's runs as tables: a row for each run, and one for each condition of its stress test.
+
+``python -m analysis.runs results/protocol <study folder> …`` adds the finished runs of studies to
+``runs.csv`` and ``stress.csv`` of a folder. A run that is there already stays as it is.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from analysis.comparisons import has_depth, has_labels, is_two_sided
+from needlehoop.study.data.records import Record, read_study
+from needlehoop.study.stats.run import final
+
+RUN = ["disturb", "cameras", "seed"]
+"""What tells runs apart: what they were trained under, what they see, their seed."""
+
+RUNS, STRESS = "runs.csv", "stress.csv"
+
+
+def add(to: Path, studies: Sequence[Path]) -> None:
+    """Add the finished runs of studies to a folder's tables."""
+    records = [run for folder in studies for run in read_study(folder).runs if run.evaluation]
+    for name, rows_of in ((RUNS, _run), (STRESS, _stress)):
+        path = to / name
+        old = [pd.read_csv(path)] if path.exists() else []
+        new = [pd.DataFrame(rows) for run in records if run.finished and (rows := rows_of(run))]
+        if not old + new:
+            continue
+        rows = pd.concat(old + new, ignore_index=True)
+        key = [one for one in (*RUN, "axis", "severity") if one in rows]
+        rows = rows.drop_duplicates(key).sort_values(RUN, kind="stable")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rows.to_csv(path, index=False, float_format="%.5g")
+
+
+def _key(run: Record) -> dict[str, Any]:
+    words = [str(word).partition("=") for word in run.manifest.get("command", ())]
+    disturb = next((value for key, _, value in words if key == "disturb"), "none")
+    return dict(zip(RUN, (disturb, run.place.cameras, run.place.seed), strict=True))
+
+
+def _run(run: Record) -> list[dict[str, Any]]:
+    found, end = run.evaluation, final(run)
+    assert found is not None
+    assert end is not None
+    shares = {name: found[name] for name in ("success", "grasped", "lifted", "touched", "return")}
+    return [
+        _key(run)
+        | {"commit": run.manifest["commit"], "minutes": run.manifest["wall_time"] / 60}
+        | {"steps": found["steps_trained"], "sampled": found["success_sampled"], **shares}
+        | {"over_training": end.area}
+    ]
+
+
+def _stress(run: Record) -> list[dict[str, Any]]:
+    return [_key(run) | asdict(row) for row in run.stress]
+
+
+def runs_of(folder: Path, disturb: str = "none") -> pd.DataFrame:
+    """A row for each run that was trained under ``disturb``, with the traits of its camera set.
+
+    A seed counts once all camera sets have it, so that all sets are measured on the same seeds.
+    """
+    runs = _complete(pd.read_csv(folder / RUNS).query("disturb == @disturb"))
+    for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
+        runs[name] = [of(cameras) for cameras in runs["cameras"]]
+    return runs
+
+
+def stress_of(folder: Path) -> pd.DataFrame:
+    """A row for each condition of each stress test, of seeds for which all sets were tested."""
+    groups = pd.read_csv(folder / STRESS).groupby("disturb", sort=False)
+    sets = len({*pd.read_csv(folder / RUNS)["cameras"]})
+    found = [_complete(own, sets) for _, own in groups]
+    return pd.concat(found, ignore_index=True)
+
+
+def _complete(rows: pd.DataFrame, sets: int | None = None) -> pd.DataFrame:
+    by_seed = rows.groupby("seed")["cameras"].transform("nunique")
+    return rows.loc[by_seed == (sets or rows["cameras"].nunique())].reset_index(drop=True)
+
+
+if __name__ == "__main__":
+    add(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])

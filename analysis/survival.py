@@ -1,0 +1,114 @@
+"""Q4 of docs/protocol.md: which camera sets survive disturbances, trained with and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from analysis.placements import correlations
+from analysis.protocol import means
+from needlehoop.study.data.contents import ALL, NONE
+from needlehoop.study.render.style import COLOURS, FAINT, new_figure
+from needlehoop.study.render.table import Column, Table
+
+MODERATE = "moderate"
+"""What agents were trained under, beside none."""
+
+
+def survival(stress: pd.DataFrame) -> pd.DataFrame:
+    """A row for each tested run: success undisturbed, its mean over axes, and under all at once.
+
+    Args:
+        stress: a row for each condition, all of one severity but for the undisturbed.
+    """
+    axes = stress.query("axis not in (@NONE, @ALL)")
+    keys = ["disturb", "cameras", "seed"]
+    found = {
+        NONE: stress.query("axis == @NONE").set_index(keys)["success"],
+        "success": axes.groupby(keys)["success"].mean(),
+        ALL: stress.query("axis == @ALL").set_index(keys)["success"],
+    }
+    return pd.DataFrame(found).reset_index()
+
+
+def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
+    """The camera sets, the best survivor first: trained undisturbed, and under ``moderate``."""
+    undisturbed = means(runs)
+    plain = survived.query("disturb == @NONE")
+    trained = survived.query("disturb == @MODERATE")
+    together = means(plain, ALL)
+    told = [means(trained, column) for column in (NONE, "success", ALL)]
+    rows = [
+        (name, undisturbed[name], value, together[name], *(own.get(name) for own in told))
+        for name, value in means(plain).items()
+    ]
+    columns = (
+        Column("cameras"), Column.share("threaded in Q1"), Column.share("mean over axes"),
+        Column.share("all axes at once"),
+        *(Column.share(f"trained under moderate: {one}")
+          for one in ("undisturbed", "mean over axes", "all at once")),
+    )  # fmt: skip
+    return Table("survival", "", columns, tuple(rows))
+
+
+def axes_table(stress: pd.DataFrame) -> Table:
+    """Mean success over camera sets by axis, the worst for agents trained undisturbed first."""
+    plain, trained = (
+        {
+            str(axis): float(np.mean(own["success"]))
+            for axis, own in stress[stress["disturb"] == disturb].groupby("axis")
+        }
+        for disturb in (NONE, MODERATE)
+    )
+    rows = [(axis, plain[axis], trained.get(axis)) for axis in sorted(plain, key=plain.__getitem__)]
+    columns = (Column.share("trained undisturbed"), Column.share("trained under moderate"))
+    return Table("survival_axes", "", (Column("axis"), *columns), tuple(rows))
+
+
+def foretold_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
+    """Whether success without disturbances foretells that under them: Spearman's ρ over sets.
+
+    The other seeds are those that were not tested: with them no run foretells itself.
+    """
+    others = runs.query("seed not in @survived.seed.tolist()")
+    foretold = {"Q1's success": means(runs), "Q1's success, other seeds": means(others)}
+    scores = pd.DataFrame(foretold)
+    rows = []
+    for disturb, own in survived.groupby("disturb", sort=False):
+        said = {NONE: "undisturbed"}.get(str(disturb), f"under {disturb}")
+        rows += [(f"trained {said}", *row) for row in correlations(scores, own)]
+    columns = (
+        Column("agents"), Column("foretold by"), Column("ρ (95 %)", form=".2f"),
+        Column("p", form="p"), Column("regret", "points", ".0f", 100.0),
+    )  # fmt: skip
+    return Table("survival_foretold", "", columns, tuple(rows))
+
+
+def survival_figure(survived: pd.DataFrame) -> Figure:
+    """A row for each camera set: undisturbed, and the mean over axes with either training."""
+    plain, trained = (survived.query("disturb == @one") for one in (NONE, MODERATE))
+    shown = {
+        "undisturbed": means(plain, NONE),
+        "under each axis, mean": means(plain),
+        "the same, trained under disturbances": means(trained),
+    }
+    order = [*means(plain)][::-1]
+    figure, ((axes,),) = new_figure(4.6 * len(order) + 18)
+    styles = (("o", "none", FAINT), ("o", COLOURS[0], COLOURS[0]), ("D", COLOURS[1], COLOURS[1]))
+    for (said, values), (mark, face, edge) in zip(shown.items(), styles, strict=True):
+        known = [(100 * values[name], row) for row, name in enumerate(order) if name in values]
+        if known:
+            across, rows = zip(*known, strict=True)
+            axes.plot(
+                across, rows, mark, markersize=3.5, mfc=face, mec=edge, label=said, clip_on=False
+            )
+    for row, name in enumerate(order):
+        ends = [100 * shown[said][name] for said in ("undisturbed", "under each axis, mean")]
+        axes.plot(ends, [row, row], color=FAINT, linewidth=0.8, zorder=0)
+    axes.set_yticks(range(len(order)), order)
+    axes.set_xlim(0, 100)
+    axes.set_xlabel("threaded, %")
+    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6)
+    return figure

@@ -1,0 +1,67 @@
+"""Tables of the protocol's runs: what is added to them, and which seeds count."""
+
+from __future__ import annotations
+
+import json
+
+import pandas as pd
+import pytest
+from study_files import write_run
+
+from analysis.runs import add, runs_of, stress_of
+
+STRESS = (
+    "axis,severity,amount,unit,episodes,success\nnone,0,,,40,0.5\nrobot.late,3,2,steps,40,0.25\n"
+)
+
+
+def written(folder, cameras, seed, disturb="none", success=0.5):
+    """A finished run as the protocol's are."""
+    run = write_run(folder, cameras, seed=seed)
+    told = {"success_sampled": 0.5, "touched": 0.5, "success": success, "steps_trained": 100}
+    more = {
+        "evaluation.json": told | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
+        "manifest.json": {
+            "command": ["train.py", f"disturb={disturb}"],
+            "commit": "abc",
+            "wall_time": 90.0,
+        },
+    }
+    for name, values in more.items():
+        path = run / name
+        path.write_text(json.dumps(json.loads(path.read_text()) | values))
+    return run
+
+
+def test_a_seed_counts_once_all_camera_sets_have_it(tmp_path):
+    for cameras, seeds in (("dep_front+seg_side", (0, 1)), ("rgb_front+rgb_side", (1, 2))):
+        for seed in seeds:
+            written(tmp_path / "main", cameras, seed)
+    add(tmp_path / "kept", [tmp_path / "main"])
+    runs = runs_of(tmp_path / "kept")
+    assert runs["seed"].tolist() == [1, 1]
+    assert runs["two_views"].all()
+    assert runs["depth"].tolist() == runs["labels"].tolist() == [True, False]
+    assert runs["minutes"].tolist() == [1.5, 1.5]
+
+
+def test_a_run_that_is_there_stays_as_it_is(tmp_path):
+    for study, success in (("first", 0.5), ("second", 0.75)):
+        written(tmp_path / study, "rgb_default", 1, success=success)
+        add(tmp_path / "kept", [tmp_path / study])
+    assert runs_of(tmp_path / "kept")["success"].tolist() == [0.5]
+
+
+def test_a_stress_test_counts_once_all_sets_have_one_of_its_seed(tmp_path):
+    for disturb in ("none", "moderate"):
+        for cameras in ("dep_default", "rgb_default"):
+            for seed in (1, 2):
+                run = written(tmp_path / disturb, cameras, seed, disturb)
+                if seed == 1 or cameras == "rgb_default":
+                    (run / "stress.csv").write_text(STRESS)
+    add(tmp_path / "kept", [tmp_path / "none", tmp_path / "moderate"])
+    assert len(pd.read_csv(tmp_path / "kept" / "stress.csv")) == 12
+    found = stress_of(tmp_path / "kept")
+    assert {*found["seed"]} == {1}
+    assert found.groupby(["disturb", "cameras", "axis"]).size().eq(1).all()
+    assert found["success"].mean() == pytest.approx(0.375)

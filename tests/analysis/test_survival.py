@@ -1,0 +1,66 @@
+"""Which camera sets survive: means over axes, and whether undisturbed success foretells them."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from analysis.survival import MODERATE, axes_table, foretold_table, sets_table, survival
+from needlehoop.study.data import paper
+
+AXES = {"camera.shift": 0.2, "robot.late": 1.0}
+"""What an axis leaves of success."""
+UNDISTURBED = {name: 0.3 + 0.05 * place for place, name in enumerate(paper.measured())}
+
+
+def _stress(disturb="none", sign=1) -> pd.DataFrame:
+    rows = []
+    for name, value in UNDISTURBED.items():
+        left = {"none": 1.0, **AXES, "all": 0.0}
+        rows += [
+            (disturb, name, 7, axis, 3, 40, value * share if sign > 0 else 1 - value * share)
+            for axis, share in left.items()
+        ]
+    columns = ["disturb", "cameras", "seed", "axis", "severity", "episodes", "success"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _runs() -> pd.DataFrame:
+    rows = [(name, seed, value) for name, value in UNDISTURBED.items() for seed in (7, 8)]
+    return pd.DataFrame(rows, columns=["cameras", "seed", "success"])
+
+
+def test_survival_is_the_mean_over_axes_by_themselves():
+    found = survival(_stress())
+    shares = found["success"] / found["none"]
+    assert shares.tolist() == pytest.approx([0.6] * len(UNDISTURBED))
+    assert found["all"].tolist() == [0.0] * len(UNDISTURBED)
+
+
+def test_the_best_survivor_comes_first_and_what_was_not_trained_stays_empty():
+    (first, *_, last) = sets_table(_runs(), survival(_stress())).rows
+    in_order = sorted(UNDISTURBED, key=UNDISTURBED.__getitem__)
+    assert (last[0], first[0]) == (in_order[0], in_order[-1])
+    assert first[-3:] == (None, None, None)
+    assert first[1] == pytest.approx(UNDISTURBED[first[0]])
+    assert first[2] == pytest.approx(0.6 * UNDISTURBED[first[0]])
+
+
+def test_the_axis_that_costs_most_comes_first():
+    both = pd.concat([_stress(), _stress(MODERATE)])
+    rows = axes_table(both).rows
+    assert [row[0] for row in rows] == ["all", "camera.shift", "none", "robot.late"]
+    assert all(row[1] == row[2] for row in rows)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_success_foretells_survival_where_it_does(sign):
+    rows = foretold_table(_runs(), survival(_stress(sign=sign))).rows
+    assert [row[1] for row in rows] == [
+        "Q1's success",
+        "Q1's success, other seeds",
+        "drawn blindly",
+    ]
+    for _, _, rho, p, _ in rows[:2]:
+        assert rho.value == pytest.approx(sign)
+        assert (p < 0.01) == (sign > 0)
