@@ -75,9 +75,9 @@ def foretold_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
     foretold = {"Q1's success": means(runs), "Q1's success, other seeds": means(others)}
     scores = pd.DataFrame(foretold)
     rows = []
-    for disturb, own in survived.groupby("disturb", sort=False):
-        said = {NONE: "undisturbed"}.get(str(disturb), f"under {disturb}")
-        rows += [(f"trained {said}", *row) for row in correlations(scores, own)]
+    for disturb, said in ((NONE, "undisturbed"), (MODERATE, "under moderate")):
+        if len(own := survived.query(f"disturb == '{disturb}'")):
+            rows += [(f"trained {said}", *row) for row in correlations(scores, own)]
     columns = (
         Column("agents"), Column("foretold by"), Column("ρ (95 %)", form=".2f"),
         Column("p", form="p"), Column("regret", "points", ".0f", 100.0),
@@ -94,7 +94,7 @@ def survival_figure(survived: pd.DataFrame) -> Figure:
         "the same, trained under disturbances": means(trained),
     }
     order = [*means(plain)][::-1]
-    figure, ((axes,),) = new_figure(4.6 * len(order) + 18)
+    figure, ((axes,),) = new_figure(4.6 * len(order) + 22)
     styles = (("o", "none", FAINT), ("o", COLOURS[0], COLOURS[0]), ("D", COLOURS[1], COLOURS[1]))
     for (said, values), (mark, face, edge) in zip(shown.items(), styles, strict=True):
         known = [(100 * values[name], row) for row, name in enumerate(order) if name in values]
@@ -110,5 +110,5 @@ def survival_figure(survived: pd.DataFrame) -> Figure:
     axes.set_xlim(0, 100)
     axes.set_xlabel("threaded, %")
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
-    figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=6)
     return figure
