@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -88,4 +88,8 @@ def _complete(rows: pd.DataFrame, sets: int | None = None) -> pd.DataFrame:
 
 
 if __name__ == "__main__":
-    add(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
+    parser = argparse.ArgumentParser(prog="python -m analysis.runs")
+    parser.add_argument("to", type=Path, help="folder of the tables")
+    parser.add_argument("studies", type=Path, nargs="+", help="folders of studies")
+    given = parser.parse_args()
+    add(given.to, given.studies)

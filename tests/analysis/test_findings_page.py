@@ -123,7 +123,9 @@ def test_sentences_on_survival_have_the_tables_numbers():
     assert f"each by itself, by ρ {rho}" in words
     kept = {row["cameras"]: row["mean over axes, %"] for row in sets}
     best = sets[0]["cameras"]
-    assert f"`{best}` keeps {kept[best]} %, `rgb_default` {kept['rgb_default']}." in words
+    assert (
+        f"`{best}` then threads in {kept[best]} %, `rgb_default` in {kept['rgb_default']}." in words
+    )
     left = {row["axis"]: row["trained undisturbed, %"] for row in rows_of("survival_axes")}
     assert [*left][:3] == ["all", "camera.turn", "camera.shift"]
     said = "they leave {camera.turn} and {camera.shift} % where undisturbed episodes have {none}"
