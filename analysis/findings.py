@@ -105,6 +105,7 @@ def study(name: str) -> StudyFindings:
     return study_findings(ROOT / "results" / name)
 
 
+@cache
 def runs(name: str) -> pd.DataFrame:
     """The runs of one of docs/protocol.md's studies: ``protocol``, or ``placements``."""
     return runs_of(ROOT / "results" / name)
@@ -122,6 +123,12 @@ def foretellers() -> tuple[Prediction, ...]:
 def stress() -> pd.DataFrame:
     """What disturbances cost the protocol's runs."""
     return stress_of(ROOT / "results" / "protocol")
+
+
+@cache
+def survived() -> pd.DataFrame:
+    """The same, run by run."""
+    return survival.survival(stress())
 
 
 def _results() -> Table:
@@ -233,11 +240,9 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
     "places": lambda: placements.places_table(runs("placements")),
     "placements": lambda: placements.foretold_table(placements.scores(), runs("placements")),
-    "survival": lambda: survival.sets_table(runs("protocol"), survival.survival(stress())),
+    "survival": lambda: survival.sets_table(runs("protocol"), survived()),
     "survival_axes": lambda: survival.axes_table(stress()),
-    "survival_foretold": lambda: survival.foretold_table(
-        runs("protocol"), survival.survival(stress())
-    ),
+    "survival_foretold": lambda: survival.foretold_table(runs("protocol"), survived()),
     "results": _results,
     "luck": _luck,
     "claims": _claims,
@@ -251,7 +256,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "foretold": lambda: foretold_figure(foretellers(), means(runs("protocol"))),
     "where_cameras": lambda: placements.map_figure(runs("placements")),
-    "survival": lambda: survival.survival_figure(survival.survival(stress())),
+    "survival": lambda: survival.survival_figure(survived()),
 }
 """PNG files of docs/."""
 

@@ -98,6 +98,13 @@ def _pixels(settings: Settings) -> tuple[int, int]:
     return int(totals[0]), int(totals[1])
 
 
+CORRELATIONS = (
+    Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
+    Column("regret", "points", ".0f", 100.0),
+)  # fmt: skip
+"""Columns of ``correlations``."""
+
+
 def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, ...]]:
     """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
     set, how often a shuffled order agrees as well, and regret."""
@@ -120,11 +127,7 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, .
 
 def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     """Each prediction of the single cameras beside a blind choice."""
-    columns = (
-        Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
-        Column("regret", "points", ".0f", 100.0),
-    )  # fmt: skip
-    return Table("placements", "", columns, tuple(correlations(scores, runs)))
+    return Table("placements", "", CORRELATIONS, tuple(correlations(scores, runs)))
 
 
 def places_table(runs: pd.DataFrame) -> Table:

@@ -36,9 +36,9 @@ RULE, BLIND = "the rule", "drawn blindly"
 Scores = Mapping[str, float]
 
 
-def means(runs: pd.DataFrame, of: str = "success") -> dict[str, float]:
-    """Mean of a column by camera set, the best first."""
-    found = {str(name): float(np.mean(own[of])) for name, own in runs.groupby("cameras")}
+def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[str, float]:
+    """Mean of a column by camera set, or by another column, the best first."""
+    found = {str(name): float(np.mean(own[of])) for name, own in rows.groupby(by)}
     return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 

@@ -13,24 +13,35 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import yaml
 
 from analysis.comparisons import has_depth, has_labels, is_two_sided
+from needlehoop.runs.shipped import CONF
+from needlehoop.study.data.contents import NONE
 from needlehoop.study.data.records import Record, read_study
 from needlehoop.study.stats.run import final
 
 RUN = ["disturb", "cameras", "seed"]
 """What tells runs apart: what they were trained under, what they see, their seed."""
 
+DISTURB = CONF / "disturb"
+"""Options of what runs are trained under."""
+
 RUNS, STRESS = "runs.csv", "stress.csv"
 
 
 def add(to: Path, studies: Sequence[Path]) -> None:
-    """Add the finished runs of studies to a folder's tables."""
-    records = [run for folder in studies for run in read_study(folder).runs if run.evaluation]
+    """Add the finished runs of studies to a folder's tables.
+
+    Raises:
+        ValueError: no such study, or a run was trained under amounts that no option of
+            ``disturb`` has.
+    """
+    records = [run for folder in studies for run in read_study(folder).runs if run.finished]
     for name, rows_of in ((RUNS, _run), (STRESS, _stress)):
         path = to / name
         old = [pd.read_csv(path)] if path.exists() else []
-        new = [pd.DataFrame(rows) for run in records if run.finished and (rows := rows_of(run))]
+        new = [pd.DataFrame(rows) for run in records if (rows := rows_of(run))]
         if not old + new:
             continue
         rows = pd.concat(old + new, ignore_index=True)
@@ -41,9 +52,11 @@ def add(to: Path, studies: Sequence[Path]) -> None:
 
 
 def _key(run: Record) -> dict[str, Any]:
-    words = [str(word).partition("=") for word in run.manifest.get("command", ())]
-    disturb = next((value for key, _, value in words if key == "disturb"), "none")
-    return dict(zip(RUN, (disturb, run.place.cameras, run.place.seed), strict=True))
+    options = {path.stem: yaml.safe_load(path.read_text()) for path in DISTURB.glob("*.yaml")}
+    names = [name for name, amounts in options.items() if amounts == run.config["disturb"]]
+    if not names:
+        raise ValueError(f"{run.folder}: its disturb is none of {', '.join(sorted(options))}")
+    return dict(zip(RUN, (names[0], run.place.cameras, run.place.seed), strict=True))
 
 
 def _run(run: Record) -> list[dict[str, Any]]:
@@ -63,12 +76,13 @@ def _stress(run: Record) -> list[dict[str, Any]]:
     return [_key(run) | asdict(row) for row in run.stress]
 
 
-def runs_of(folder: Path, disturb: str = "none") -> pd.DataFrame:
-    """A row for each run that was trained under ``disturb``, with the traits of its camera set.
+def runs_of(folder: Path) -> pd.DataFrame:
+    """A row for each run that was trained undisturbed, with the traits of its camera set.
 
     A seed counts once all camera sets have it, so that all sets are measured on the same seeds.
     """
-    runs = _complete(pd.read_csv(folder / RUNS).query("disturb == @disturb"))
+    runs = pd.read_csv(folder / RUNS)
+    runs = _complete(runs.query(f"disturb == '{NONE}'"), len({*runs["cameras"]}))
     for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
         runs[name] = [of(cameras) for cameras in runs["cameras"]]
     return runs
@@ -82,9 +96,9 @@ def stress_of(folder: Path) -> pd.DataFrame:
     return pd.concat(found, ignore_index=True)
 
 
-def _complete(rows: pd.DataFrame, sets: int | None = None) -> pd.DataFrame:
+def _complete(rows: pd.DataFrame, sets: int) -> pd.DataFrame:
     by_seed = rows.groupby("seed")["cameras"].transform("nunique")
-    return rows.loc[by_seed == (sets or rows["cameras"].nunique())].reset_index(drop=True)
+    return rows.loc[by_seed == sets].reset_index(drop=True)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.placements import correlations
+from analysis.placements import CORRELATIONS, correlations
 from analysis.protocol import means
+from analysis.runs import RUN
 from needlehoop.study.data.contents import ALL, NONE
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import Column, Table
@@ -23,11 +23,10 @@ def survival(stress: pd.DataFrame) -> pd.DataFrame:
         stress: a row for each condition, all of one severity but for the undisturbed.
     """
     axes = stress.query("axis not in (@NONE, @ALL)")
-    keys = ["disturb", "cameras", "seed"]
     found = {
-        NONE: stress.query("axis == @NONE").set_index(keys)["success"],
-        "success": axes.groupby(keys)["success"].mean(),
-        ALL: stress.query("axis == @ALL").set_index(keys)["success"],
+        NONE: stress.query("axis == @NONE").set_index(RUN)["success"],
+        "success": axes.groupby(RUN)["success"].mean(),
+        ALL: stress.query("axis == @ALL").set_index(RUN)["success"],
     }
     return pd.DataFrame(found).reset_index()
 
@@ -55,11 +54,7 @@ def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
 def axes_table(stress: pd.DataFrame) -> Table:
     """Mean success over camera sets by axis, the worst for agents trained undisturbed first."""
     plain, trained = (
-        {
-            str(axis): float(np.mean(own["success"]))
-            for axis, own in stress[stress["disturb"] == disturb].groupby("axis")
-        }
-        for disturb in (NONE, MODERATE)
+        means(stress.query(f"disturb == '{one}'"), by="axis") for one in (NONE, MODERATE)
     )
     rows = [(axis, plain[axis], trained.get(axis)) for axis in sorted(plain, key=plain.__getitem__)]
     columns = (Column.share("trained undisturbed"), Column.share("trained under moderate"))
@@ -78,11 +73,7 @@ def foretold_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
     for disturb, said in ((NONE, "undisturbed"), (MODERATE, "under moderate")):
         if len(own := survived.query(f"disturb == '{disturb}'")):
             rows += [(f"trained {said}", *row) for row in correlations(scores, own)]
-    columns = (
-        Column("agents"), Column("foretold by"), Column("ρ (95 %)", form=".2f"),
-        Column("p", form="p"), Column("regret", "points", ".0f", 100.0),
-    )  # fmt: skip
-    return Table("survival_foretold", "", columns, tuple(rows))
+    return Table("survival_foretold", "", (Column("agents"), *CORRELATIONS), tuple(rows))
 
 
 def survival_figure(survived: pd.DataFrame) -> Figure:
@@ -97,12 +88,11 @@ def survival_figure(survived: pd.DataFrame) -> Figure:
     figure, ((axes,),) = new_figure(4.6 * len(order) + 22)
     styles = (("o", "none", FAINT), ("o", COLOURS[0], COLOURS[0]), ("D", COLOURS[1], COLOURS[1]))
     for (said, values), (mark, face, edge) in zip(shown.items(), styles, strict=True):
-        known = [(100 * values[name], row) for row, name in enumerate(order) if name in values]
-        if known:
-            across, rows = zip(*known, strict=True)
-            axes.plot(
-                across, rows, mark, markersize=3.5, mfc=face, mec=edge, label=said, clip_on=False
-            )
+        across = [100 * values[name] for name in order]
+        axes.plot(
+            across, range(len(order)), mark, markersize=3.5, mfc=face, mec=edge, label=said,
+            clip_on=False,
+        )  # fmt: skip
     for row, name in enumerate(order):
         ends = [100 * shown[said][name] for said in ("undisturbed", "under each axis, mean")]
         axes.plot(ends, [row, row], color=FAINT, linewidth=0.8, zorder=0)

@@ -10,7 +10,6 @@ from scipy.stats import kendalltau
 from analysis import findings as analysis
 from analysis.comparisons import is_two_sided
 from analysis.protocol import BLIND, PREREGISTERED, RULE, held, means, predicted
-from analysis.survival import survival
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.run import TRAINING
 
@@ -133,7 +132,7 @@ def test_sentences_on_survival_have_the_tables_numbers():
         said = said.replace(f"{{{axis}}}", left[axis])
     assert said in words
     under = {row["axis"]: row["trained under moderate, %"] for row in rows_of("survival_axes")}
-    mean = survival(analysis.stress()).query("disturb == 'moderate'")["success"].mean()
+    mean = analysis.survived().query("disturb == 'moderate'")["success"].mean()
     assert f"All disturbances at once leave {left['all']} %." in words
     assert f"thread in {under['none']} % undisturbed and {100 * mean:.0f} under each axis" in words
     assert f"all at once they do better, in {under['all']} %." in words

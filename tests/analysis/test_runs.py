@@ -6,9 +6,10 @@ import json
 
 import pandas as pd
 import pytest
+import yaml
 from study_files import write_run
 
-from analysis.runs import add, runs_of, stress_of
+from analysis.runs import DISTURB, add, runs_of, stress_of
 
 STRESS = (
     "axis,severity,amount,unit,episodes,success\nnone,0,,,40,0.5\nrobot.late,3,2,steps,40,0.25\n"
@@ -22,7 +23,6 @@ def written(folder, cameras, seed, disturb="none", success=0.5):
     more = {
         "evaluation.json": told | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
         "manifest.json": {
-            "command": ["train.py", f"disturb={disturb}"],
             "commit": "abc",
             "wall_time": 90.0,
         },
@@ -30,6 +30,9 @@ def written(folder, cameras, seed, disturb="none", success=0.5):
     for name, values in more.items():
         path = run / name
         path.write_text(json.dumps(json.loads(path.read_text()) | values))
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    config["disturb"] = yaml.safe_load((DISTURB / f"{disturb}.yaml").read_text())
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
     return run
 
 
@@ -65,3 +68,13 @@ def test_a_stress_test_counts_once_all_sets_have_one_of_its_seed(tmp_path):
     assert {*found["seed"]} == {1}
     assert found.groupby(["disturb", "cameras", "axis"]).size().eq(1).all()
     assert found["success"].mean() == pytest.approx(0.375)
+
+
+def test_a_run_under_amounts_of_its_own_is_refused(tmp_path):
+    run = written(tmp_path / "main", "rgb_default", 1)
+    config = yaml.safe_load((run / "config.yaml").read_text())
+    config["disturb"]["camera"]["shift"] = 0.005
+    (run / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(ValueError, match=r"seed1: its disturb is none of mild, moderate, none"):
+        add(tmp_path / "kept", [tmp_path / "main"])
+    assert not (tmp_path / "kept").exists()
