@@ -12,16 +12,15 @@ Modified (Craig) convention throughout.
 The model is plain MJCF, ``mjcf/<variant>.xml``. Every body's frame is its joint's, so the compiled
 model and ``forward_kinematics`` are one chain. ``README.md`` says where its numbers are from.
 
-Forward and inverse kinematics are pytorch-kinematics', on a chain made from the rows. It is
-imported at the first call: it brings matplotlib along, and a tool that is moved by its tip
-(``straight_wrist``) never calls it.
+Kinematics are pytorch-kinematics', which is imported at the first call: it brings matplotlib
+along, and a tool that is moved by its tip (``straight_wrist``) needs none of it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -132,20 +131,12 @@ def _chain() -> pk.SerialChain:
     from pytorch_kinematics.frame import Frame, Link
     from pytorch_kinematics.frame import Joint as ChainJoint
 
-    child = Frame("tool", link=Link("tool", offset=_offset(TOOL_OFFSET, np.zeros(3))))
+    offset = partial(pk.Transform3d, dtype=torch.float64)
+    child = Frame("tool", link=Link("tool", offset=offset(rot=torch.from_numpy(TOOL_OFFSET))))
     for joint in reversed(JOINTS):
-        pose = _dh_pose(joint)
+        link = Link(joint.name, offset=offset(matrix=torch.from_numpy(_dh_pose(joint))))
         kind = "prismatic" if joint.prismatic else "revolute"
-        parent = Frame(
-            joint.name,
-            link=Link(joint.name, offset=_offset(pose[:3, :3], pose[:3, 3])),
-            joint=ChainJoint(
-                joint.name,
-                joint_type=kind,
-                axis=(0.0, 0.0, 1.0),
-                limits=(joint.lower, joint.upper),
-            ),
-        )
+        parent = Frame(joint.name, link=link, joint=ChainJoint(joint.name, joint_type=kind))
         parent.add_child(child)
         child = parent
     root = Frame("rcm", link=Link("rcm"), joint=ChainJoint())
@@ -168,16 +159,6 @@ def _dh_pose(joint: Joint) -> np.ndarray:
     )
 
 
-def _offset(rotation: np.ndarray, position: np.ndarray) -> pk.Transform3d:
-    import pytorch_kinematics as pk
-
-    return pk.Transform3d(
-        rot=torch.as_tensor(rotation, dtype=torch.float64),
-        pos=torch.as_tensor(position, dtype=torch.float64),
-        dtype=torch.float64,
-    )
-
-
 def forward_kinematics(q: Joints) -> Joints:
     """Pose of the tool frame in the RCM frame: an array for an array, a tensor for a tensor.
 
@@ -193,7 +174,10 @@ def forward_kinematics(q: Joints) -> Joints:
     """
     if isinstance(q, np.ndarray):
         return forward_kinematics(torch.as_tensor(q)).numpy()
-    _check_joints(q)
+    if q.shape[-1:] != (len(JOINTS),):
+        raise ValueError(
+            f"q has shape {tuple(q.shape)}; expected (..., 6): {', '.join(JOINT_NAMES)}"
+        )
     flat = q.reshape(-1, len(JOINTS)).to(torch.float64)
     pose = _chain().forward_kinematics(flat).get_matrix()
     return pose.reshape(*q.shape[:-1], 4, 4)
@@ -239,13 +223,15 @@ def inverse_kinematics(
         Joint positions ``(n, 6)`` within the limits, float64. A pose out of reach gives
         the nearest that the iteration found.
     """
-    _check_joints(start)
+    import pytorch_kinematics as pk
+
     chain, q = _chain(), start.to(torch.float64)
     lower, upper = joint_limits()
     identity = damping * torch.eye(6, dtype=torch.float64)
     for _ in range(iterations):
         jacobian, now = chain.jacobian(q, ret_eef_pose=True)
-        twist = torch.cat((pose[:, :3, 3] - now[:, :3, 3], _rotation_error(now, pose)), -1)
+        turn = pk.matrix_to_axis_angle(pose[:, :3, :3] @ now[:, :3, :3].mT)
+        twist = torch.cat((pose[:, :3, 3] - now[:, :3, 3], turn), -1)
         step = torch.linalg.solve(jacobian @ jacobian.mT + identity, twist.unsqueeze(-1))
         q = torch.clamp(q + (jacobian.mT @ step).squeeze(-1), lower, upper)
     return q
@@ -256,18 +242,3 @@ def joint_limits() -> tuple[Tensor, Tensor]:
     lower = torch.tensor([joint.lower for joint in JOINTS], dtype=torch.float64)
     upper = torch.tensor([joint.upper for joint in JOINTS], dtype=torch.float64)
     return lower, upper
-
-
-def _rotation_error(now: Tensor, goal: Tensor) -> Tensor:
-    """Rotation vector ``(n, 3)`` that turns ``now`` to ``goal``, base frame, rad."""
-    import pytorch_kinematics as pk
-
-    turn = goal[:, :3, :3] @ now[:, :3, :3].mT
-    return pk.matrix_to_axis_angle(turn)
-
-
-def _check_joints(q: Tensor) -> None:
-    if q.shape[-1:] != (len(JOINTS),):
-        raise ValueError(
-            f"q has shape {tuple(q.shape)}; expected (..., 6): {', '.join(JOINT_NAMES)}"
-        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -18,38 +18,29 @@ from needlehoop.runs.reading import read_json
 RECORD = "export.json"
 """What of a folder's files was written by an export."""
 
-MESHES = "assets"
+_MESHES = "assets"
 """Folder of the meshes, beside the MJCF."""
 
-_KINDS = {
-    "body": ("body_pos", "body_quat"),
-    "joint": ("jnt_pos", "jnt_range"),
-    "geom": ("geom_pos", "geom_quat", "geom_size"),
-    "site": ("site_pos", "site_quat", "site_size"),
-    "camera": ("cam_pos", "cam_quat", "cam_fovy"),
-    "light": ("light_pos", "light_dir"),
-    "general": (
-        "actuator_ctrlrange",
-        "actuator_forcerange",
-        "actuator_gainprm",
-        "actuator_biasprm",
+_ROUNDED = {
+    "worldbody//body": ("body_pos", "body_quat"),
+    "worldbody//joint": ("jnt_pos", "jnt_range"),
+    "worldbody//geom": ("geom_pos", "geom_quat", "geom_size"),
+    "worldbody//site": ("site_pos", "site_quat", "site_size"),
+    "worldbody//camera": ("cam_pos", "cam_quat", "cam_fovy"),
+    "worldbody//light": ("light_pos", "light_dir"),
+    "actuator/general": (
+        *("actuator_ctrlrange", "actuator_forcerange"),
+        *("actuator_gainprm", "actuator_biasprm"),
     ),
-    "key": ("key_qpos", "key_ctrl", "key_mpos", "key_mquat"),
+    "keyframe/key": ("key_qpos", "key_ctrl", "key_mpos", "key_mquat"),
 }
 """Elements, and the model's fields that their attributes (the word after ``_``) are rounded of."""
-
-_DIGITS = 15
-"""Significant digits that are written. The next one would spell 0.05 as 0.050000000000000003."""
-
-_TOLERANCE = 1e-9
-"""How far apart a pose of the scene and of what was written may be, m and 1."""
-
-_PAPERS = Path(__file__).parents[1] / "robot"
 
 
 def papers() -> dict[str, str]:
     """What goes with every model: the licence, and where the arm's numbers are from."""
-    return {name: (_PAPERS / name).read_text("utf-8") for name in ("LICENSE", "README.md")}
+    robot = Path(__file__).parents[1] / "robot"
+    return {name: (robot / name).read_text("utf-8") for name in ("LICENSE", "README.md")}
 
 
 def check_place(out: Path, overwrite: bool) -> None:
@@ -123,10 +114,10 @@ def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
         _name_servo(servo)
     meshes = {}
     for element in root.iter("mesh"):
-        meshes[f"{MESHES}/{element.get('name')}.obj"] = _move_out(element, spec, model)
+        meshes[f"{_MESHES}/{element.get('name')}.obj"] = _move_out(element, spec, model)
     compiler = root.find("compiler")
     assert compiler is not None
-    compiler.set("meshdir", MESHES)
+    compiler.set("meshdir", _MESHES)
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode") + "\n"
     _compare(model, text, meshes)
@@ -135,22 +126,19 @@ def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
 
 def _put_back(root: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
     """The digits that were rounded away; elements stand in the order of the model's ids."""
-    world, actuator, keyframe = (root.find(name) for name in ("worldbody", "actuator", "keyframe"))
-    for kind, fields in _KINDS.items():
-        section = {"general": actuator, "key": keyframe}.get(kind, world)
-        elements = [] if section is None else list(section.iter(kind))
+    for path, fields in _ROUNDED.items():
         # The world is a body, and has no element of its own.
-        for index, element in enumerate(elements, start=kind == "body"):
+        for index, element in enumerate(root.iterfind(path), start=path == "worldbody//body"):
             if element.get("type") != "mesh":
                 for field in fields:
                     _sharpen(element, field.partition("_")[2], getattr(model, field)[index])
     masses = {geom.id: geom.mass for geom in spec.geoms}
-    for index, element in enumerate(() if world is None else world.iter("geom")):
+    for index, element in enumerate(root.iterfind("worldbody//geom")):
         _sharpen(element, "mass", masses[index])
-    for index, element in enumerate(root.findall("equality/*")):
+    for index, element in enumerate(root.iterfind("equality/*")):
         if element.tag == "connect":
             _sharpen(element, "anchor", model.eq_data[index])
-    for element in () if world is None else world.iter("joint"):
+    for element in root.iterfind("worldbody//joint"):
         dof = int(model.joint(element.get("name")).dofadr[0])
         for name in ("armature", "damping", "frictionloss"):
             _sharpen(element, name, getattr(model, f"dof_{name}")[dof])
@@ -166,12 +154,8 @@ def _sharpen(element: Element, attribute: str, exact: np.ndarray) -> None:
     if not np.allclose(full, numbers, rtol=1e-5, atol=1e-9):
         where = f"{element.tag} {element.get('name', '')} {attribute}"
         raise RuntimeError(f"export: {where}: {rounded} is not what was compiled, {full}")
-    element.set(attribute, _numbers(full))
-
-
-def _numbers(values: Iterable[float]) -> str:
-    """Numbers as text; what is nothing but rounding is 0."""
-    return " ".join(f"{0.0 if abs(x) < 1e-15 else x:.{_DIGITS}g}" for x in values)
+    # What is nothing but rounding is 0. A 16th digit would spell 0.05 as 0.050000000000000003.
+    element.set(attribute, " ".join(f"{0.0 if abs(x) < 1e-15 else x:.15g}" for x in full))
 
 
 def _name_servo(actuator: Element) -> None:
@@ -187,8 +171,8 @@ def _name_servo(actuator: Element) -> None:
 def _move_out(element: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> str:
     """A mesh as Wavefront OBJ; its element names the file from now on."""
     name = element.get("name", "")
-    start, count = model.mesh(name).faceadr[0], model.mesh(name).facenum[0]
     # Faces of the model: a blade is given by its corners, and MuJoCo spans the hull.
+    start, count = model.mesh(name).faceadr[0], model.mesh(name).facenum[0]
     faces = model.mesh_face[start : start + count] + 1
     vertices = np.array(spec.mesh(name).uservert, np.float32).reshape(-1, 3)
     for attribute in ("vertex", "face"):
@@ -201,7 +185,7 @@ def _move_out(element: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> s
 
 
 def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
-    """Open what is to be written, and hold it against the scene in its first pose."""
+    """Open what is to be written: its first pose is the scene's, to 1e-9 m."""
     assets = {path: mesh.encode() for path, mesh in meshes.items()}
     again = mujoco.MjModel.from_xml_string(text, assets)
     if (again.nq, again.nu, again.nbody) != (model.nq, model.nu, model.nbody):
@@ -215,5 +199,5 @@ def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
         datas.append(data)
     for name in ("xpos", "xmat", "site_xpos", "site_xmat"):
         apart = np.abs(getattr(datas[0], name) - getattr(datas[1], name)).max()
-        if not apart < _TOLERANCE:
+        if not apart < 1e-9:
             raise RuntimeError(f"export: {name} of what was written is {apart:.1e} apart")

@@ -38,6 +38,10 @@ def add_upright(
         body.add_geom(name=f"{name}_solid", solref=[0.004, 1.0], **shape, **collision(True))
 
 
+_SIDES = 6
+"""Corners of a tube's cross-section."""
+
+
 class Mesh(NamedTuple):
     """Triangles: ``vertices`` ``(n, 3)`` in m, ``faces`` ``(m, 3)`` counter-clockwise."""
 
@@ -65,60 +69,56 @@ def add_mesh(
     )
 
 
-def tube(curve: np.ndarray, radius: float, taper: float = 0.0, sides: int = 6) -> Mesh:
+def tube(curve: np.ndarray, radius: float, taper: float = 0.0) -> Mesh:
     """A round tube along a planar curve, with closed ends.
 
     Args:
         curve: centre line ``(n, 3)`` in the xy plane, m.
-        radius: radius of the cross-section, m.
+        radius: of the cross-section, m.
         taper: fraction of the curve at its end that narrows to a point.
-        sides: corners of the cross-section.
     """
     tangent = np.gradient(curve, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     across = np.cross(tangent, [0.0, 0.0, 1.0])
     at = np.linspace(0.0, 1.0, len(curve))
     width = radius * np.clip((1.0 - at) / taper, 0.08, 1.0) if taper else np.full(len(at), radius)
-    angles = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    angles = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)
     rings = [
         point + w * (np.outer(np.cos(angles), side) + np.outer(np.sin(angles), [0.0, 0.0, 1.0]))
         for point, side, w in zip(curve, across, width, strict=True)
     ]
     vertices = np.concatenate([*rings, curve[:1], curve[-1:]])
-    faces = _quads(len(curve), sides, wrap=False)
-    first, last, start = len(vertices) - 2, len(vertices) - 1, (len(curve) - 1) * sides
-    for i in range(sides):
-        j = (i + 1) % sides
+    faces = _quads(len(curve), wrap=False)
+    first, last, start = len(vertices) - 2, len(vertices) - 1, (len(curve) - 1) * _SIDES
+    for i in range(_SIDES):
+        j = (i + 1) % _SIDES
         faces += [(first, j, i), (last, start + i, start + j)]
     # The sections turn against the curve, so that the cells between them face inwards.
     return Mesh(vertices, np.array(faces, dtype=np.int32)[:, ::-1])
 
 
-def torus(radius: float, thickness: float, segments: int = 24, sides: int = 6) -> Mesh:
-    """A ring about the y axis.
+def torus(radius: float, thickness: float) -> Mesh:
+    """A ring about the y axis, out of 24 pieces.
 
     Args:
         radius: centre to the middle of the ring's material, m.
         thickness: radius of the cross-section, m.
-        segments: corners of the ring.
-        sides: corners of the cross-section.
     """
-    u = np.linspace(0.0, 2 * np.pi, segments, endpoint=False)[:, None]
-    v = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)[None, :]
+    u = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)[:, None]
+    v = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)[None, :]
     out = radius + thickness * np.cos(v)
     vertices = np.stack(
         (out * np.cos(u), thickness * np.sin(v) + 0.0 * u, out * np.sin(u)), -1
     ).reshape(-1, 3)
-    faces = _quads(segments, sides, wrap=True)
-    return Mesh(vertices, np.array(faces, dtype=np.int32))
+    return Mesh(vertices, np.array(_quads(len(u), wrap=True), dtype=np.int32))
 
 
-def _quads(rings: int, sides: int, wrap: bool) -> list[tuple[int, int, int]]:
+def _quads(rings: int, wrap: bool) -> list[tuple[int, int, int]]:
     """Two triangles for each cell between neighbouring rings of vertices."""
     faces = []
     for r in range(rings if wrap else rings - 1):
-        here, there = r * sides, (r + 1) % rings * sides
-        for i in range(sides):
-            j = (i + 1) % sides
+        here, there = r * _SIDES, (r + 1) % rings * _SIDES
+        for i in range(_SIDES):
+            j = (i + 1) % _SIDES
             faces += [(here + i, here + j, there + j), (here + i, there + j, there + i)]
     return faces

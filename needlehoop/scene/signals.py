@@ -116,25 +116,21 @@ def sensors_of(table: Mapping[str, Signal]) -> dict[str, Sensor]:
 
 
 class Readings:
-    """Cuts ``sensordata`` into named readings.
-
-    Args:
-        model: a compiled scene.
-        table: of signals.
-    """
+    """Cuts ``sensordata`` of a compiled scene into the named readings of a table."""
 
     def __init__(self, model: mujoco.MjModel, table: Mapping[str, Signal]):
-        self._table = {name: row for name, row in table.items() if row.sensors}
-        self._slices: dict[str, slice] = {}
-        for name, row in self._table.items():
+        self._rows: dict[str, tuple[Signal, slice]] = {}
+        for name, row in table.items():
             own = [model.sensor(one) for one in sensors_of({name: row})]
-            self._slices[name] = slice(int(own[0].adr[0]), int(own[-1].adr[0] + own[-1].dim[0]))
+            if own:
+                at = slice(int(own[0].adr[0]), int(own[-1].adr[0] + own[-1].dim[0]))
+                self._rows[name] = row, at
 
     def __call__(self, sensordata: Tensor) -> dict[str, Tensor]:
         """Readings by signal name, views into ``sensordata`` ``(n, nsensordata)``."""
         read = {}
-        for name, row in self._table.items():
-            value = sensordata[:, self._slices[name]]
+        for name, (row, at) in self._rows.items():
+            value = sensordata[:, at]
             value = value if row.shape else value[:, 0]
             read[name] = value > 0 if row.unit == "bool" else value
         return read
@@ -142,11 +138,7 @@ class Readings:
 
 def columns(names: tuple[str, ...], signals: Signals) -> Tensor:
     """Named signals side by side, float32."""
-    parts = []
-    for name in names:
-        value = getattr(signals, name).float()
-        parts.append(value if value.ndim == 2 else value.unsqueeze(-1))
-    return torch.cat(parts, -1)
+    return torch.column_stack([getattr(signals, name).float() for name in names])
 
 
 def vocabulary(table: Mapping[str, Signal]) -> dict[str, Signal]:
@@ -160,10 +152,6 @@ def describe(table: Mapping[str, Signal]) -> str:
     for name, signal in table.items():
         shape = "x".join(map(str, signal.shape)) or "scalar"
         rows.append((name, shape, signal.unit, signal.frame, signal.source, signal.meaning))
-    widths = [max(len(row[i]) for row in rows) for i in range(5)]
-    lines = (
-        "  ".join(cell.ljust(width) for cell, width in zip(row[:5], widths, strict=True))
-        + f"  {row[5]}"
-        for row in rows
-    )
-    return "\n".join(lines)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    widths[-1] = 0  # The meaning is last, and not filled up.
+    return "\n".join("  ".join(map(str.ljust, row, widths)) for row in rows)
