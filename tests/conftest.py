@@ -23,7 +23,7 @@ from needlehoop.config import composing
 from needlehoop.config.changing import RECORDED
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.robot import psm
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 
 # The same examples at every run, however slow and busy the machine.
 hypothesis.settings.register_profile(

@@ -16,7 +16,7 @@ from needlehoop.rewards.language import program
 from needlehoop.scene.signals import Readings
 from needlehoop.tasks import stepping
 from needlehoop.tasks.needle_hoop import TASK
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout
 from needlehoop.tasks.start import Chance, Start
 from needlehoop.vlm import moments
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.config.strict import Range, check_names
+from needlehoop.config.strict import OneOf, Range, check_names
 
 GRASPS = ("weld", "friction")
 """What holds a thing in the jaws."""
@@ -31,7 +31,11 @@ Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
 
 @dataclass(frozen=True)
 class Layout:
-    """What every task's layout has; values in ``conf/task``."""
+    """What every task's layout has: sizes and placement; values in ``conf/task``.
+
+    Lengths in m, angles in rad, positions in the world frame. Ranges are half-widths of uniform
+    distributions about the nominal value.
+    """
 
     name: str
     """Of the task."""
@@ -41,11 +45,7 @@ class Layout:
 
 @dataclass(frozen=True)
 class ToolLayout(Layout):
-    """Where a robot's tool begins and may go.
-
-    Lengths in m, positions in the world frame. Ranges are half-widths of uniform distributions
-    about the nominal value.
-    """
+    """Where a robot's tool begins and may go."""
 
     tool_position: tuple[Place, Place, Place]
     """Nominal start of the tool."""
@@ -69,7 +69,7 @@ class ToolLayout(Layout):
 
 @dataclass(frozen=True)
 class ArmLayout(ToolLayout):
-    """Where the PSM stands, begins and may go; its tool is ``tool_midpoint``. Angles in rad."""
+    """Where the PSM stands, begins and may go; its tool is ``tool_midpoint``."""
 
     tool_roll: Turn
     """Start of the rotation about the instrument's axis."""
@@ -145,7 +145,7 @@ class ToolEpisode(Episode):
 class ArmEpisode(ToolEpisode):
     """How actions move the PSM, and when its jaws hold something."""
 
-    grasp: str
+    grasp: Annotated[str, OneOf(*GRASPS)]
     """``weld``: jaws that touch the thing and close hold it rigidly. ``friction``: contacts
     alone hold it, so a grasp needs the thing between the blades as well."""
     close_below: Annotated[float, Range(-7.0, 7.0)]
@@ -155,7 +155,6 @@ class ArmEpisode(ToolEpisode):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_names("episode.grasp", [self.grasp], GRASPS)
         if not self.close_below < self.release_above:
             raise ValueError(
                 f"episode.close_below: {self.close_below} must be below"

@@ -1,8 +1,8 @@
-"""The PSM as the robot of a task: how actions move it, its sensors and signals, and its words."""
+"""The PSM as the robot of a task: how actions move it, how its jaws hold, its signals and words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -12,21 +12,13 @@ from torch import Tensor
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.robot.psm import JOINT_NAMES, model_spec
-from needlehoop.scene.signals import (
-    Sensor,
-    Signal,
-    command,
-    of_body,
-    of_joints,
-    of_site,
-    touch,
-)
+from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
 from needlehoop.scene.spec import furnish
-from needlehoop.tasks.contract import Memory, Robot
+from needlehoop.tasks.contract import Memory, Robot, Weld
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
-TOOL_SIGNALS = {
+_TOOL_SIGNALS = {
     "tool_midpoint": of_site("position", "tool_midpoint", "point between the jaws' tips"),
     "tool_quat": of_site(
         "orientation",
@@ -37,13 +29,12 @@ TOOL_SIGNALS = {
     "wrist_quat": of_body("orientation", "wrist_yaw", "wrist-yaw link"),
 }
 
-_JAW = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
+_APART = "angle between the jaws, 0 where they are closed"
+_TENDON = Sensor(mujoco.mjtSensor.mjSENS_TENDONPOS, mujoco.mjtObj.mjOBJ_TENDON, "jaw")
 
 JOINT_SIGNALS = {
     "joints": of_joints(JOINT_NAMES, "rad, m", ", ".join(JOINT_NAMES)),
-    "jaw": Signal(
-        (), "rad", "joint", "sensor", "angle between the jaws, 0 where they are closed", (_JAW,)
-    ),
+    "jaw": Signal((), "rad", "joint", "sensor", _APART, (_TENDON,)),
 }
 
 
@@ -55,7 +46,7 @@ def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
         if held
     }
     told = command("rad", "commanded angle between the jaws")
-    return {**TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": told}
+    return {**_TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": told}
 
 
 def tool_start(layout: ArmLayout, chance: Chance) -> dict[str, Tensor]:
@@ -66,13 +57,9 @@ def tool_start(layout: ArmLayout, chance: Chance) -> dict[str, Tensor]:
 
 
 def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, Tensor]:
-    """The robot of a ``Start``: the tool at a place, the wrist straight.
+    """The robot of a ``Start``: ``tool_midpoint`` at a place ``(n, 3)``, m, the wrist straight.
 
-    Args:
-        layout: where the arm stands.
-        tool: ``tool_midpoint`` ``(n, 3)``, m, world frame.
-        roll: about the instrument ``(n,)``, rad.
-        jaw: angle ``(n,)``, rad.
+    ``roll`` about the instrument and the jaws' angle ``(n,)``, rad.
     """
     return {"tool": tool, "joints": _tip_joints(layout, tool, roll), "jaw": jaw}
 
@@ -85,12 +72,7 @@ def begun(
 
 
 def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
-    """The arm alone, ready to compile; its RCM is the world's origin.
-
-    Args:
-        layout: the physics' step, and where ``tool_midpoint`` is.
-        psm: arm variant, see ``robot.psm.VARIANTS``.
-    """
+    """The arm alone (``psm``: one of its ``VARIANTS``), its RCM in the world's origin."""
     spec = model_spec(psm, np.zeros(3), layout.grip)
     furnish(spec, layout.timestep)
     # All of it, from the tip to the motors.
@@ -104,17 +86,9 @@ def act(
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Move the targets by an action in [-1, 1] and turn them into servo commands.
 
-    Args:
-        layout: workspace and limits that clamp the target.
-        rules: control mode and action scales.
-        memory: ``target`` ``(n, 3)`` for ``tool_midpoint``, m; ``tool_roll`` ``(n,)`` about the
-            instrument, rad; ``quat`` ``(n, 4)`` of the tool frame (``control=pose``); ``joints``
-            ``(n, 6)`` and ``jaw`` ``(n,)`` as commanded.
-        action: ``(n, action_size)`` float64.
-
-    Returns:
-        The same five, moved; and the servos' commands ``(n, 7)``: the six joints (rad, m)
-        and the jaw (rad).
+    The memory has ``target`` ``(n, 3)`` for ``tool_midpoint``, m; ``tool_roll`` ``(n,)`` about the
+    instrument, rad; ``quat`` ``(n, 4)`` of the tool frame (``control=pose``); ``joints`` ``(n, 6)``
+    and ``jaw`` ``(n,)`` as commanded. The commands ``(n, 7)`` are six joints (rad, m) and the jaw.
     """
     target = layout.clamp(memory["target"] + rules.translation * action[:, :3])
     jaw = memory["jaw"] + rules.jaw * action[:, -1]
@@ -184,15 +158,10 @@ def _displaced(
 
 def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
     """Targets where the tool is."""
-    robot = start.robot
-    joints = robot["joints"]
-    return {
-        "target": robot["tool"].clone(),
-        "tool_roll": joints[:, 3].clone(),
-        "quat": _tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4),
-        "joints": joints.clone(),
-        "jaw": robot["jaw"].clone(),
-    }
+    tool, joints, jaw = (start.robot[name].clone() for name in ("tool", "joints", "jaw"))
+    quat = _tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4)
+    roll = joints[:, 3].clone()
+    return {"target": tool, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
 
 
 def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
@@ -214,7 +183,69 @@ ROBOT = Robot(
 )
 
 
-_TURNED_ABOUT = {"tip": "its own axis", "pose": "each of them"}
+_WELD = "grasp"
+
+
+def add_weld(
+    spec: mujoco.MjSpec, rules: ArmEpisode, body: str, **softness: Sequence[float]
+) -> None:
+    """Add the (inactive) weld of the wrist with a body, for ``episode.grasp=weld``.
+
+    ``softness``: MuJoCo's ``solref`` and ``solimp`` of it.
+    """
+    if rules.grasp == "weld":
+        spec.add_equality(
+            name=_WELD,
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="wrist_yaw",
+            name2=body,
+            active=False,
+            **softness,
+        )
+
+
+def hold(
+    rules: ArmEpisode,
+    memory: Memory,
+    readings: Mapping[str, Tensor],
+    points: Callable[[], Tensor],
+    position: Tensor,
+    quat: Tensor,
+) -> tuple[Tensor, dict[str, Weld]]:
+    """Whether a thing is held, ``(n,)`` bool, and what the weld has to become.
+
+    Args:
+        rules: the kind of grasp, and the jaw commands that begin and end it.
+        memory: after the action; ``grasped`` says what was held before.
+        readings: the arm's, and its touches of the thing.
+        points: gives places inside the thing ``(n, k, 3)``, world frame, m; for friction alone.
+        position: of the welded body ``(n, 3)``, m.
+        quat: of it ``(n, 4)``.
+    """
+    one, two, jaw = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
+    caught = one & two & (jaw < rules.close_below)
+    held = memory["grasped"] & (jaw < rules.release_above)
+    if rules.grasp == "friction":
+        # Where nothing but contacts holds it, jaws closed on top of a thing hold nothing.
+        if bool(caught.any()):
+            caught = caught & _between_jaws(readings, points())
+        return held & (one | two) | caught, {}
+    held = held | caught
+    inverse = geo.conjugate(readings["wrist_quat"])
+    place = geo.rotate(inverse, position - readings["wrist_pos"])
+    pose = torch.cat((place, geo.multiply(inverse, quat)), -1)
+    return held, {_WELD: Weld(held != memory["grasped"], held, pose)}
+
+
+def _between_jaws(readings: Mapping[str, Tensor], points: Tensor) -> Tensor:
+    """Whether any of the points is in the gap between the blades; ``(n,)`` bool."""
+    away = points - readings["wrist_pos"].unsqueeze(1)
+    x, y, z = geo.rotate(geo.conjugate(readings["tool_quat"]).unsqueeze(1), away).unbind(-1)
+    half_gap = torch.sin(readings["jaw"] / 2).unsqueeze(-1) * psm.JAW_LENGTH
+    inside = (x.abs() < psm.JAW_WIDTH / 2) & (y.abs() < half_gap) & (z < psm.JAW_LENGTH) & (z > 0)
+    return inside.any(1)
+
 
 _GRASPED = {
     "weld": "becomes true when both jaws touch the {thing} while jaw_command is below {close} rad;"
@@ -227,11 +258,12 @@ _GRASPED = {
 
 def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
+    turned_about = {"tip": "its own axis", "pose": "each of them"}[rules.control]
     return {
         **lengths(layout),
         "control": f"moves the tip of the instrument by up to {millimetres(rules.translation)} mm"
         f" along each of x, y and z, turns it by up to {rules.rotation:g} rad about"
-        f" {_TURNED_ABOUT[rules.control]}, and opens or closes the jaws by up to {rules.jaw:g} rad",
+        f" {turned_about}, and opens or closes the jaws by up to {rules.jaw:g} rad",
         "jaw_closed": f"{layout.jaw_closed:g}",
         "jaw_open": f"{layout.jaw_open:g}",
         "jaw_start": f"{layout.tool_jaw:g}",

@@ -50,7 +50,7 @@ def conf_of(name: str) -> Path:
 
 def is_from_elsewhere(name: object, folder: str | None) -> bool:
     """Whether ``add`` would import something for a task's name and ``task_dir``."""
-    return folder is not None or (name not in built_in() and _entry(name) is not None)
+    return folder is not None or _entry(name) is not None
 
 
 def add(name: object, folder: str | None) -> None:
@@ -63,7 +63,7 @@ def add(name: object, folder: str | None) -> None:
     Raises:
         ValueError: no such task, an error in its code, or a task that leaves something out.
     """
-    entry = None if folder is not None or name in built_in() else _entry(name)
+    entry = _entry(name) if folder is None else None
     if folder is None and entry is None:
         return
     task = add_folder(Path(folder)) if folder is not None else _add_installed(entry)
@@ -72,11 +72,7 @@ def add(name: object, folder: str | None) -> None:
 
 
 def add_folder(folder: Path) -> Task:
-    """Import a task from a folder: a Python package whose ``TASK`` it is.
-
-    Raises:
-        ValueError: no such package, an error in it, or a task that leaves something out.
-    """
+    """Import a task from a folder: a Python package whose ``TASK`` it is; errors as in ``add``."""
     place = folder.expanduser().resolve()
     origin = f"task_dir: {str(folder)!r}"
     for task, at in _added.values():
@@ -99,8 +95,9 @@ def add_folder(folder: Path) -> Task:
 
 
 def _entry(name: object) -> Any:
-    """The entry point of a task's name, if an installed package has one."""
-    return next(iter(entry_points(group=GROUP, name=str(name))), None)
+    """The entry point of the name of a task that is not ours, if an installed package has one."""
+    found = () if name in built_in() else entry_points(group=GROUP, name=str(name))
+    return next(iter(found), None)
 
 
 def _add_installed(entry: Any) -> Task:
@@ -122,5 +119,5 @@ def _add(task: object, place: Path, origin: str) -> Task:
 
 
 def _forget(module: str) -> None:
-    for name in [one for one in sys.modules if one == module or one.startswith(f"{module}.")]:
+    for name in [one for one in sys.modules if f"{one}.".startswith(f"{module}.")]:
         del sys.modules[name]

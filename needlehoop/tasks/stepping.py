@@ -44,14 +44,7 @@ def begin(task: Task, rules: Episode, start: Start) -> Memory:
 def act(
     task: Task, layout: Layout, rules: Episode, memory: Memory, action: Tensor
 ) -> tuple[Memory, Tensor]:
-    """Move the robot's targets by an action.
-
-    Args:
-        task: whose robot it is.
-        layout: what clamps the targets.
-        rules: control mode and scales.
-        memory: before the action.
-        action: ``(n, action_size)``; values beyond [-1, 1] are clamped.
+    """Move the robot's targets by an action ``(n, action_size)``, clamped to [-1, 1].
 
     Returns:
         The memory with targets moved and a step more, and the servos' commands ``(n, nu)``.
@@ -72,21 +65,13 @@ def act(
         raise ValueError(f"action: not finite in environments {bad}; expected numbers in [-1, 1]")
     clamped = action.to(torch.float64).clamp(-1.0, 1.0)
     moved, control = task.robot.act(layout, rules, memory, clamped)
-    return _with(memory, {**moved, "steps": memory["steps"] + 1}), control
+    return memory.replace({**moved, "steps": memory["steps"] + 1}), control
 
 
 def observe(
     task: Task, layout: Layout, rules: Episode, memory: Memory, readings: Mapping[str, Tensor]
 ) -> Seen:
-    """Decide the facts from readings, and remember what is to be remembered.
-
-    Args:
-        task: whose facts they are.
-        layout: its sizes.
-        rules: its thresholds.
-        memory: after the action.
-        readings: named sensor readings, current (read after a forward).
-    """
+    """Decide the facts from current ``readings`` and the memory after the action; remember some."""
     facts, welds = task.observe(layout, rules, memory, readings)
     kept = {fact.name: facts[fact.name] for fact in task.facts if fact.remembered}
     for fact in task.facts:
@@ -95,7 +80,7 @@ def observe(
         if fact.timed:
             since = f"{fact.name}_since"
             kept[since] = torch.where(facts[fact.name], memory[since], memory["steps"])
-    memory = _with(memory, kept)
+    memory = memory.replace(kept)
     fields = {
         **readings,
         **{name: memory[kept] for name, kept in task.robot.commands.items()},
@@ -120,11 +105,3 @@ def is_terminated(rules: Episode, facts: Mapping[str, Tensor]) -> Tensor:
 def is_truncated(rules: Episode, memory: Memory, facts: Mapping[str, Tensor]) -> Tensor:
     """The time is up and success did not end it; ``(n,)`` bool."""
     return (memory["steps"] >= rules.max_steps) & ~is_terminated(rules, facts)
-
-
-def _with(memory: Memory, values: Mapping[str, Tensor]) -> Memory:
-    """A memory with other values; the one that is given stays as it was."""
-    changed = memory.clone(recurse=False)
-    for name, value in values.items():
-        changed[name] = value
-    return changed

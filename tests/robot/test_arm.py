@@ -8,7 +8,7 @@ from needle_task import act, begin, begun_data, spec_of, start
 
 from needlehoop.envs.settings import Settings
 from needlehoop.robot import psm
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules, place
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules, place
 from needlehoop.tasks.psm import start_of
 from needlehoop.tasks.start import NUMBERS, Start
 

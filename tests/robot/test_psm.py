@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from needlehoop.robot import psm
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout
 
 # alpha, a, d, theta offset; limits, as published in the dVRK's PSM.json
 # and LARGE_NEEDLE_DRIVER_400006.json.

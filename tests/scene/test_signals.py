@@ -11,7 +11,7 @@ from needle_task import begun_data, readings_of, start
 from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout
 from needlehoop.tasks.start import NUMBERS, draws
 
 TABLE = TASK.signals

@@ -20,7 +20,7 @@ from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.expert import Smooth
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.start import NUMBERS, Start, draws
 from needlehoop.tasks.stepping import is_terminated, is_truncated
 
@@ -460,9 +460,9 @@ def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
         assert bool(is_terminated(episode, found.facts)) == wanted
 
 
-def test_another_success_is_refused_by_name(episode):
+def test_another_success_is_refused_by_name():
     with pytest.raises(ValueError, match=r"episode\.success: 'win' .* choose from thread, touch"):
-        replace(episode, success="win")
+        compose_settings(["episode.success=win"])
 
 
 # Actions.

@@ -16,7 +16,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.peg_transfer.expert import Expert
 from needlehoop.tasks.peg_transfer.facts import is_over, lower_edge
-from needlehoop.tasks.peg_transfer.layout import place, start
+from needlehoop.tasks.peg_transfer.scene import place, start
 from needlehoop.tasks.psm import start_of
 from needlehoop.tasks.start import NUMBERS, Chance
 

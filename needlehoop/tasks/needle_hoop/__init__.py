@@ -1,7 +1,7 @@
 """Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
 
-``scene`` says what there is, ``layout`` how large it is and where an episode begins,
-``facts`` what is true, ``expert`` who can do it, ``reward`` what the paper's author pays.
+``scene`` says what there is and where an episode begins, ``facts`` what is true, ``expert`` who
+can do it, ``reward`` what the paper's author pays.
 """
 
 import math
@@ -11,11 +11,8 @@ import numpy as np
 
 from needlehoop.tasks.contract import FlatClass, Phase, Task, Telling
 from needlehoop.tasks.layout import millimetres
-from needlehoop.tasks.needle_hoop.expert import Cheat, Expert, Smooth
-from needlehoop.tasks.needle_hoop.facts import FACTS, cheat, observe, success
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules, start
-from needlehoop.tasks.needle_hoop.reward import Human
-from needlehoop.tasks.needle_hoop.scene import MATERIALS, THINGS, build
+from needlehoop.tasks.needle_hoop import expert, facts, reward, scene
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.psm import ROBOT, arm_values, grasped
 
 
@@ -54,19 +51,19 @@ TASK = Task(
     robot=ROBOT,
     layout=NeedleLayout,
     rules=NeedleRules,
-    materials=MATERIALS,
-    build=build,
-    things=THINGS,
+    materials=scene.MATERIALS,
+    build=scene.build,
+    things=scene.THINGS,
     holds="needle",
     classes={
         "needle": FlatClass(("needle",), (255, 230, 0)),
         "hoop": FlatClass(("hoop",), (255, 0, 80)),
     },
-    start=start,
-    facts=FACTS,
-    observe=observe,
+    start=scene.start,
+    facts=facts.FACTS,
+    observe=facts.observe,
     goal="threaded",
-    success=success,
+    success=lambda rules, s: s.touched if rules.success == "touch" else s.threaded,
     phases=(
         Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
         Phase("lift", "lifted", ("pickup_point", "goal")),
@@ -76,10 +73,10 @@ TASK = Task(
         *("tool_midpoint", "pickup_point", "needle_tip", "goal", "lift_position", "needle_quat"),
         *("joints", "jaw", "jaw_command", "grasped", "lifted"),
     ),
-    controllers={"expert": Expert, "smooth": Smooth, "cheat": Cheat},
+    controllers={"expert": expert.Expert, "smooth": expert.Smooth, "cheat": expert.Cheat},
     teacher="smooth",
-    human=Human,
-    cheat=cheat,
+    human=reward.Human,
+    cheat=lambda memory, s: memory["has_touched"] & ~s.threaded,
     critic=("grasped", "lifted"),
     cheating="touching the goal without threading",
     telling=Telling(

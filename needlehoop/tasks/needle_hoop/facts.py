@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Fact, Memory, Weld
-from needlehoop.tasks.grasping import hold
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
+from needlehoop.tasks.psm import hold
 
 _CURVE_POINTS = 33
 """Of the needle's centre line."""
@@ -44,16 +43,6 @@ def observe(
         "threaded": passed & grasped,
     }
     return facts, welds
-
-
-def success(rules: NeedleRules, signals: Signals) -> Tensor:
-    """Whether the task is done, as ``episode.success`` has it; ``(n,)`` bool."""
-    return signals.touched if rules.success == "touch" else signals.threaded
-
-
-def cheat(memory: Memory, signals: Signals) -> Tensor:
-    """The tip has touched the goal in this episode, and the needle is not through; ``(n,)``."""
-    return memory["has_touched"] & ~signals.threaded
 
 
 def centre_line(layout: NeedleLayout, position: Tensor, quat: Tensor) -> Tensor:

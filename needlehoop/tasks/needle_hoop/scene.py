@@ -1,17 +1,92 @@
-"""Needle, hoop and its stand as MuJoCo bodies, and what is sensed of them."""
+"""Needle, hoop and its stand: sizes, bodies, what is sensed, where an episode begins, the rules."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import mujoco
 import numpy as np
+import torch
+from torch import Tensor
 
+from needlehoop.config.strict import OneOf, Range, Share
 from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.grasping import add_weld
-from needlehoop.tasks.needle_hoop.layout import NeedleLayout, NeedleRules
+from needlehoop.tasks.layout import Angle, ArmEpisode, ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.psm import add_weld, begun, tool_start
+from needlehoop.tasks.start import Chance, Start, standing
+
+
+@dataclass(frozen=True)
+class NeedleLayout(ArmLayout):
+    """Needle, hoop and where they are; see ``Layout``."""
+
+    needle_radius: Length
+    """Radius of the needle's arc, to its centre line."""
+    needle_arc: Angle
+    """Angle the arc spans."""
+    needle_thickness: Length
+    """Diameter of the needle's cross-section."""
+    needle_mass: Annotated[float, Range(0.0, 10.0, above=True)]
+    """kg."""
+    needle_pickup: Share
+    """Where the pickup point lies: fraction of the arc, measured from the tip."""
+    needle_position: tuple[Place, Place]
+    """Nominal pickup point on the table, x and y."""
+    needle_yaw: Turn
+    """Nominal heading: rotation about z of the needle's frame."""
+    needle_position_range: tuple[Spread, Spread]
+    needle_yaw_range: Spread
+
+    hoop_opening: Length
+    """Radius of the free opening."""
+    hoop_tube: Length
+    """Radius of the ring's cross-section."""
+    hoop_position: tuple[Place, Place, Place]
+    """Nominal centre of the opening; the hoop's axis is the world's y."""
+    hoop_position_range: tuple[Spread, Spread, Spread]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.needle_arc >= 2 * np.pi:
+            raise ValueError(f"task.needle_arc: {self.needle_arc} must be below a full turn")
+        if not 0 < self.needle_pickup < 1:
+            raise ValueError(f"task.needle_pickup: {self.needle_pickup} must lie in (0, 1)")
+
+    @property
+    def needle_angles(self) -> tuple[float, float]:
+        """Arc angles of tail and tip; zero is the pickup point."""
+        tip = self.needle_arc * self.needle_pickup
+        return tip - self.needle_arc, tip
+
+    def centre_line(self, angles: np.ndarray) -> np.ndarray:
+        """Points ``(n, 3)`` of the needle's centre line, in the needle's frame.
+
+        The frame sits at the pickup point: x towards the arc's centre, y along the
+        needle towards the tip, z out of the arc's plane.
+        """
+        return self.needle_radius * np.stack(
+            (1.0 - np.cos(angles), np.sin(angles), np.zeros_like(angles)), -1
+        )
+
+
+@dataclass(frozen=True)
+class NeedleRules(ArmEpisode):
+    """When a fact of needle and hoop holds, and what success is; values in ``conf/episode``."""
+
+    lift_radius: Annotated[float, Range(0.0, 1.0, above=True)]
+    """``lifted``: the pickup point came this near the lift position, m."""
+    goal_radius: Annotated[float, Range(0.0, 1.0, above=True)]
+    """``touched``: the tip is this near the goal, m."""
+    thread_depth: Annotated[float, Range(-1.0, 1.0)]
+    """``threaded``: the tip is at least this far beyond the hoop's plane, m."""
+    success: Annotated[str, OneOf("thread", "touch")] = "thread"
+    """``thread``: the needle is through the hoop. ``touch``: its tip is at the goal, as in the
+    paper."""
+
 
 _CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
 
@@ -104,3 +179,28 @@ def _add_chain(
             **mass,
             **collision(True),
         )
+
+
+_SUNK = 1.25e-6
+"""How deep a needle at rest sinks into the table, m (measured). Laid exactly on the
+surface, rounding decides which of its contacts exist, and the rest kick it."""
+
+
+def start(layout: NeedleLayout, chance: Chance) -> Start:
+    """Scatter needle, hoop and tool over the layout's ranges."""
+    needle_xy = chance.place(layout.needle_position, layout.needle_position_range)
+    yaw = chance.about(layout.needle_yaw, layout.needle_yaw_range)
+    hoop = chance.place(layout.hoop_position, layout.hoop_position_range)
+    needle = standing(needle_xy, layout.needle_thickness / 2 - _SUNK, yaw)
+    return place(tool_start(layout, chance), needle, hoop)
+
+
+def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:
+    """A start from the robot's own, the needle's pose ``(n, 7)`` and the hoop's centre ``(n, 3)``.
+
+    The lift position is above the needle, at the hoop's height.
+    """
+    stand = torch.cat((hoop[:, :2], torch.zeros_like(hoop[:, :1])), -1)
+    lift = torch.cat((needle[:, :2], hoop[:, 2:]), -1)
+    places = {"stand": stand, "hoop": hoop, "lift_position": lift}
+    return begun(robot, places, {"needle": needle})

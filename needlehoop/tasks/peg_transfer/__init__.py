@@ -1,8 +1,8 @@
 """Peg transfer, the first exercise of the FLS curriculum: a hollow block goes from peg to peg.
 
-``scene`` says what there is, ``layout`` how large it is and where an episode begins,
-``facts`` what is true, ``expert`` who can do it, ``reward`` what a person would pay.
-``docs/peg_transfer.md`` says where the sizes are from.
+``scene`` says what there is and where an episode begins, ``facts`` what is true, ``expert`` who
+can do it, ``reward`` what a person would pay. ``docs/peg_transfer.md`` says where the sizes are
+from.
 """
 
 from collections.abc import Sequence
@@ -10,11 +10,8 @@ from pathlib import Path
 
 from needlehoop.tasks.contract import FlatClass, Phase, Task, Telling
 from needlehoop.tasks.layout import millimetres
-from needlehoop.tasks.peg_transfer.expert import Cheat, Expert, Smooth
-from needlehoop.tasks.peg_transfer.facts import FACTS, cheat, observe
-from needlehoop.tasks.peg_transfer.layout import OTHER_PEGS, PEGS, WALLS, PegLayout, PegRules, start
-from needlehoop.tasks.peg_transfer.reward import Human
-from needlehoop.tasks.peg_transfer.scene import MATERIALS, THINGS, build
+from needlehoop.tasks.peg_transfer import expert, facts, reward, scene
+from needlehoop.tasks.peg_transfer.scene import OTHER_PEGS, PEGS, WALLS, PegLayout, PegRules
 from needlehoop.tasks.psm import ROBOT, arm_values, grasped
 
 
@@ -47,18 +44,18 @@ TASK = Task(
     robot=ROBOT,
     layout=PegLayout,
     rules=PegRules,
-    materials=MATERIALS,
-    build=build,
-    things=THINGS,
+    materials=scene.MATERIALS,
+    build=scene.build,
+    things=scene.THINGS,
     holds="block",
     classes={
         "block": FlatClass(("block",), (255, 60, 0)),
         "marked": FlatClass(("marked",), (0, 255, 60)),
         "pegs": FlatClass(OTHER_PEGS, (255, 255, 255)),
     },
-    start=start,
-    facts=FACTS,
-    observe=observe,
+    start=scene.start,
+    facts=facts.FACTS,
+    observe=facts.observe,
     goal="placed",
     phases=(
         Phase("reach", "grasped", ("tool_midpoint", "pickup_point")),
@@ -70,10 +67,11 @@ TASK = Task(
         *("tool_midpoint", "pickup_point", "block_position", "block_quat", "goal"),
         *("joints", "jaw", "jaw_command", "grasped", "lifted"),
     ),
-    controllers={"expert": Expert, "smooth": Smooth, "cheat": Cheat},
+    controllers={"expert": expert.Expert, "smooth": expert.Smooth, "cheat": expert.Cheat},
     teacher="smooth",
-    human=Human,
-    cheat=cheat,
+    human=reward.Human,
+    # It lies or leans beside the peg, was taken away again, or is held over it and not let go.
+    cheat=lambda memory, s: memory["has_arrived"] & ~s.placed,
     critic=("grasped", "lifted"),
     cheating="holding the block about the marked peg without letting go",
     telling=Telling(

@@ -10,10 +10,9 @@ import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
-from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Fact, Memory, Weld
-from needlehoop.tasks.grasping import hold
-from needlehoop.tasks.peg_transfer.layout import WALLS, PegLayout, PegRules, at_wall
+from needlehoop.tasks.peg_transfer.scene import WALLS, PegLayout, PegRules, at_wall
+from needlehoop.tasks.psm import hold
 
 FACTS = (
     Fact("grasped", "the block is held", remembered=True, once=True),
@@ -56,14 +55,6 @@ def observe(
         "placed": over & released & _stands(rules, r),
     }
     return facts, welds
-
-
-def cheat(memory: Memory, signals: Signals) -> Tensor:
-    """The block has been at the marked peg in this episode, and is not placed; ``(n,)``.
-
-    It lies or leans beside the peg, was taken away again, or is held over it and not let go.
-    """
-    return memory["has_arrived"] & ~signals.placed
 
 
 def lower_edge(layout: PegLayout, position: Tensor, quat: Tensor) -> Tensor:

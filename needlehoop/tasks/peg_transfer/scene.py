@@ -1,16 +1,135 @@
-"""Block, pegs and board as MuJoCo bodies, and what is sensed of them."""
+"""Block, pegs and board: sizes, bodies, what is sensed, where an episode begins, the rules."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Annotated
 
 import mujoco
+import numpy as np
+import torch
+from torch import Tensor
 
+from needlehoop.config.strict import Range
 from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.grasping import add_weld
-from needlehoop.tasks.peg_transfer.layout import OTHER_PEGS, WALLS, PegLayout, PegRules
+from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.psm import add_weld, begun, tool_start
+from needlehoop.tasks.start import Chance, Start, standing
+
+WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
+"""Directions of the walls' outward normals about the block's z, rad; the first is grasped."""
+
+PEGS = 6
+
+OTHER_PEGS = tuple(f"peg_{index}" for index in range(PEGS - 1))
+"""Bodies of the pegs that are not marked."""
+
+
+def at_wall(angle: float, out: float, along: float) -> tuple[float, float]:
+    """Place x, y ``out`` from the hole's axis along a wall's normal, and ``along`` the wall."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return out * cos - along * sin, out * sin + along * cos
+
+
+_Index = Annotated[int, Range(0, PEGS - 1)]
+_Above = Annotated[float, Range(0.0, 10.0, above=True)]
+
+
+@dataclass(frozen=True)
+class PegLayout(ArmLayout):
+    """Block, pegs and where they are; see ``Layout``.
+
+    The block is a triangular tube of three walls; its frame sits in the middle of the hole, at
+    half its height.
+    """
+
+    hole_radius: Length
+    """Radius of the largest cylinder that fits through the triangular hole."""
+    wall: Length
+    """Thickness of a wall."""
+    block_height: Length
+    block_mass: _Above
+    """kg."""
+    pickup_depth: Length
+    """How far below the first wall's upper edge the pickup point lies."""
+
+    peg_radius: Length
+    peg_height: Length
+    """Of the pegs that are not marked."""
+    marked_radius: Length
+    marked_height: Length
+    """Of the marked peg: larger, so that depth alone shows which it is."""
+    mark_radius: Length
+    """Of the disc that is painted on the board about the marked peg."""
+
+    pegs: tuple[tuple[Place, Place], ...]
+    """Where pegs stand on the board, x and y."""
+    starts: tuple[_Index, ...]
+    """Of ``pegs``, by index: the block begins over one of them."""
+    goals: tuple[_Index, ...]
+    """Of ``pegs``: one of them, not the block's, is the marked one."""
+
+    board_range: tuple[Spread, Spread]
+    """All pegs are moved together by as much."""
+    block_yaw: Turn
+    """Nominal heading: direction of the first wall's normal."""
+    block_yaw_range: Spread
+    block_position_range: tuple[Spread, Spread]
+    """The hole's centre, about its peg."""
+    carry_height: Length
+    """Gap between a carried block and the marked peg's top."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.pegs) != PEGS:
+            raise ValueError(f"task.pegs: {len(self.pegs)} places; expected {PEGS}")
+        for name, chosen in (("starts", self.starts), ("goals", self.goals)):
+            if not chosen or len(set(chosen)) < len(chosen):
+                raise ValueError(f"task.{name}: {chosen} must name pegs, each once")
+        if len(self.goals) == 1 and self.goals[0] in self.starts:
+            raise ValueError(f"task.goals: {self.goals} may be the peg that the block begins over")
+        if self.marked_radius >= self.hole_radius:
+            raise ValueError(f"task.marked_radius: must be below hole_radius={self.hole_radius}")
+
+    @property
+    def wall_length(self) -> float:
+        """Of a wall: its inner edge ends on the next wall's outer face."""
+        return 2 * (math.sqrt(3) * self.hole_radius + 2 / math.sqrt(3) * self.wall)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The walls' outer corners seen along the block's z, ``(6, 2)``, block frame."""
+        out, half = self.hole_radius + self.wall, self.wall_length / 2
+        return np.array([at_wall(a, out, s * half) for a in WALLS for s in (-1, 1)])
+
+    @property
+    def pickup(self) -> tuple[float, float, float]:
+        """The pickup point in the block's frame."""
+        return self.hole_radius + self.wall / 2, 0.0, self.block_height / 2 - self.pickup_depth
+
+    @property
+    def carried(self) -> float:
+        """Height of the block's centre when it is carried upright."""
+        return self.marked_height + self.carry_height + self.block_height / 2
+
+
+@dataclass(frozen=True)
+class PegRules(ArmEpisode):
+    """When a fact of the peg transfer holds, m, rad, m/s and rad/s; values in ``conf/episode``."""
+
+    arrive_radius: _Above
+    """``arrived``: the hole's centre is this near the marked peg's axis."""
+    rest_gap: _Above
+    """``placed``: the block's centre is this near the height at which it stands on the board."""
+    rest_tilt: _Above
+    """``placed``: the block's axis is this near the vertical."""
+    rest_speed: _Above
+    rest_spin: _Above
+    """``placed``: the block moves and turns slower than this."""
+
 
 MATERIALS: Materials = {
     "block": ((0.93, 0.30, 0.16), 0.3, 0.4),
@@ -50,6 +169,8 @@ _HARD = {"solref": [0.004, 1.0], "solimp": [0.98, 0.998, 0.0005, 0.5, 2.0]}
 """Contacts of the block. They give less than the weld, so a held block is not drawn through a peg,
 and less than the arm's own contacts, which sink 4 mm into so light a thing (measured)."""
 
+_SEEN_AND_FELT = {**_HARD, **collision(True), "group": collision(False)["group"]}
+
 
 def build(spec: mujoco.MjSpec, layout: PegLayout, rules: PegRules) -> None:
     """Add board, pegs and block, and the (inactive) weld for ``episode.grasp=weld``."""
@@ -77,25 +198,21 @@ def _add_block(spec: mujoco.MjSpec, layout: PegLayout) -> None:
             material="block",
             friction=[0.5, 0.002, 0.0001],
             solmix=100.0,
-            **_HARD,
-            **_seen_and_felt(),
+            **_SEEN_AND_FELT,
         )
         for side in (1, 2):
-            _add_pair(spec, f"jaw_{side}_pad", f"wall_{index}")
+            # The contact of a jaw's pad with a wall: the pad's friction, the block's hardness.
+            pad = f"jaw_{side}_pad"
+            slide, spin, roll = spec.geom(pad).friction
+            spec.add_pair(
+                name=f"{pad}_wall_{index}",
+                geomname1=pad,
+                geomname2=f"wall_{index}",
+                condim=6,
+                friction=[slide, slide, spin, roll, roll],
+                **_HARD,
+            )
     body.add_site(name="pickup_point", pos=layout.pickup, size=[0.001] * 3)
-
-
-def _add_pair(spec: mujoco.MjSpec, pad: str, wall: str) -> None:
-    """The contact of a jaw's pad with a wall: the pad's friction, the block's hardness."""
-    sliding = spec.geom(pad).friction
-    spec.add_pair(
-        name=f"{pad}_{wall}",
-        geomname1=pad,
-        geomname2=wall,
-        condim=6,
-        friction=[sliding[0], sliding[0], sliding[1], sliding[2], sliding[2]],
-        **_HARD,
-    )
 
 
 def _add_board(spec: mujoco.MjSpec, layout: PegLayout) -> None:
@@ -137,10 +254,51 @@ def _add_peg(body: mujoco.MjsBody, material: str, radius: float, height: float) 
         size=[radius, 0, 0],
         material=material,
         friction=[0.3, 0.002, 0.0001],
-        **_HARD,
-        **_seen_and_felt(),
+        **_SEEN_AND_FELT,
     )
 
 
-def _seen_and_felt() -> dict[str, int]:
-    return {**collision(True), "group": collision(False)["group"]}
+_SUNK = 2.82e-7
+"""How deep a block at rest sinks into the table, m (measured)."""
+
+
+def start(layout: PegLayout, chance: Chance) -> Start:
+    """Draw the block's peg and the marked one; scatter board, block and tool."""
+    begins, marked = _choose(layout, chance.number(), chance.number())
+    shift = chance.place((0.0, 0.0), layout.board_range)
+    yaw = chance.about(layout.block_yaw, layout.block_yaw_range)
+    off = chance.place((0.0, 0.0), layout.block_position_range)
+    places = torch.tensor(layout.pegs, dtype=torch.float64)
+    block = standing(places[begins] + shift + off, layout.block_height / 2 - _SUNK, yaw)
+    return place(layout, tool_start(layout, chance), block, shift, marked)
+
+
+def place(
+    layout: PegLayout, robot: dict[str, Tensor], block: Tensor, shift: Tensor, marked: Tensor
+) -> Start:
+    """A start from the robot's own, the block's pose ``(n, 7)``, the board's shift ``(n, 2)``, m,
+    and the index of the marked peg ``(n,)``.
+    """
+    flat = torch.zeros_like(shift[:, :1])
+    places = torch.tensor(layout.pegs, dtype=torch.float64)
+    # The other pegs take the places that are left, in their order.
+    left = torch.arange(PEGS - 1)
+    others = left + (left >= marked.unsqueeze(-1))
+    pegs = {"marked": marked, **dict(zip(OTHER_PEGS, others.unbind(-1), strict=True))}
+    mocap = {name: torch.cat((places[at] + shift, flat), -1) for name, at in pegs.items()}
+    mocap["board"] = torch.cat((shift, flat), -1)
+    lift = torch.full_like(flat, layout.carried)
+    mocap["lift_position"] = torch.cat((block[:, :2], lift), -1)
+    return begun(robot, mocap, {"block": block})
+
+
+def _choose(layout: PegLayout, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """Indices ``(n,)`` of the block's peg and of the marked one, which are never the same."""
+    starts, goals = torch.tensor(layout.starts), torch.tensor(layout.goals)
+    begins = starts[(first * len(starts)).long()]
+    taken = (goals == begins.unsqueeze(-1)).long()
+    free = len(goals) - taken.sum(-1)
+    pick = (second * free).long()
+    # Those at and behind the taken one are counted one further.
+    at = torch.where(taken.any(-1), taken.argmax(-1), torch.full_like(pick, len(goals)))
+    return begins, goals[pick + (pick >= at)]

@@ -7,20 +7,11 @@
 from pathlib import Path
 
 from needlehoop.scene.signals import of_body
-from needlehoop.tasks.contract import Fact, FlatClass, Phase, Task, Telling
+from needlehoop.tasks.contract import FlatClass, Phase, Task, Telling
 from needlehoop.tasks.layout import millimetres
 from needlehoop.tasks.psm import ROBOT, arm_values
-from needlehoop.tasks.reach.expert import Expert, Smooth
-from needlehoop.tasks.reach.reward import Human
-from needlehoop.tasks.reach.scene import (
-    BUMPS,
-    MATERIALS,
-    ReachLayout,
-    ReachRules,
-    build,
-    observe,
-    start,
-)
+from needlehoop.tasks.reach import expert, reward, scene
+from needlehoop.tasks.reach.scene import BUMPS, ReachLayout, ReachRules
 
 
 def values(layout: ReachLayout, rules: ReachRules) -> dict[str, object]:
@@ -44,39 +35,26 @@ TASK = Task(
     robot=ROBOT,
     layout=ReachLayout,
     rules=ReachRules,
-    materials=MATERIALS,
-    build=build,
+    materials=scene.MATERIALS,
+    build=scene.build,
     things={"target": of_body("position", "target", "point just above the middle of the button")},
     classes={
         "target": FlatClass(("target",), (255, 230, 0)),
         "marks": FlatClass(tuple(f"mark_{i}" for i in range(BUMPS)), (255, 0, 80)),
         "phantom": FlatClass(tuple(f"bump_{i}" for i in range(BUMPS)), (0, 150, 60)),
     },
-    start=start,
-    facts=(
-        Fact(
-            "near",
-            "the point between the jaws is at the target",
-            verdict=True,
-            once=True,
-            timed=True,
-        ),
-        Fact(
-            "stayed",
-            "it has been there for as many steps as the task asks for",
-            verdict=True,
-        ),
-    ),
-    observe=observe,
+    start=scene.start,
+    facts=scene.FACTS,
+    observe=scene.observe,
     goal="stayed",
     phases=(
         Phase("approach", "near", ("tool_midpoint", "target")),
         Phase("stay", "stayed", ("tool_midpoint", "target")),
     ),
     state=("tool_midpoint", "target", "joints", "jaw", "jaw_command"),
-    controllers={"expert": Expert, "smooth": Smooth},
+    controllers={"expert": expert.Expert, "smooth": expert.Smooth},
     teacher="smooth",
-    human=Human,
+    human=reward.Human,
     telling=Telling(
         texts=Path(__file__).parent / "prompts",
         values=values,

@@ -14,7 +14,7 @@ from needlehoop.config.strict import Count, Range
 from needlehoop.robot.geometry import distance
 from needlehoop.scene.shapes import add_upright
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.contract import Memory, Weld
+from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.layout import ArmLayout, Length, Place, Spread, ToolEpisode
 from needlehoop.tasks.psm import begun, tool_start
 from needlehoop.tasks.start import Chance, Start
@@ -25,11 +25,7 @@ BUMPS = 5
 
 @dataclass(frozen=True)
 class ReachLayout(ArmLayout):
-    """Sizes, placement and randomisation ranges; values in ``conf/task``.
-
-    Lengths in m, positions in the world frame. Ranges are half-widths of uniform
-    distributions about the nominal value.
-    """
+    """The phantom and where its bumps are; see ``Layout``."""
 
     bump_positions: tuple[tuple[Place, Place], ...]
     """Nominal x and y of each bump."""
@@ -93,6 +89,14 @@ _BUTTON = 0.0025
 
 _STEM = 0.0015
 """Radius of what it stands on, m."""
+
+
+FACTS = (
+    Fact(
+        "near", "the point between the jaws is at the target", verdict=True, once=True, timed=True
+    ),
+    Fact("stayed", "it has been there for as many steps as the task asks for", verdict=True),
+)
 
 
 def build(spec: mujoco.MjSpec, layout: ReachLayout, rules: ReachRules) -> None:
