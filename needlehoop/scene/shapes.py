@@ -21,10 +21,10 @@ def collision(solid: bool) -> dict[str, int]:
 def add_upright(
     body: mujoco.MjsBody,
     name: str,
-    kind: mujoco.mjtGeom,
     heights: tuple[float, float],
     radius: float,
     material: str,
+    kind: mujoco.mjtGeom = mujoco.mjtGeom.mjGEOM_CYLINDER,
     solid: bool = True,
 ) -> None:
     """A cylinder or capsule along z that is seen; and ``<name>_solid``, felt, if it is solid.

@@ -94,9 +94,6 @@ def command(unit: str, meaning: str) -> Signal:
     return Signal((), unit, "joint", "command", meaning)
 
 
-ELAPSED = Signal((), "1", "-", "command", "fraction of the episode's steps that is used up")
-
-
 def signals_class(table: Mapping[str, Signal]) -> type:
     """The TensorClass with a field for each signal of a table."""
     # Imported where signals are made: it takes a second, which bad settings need not wait for.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from torch import Tensor
 
-from needlehoop.scene.signals import ELAPSED, Signal, signals_class
+from needlehoop.scene.signals import Signal, signals_class
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Chance, Start
@@ -30,12 +30,8 @@ Memory = Any
 Controller = Callable[[Any], Tensor]
 """Signals to actions ``(n, action_size)``."""
 
-
 DIVERGED = "diverged"
 """A fact of every task: the physics broke down."""
-
-_ROBOT = (0, 140, 255)
-"""Colour of the robot in flat renderings."""
 
 
 class Weld(NamedTuple):
@@ -209,7 +205,7 @@ class Task:
     """From memory and signals, whether an episode looks done and is not; ``None``: never."""
     cheating: str = "cheating"
     """What the controller ``cheat`` does, in a few words. Models are not told."""
-    critic: Sequence[str] = field(default=())
+    critic: Sequence[str] = ()
     """Facts that the value function is told by default."""
     telling: Telling | None = None
     """``None``: no model can be asked about it."""
@@ -227,10 +223,9 @@ class Task:
             ("controllers", ["expert"], self.controllers),
             ("telling", self.telling.moments if self.telling else (), names),
         ):
-            for name in used:
-                if name not in valid:
-                    known = ", ".join(valid)
-                    raise ValueError(f"task {self.name}: {what}: no {name!r} among {known}")
+            if missing := [name for name in used if name not in valid]:
+                known = ", ".join(valid)
+                raise ValueError(f"task {self.name}: {what}: no {missing[0]!r} among {known}")
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
@@ -242,7 +237,8 @@ class Task:
             one.name: Signal((), "bool", "-", "verdict" if one.verdict else "fact", one.meaning)
             for one in self.facts
         }
-        return {**self.robot.table(self.things, self.holds), "elapsed": ELAPSED, **facts}
+        used = Signal((), "1", "-", "command", "fraction of the episode's steps that is used up")
+        return {**self.robot.table(self.things, self.holds), "elapsed": used, **facts}
 
     @cached_property
     def signals_class(self) -> type:
@@ -252,7 +248,7 @@ class Task:
     @property
     def paint(self) -> dict[str, FlatClass]:
         """Classes of flat renderings, the robot's among them."""
-        return {**self.classes, "robot": FlatClass((self.robot.body,), _ROBOT)}
+        return {**self.classes, "robot": FlatClass((self.robot.body,), (0, 140, 255))}
 
     @property
     def told(self) -> tuple[str, ...]:

@@ -36,9 +36,7 @@ rest there: none and all of that. There the only way is up."""
 class Script:
     """A controller for ``control=tip``, without memory: phases follow from the signals.
 
-    Args:
-        layout: sizes, an ``ArmLayout``.
-        episode: action scales, a ``ToolEpisode``.
+    It has an ``ArmLayout``, and the action scales of a ``ToolEpisode``.
     """
 
     layout: Any
@@ -120,11 +118,8 @@ class Funnel:
 def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
     """The sharp kind's way down ``(n, 3)``, m: above the pickup point, then onto it once lined up.
 
-    Args:
-        s: with ``pickup_point``.
-        turn: that is missing ``(n,)``, rad.
-        hover: height at which the open jaws line up, m.
-        askew: turn at which they are lined up, rad.
+    ``turn`` ``(n,)``, rad, is missing, and may be ``askew`` then. The open jaws line up at a height
+    of ``hover``, m.
     """
     away = s.pickup_point - s.tool_midpoint
     aside = geo.aside(away)
@@ -135,8 +130,11 @@ def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
     return away
 
 
-def blade_turn(s: Signals, across: Tensor) -> Tensor:
-    """Turn about the instrument ``(n,)``, rad, after which the blades open along ``(n, 3)``."""
+def blade_turn(s: Signals, quat: Tensor) -> Tensor:
+    """Turn about the instrument ``(n,)``, rad, after which the blades open along the x of a frame
+    ``(n, 4)``.
+    """
+    across = direction(quat, 1.0, 0.0, 0.0)
     x, y, _ = geo.rotate(geo.conjugate(s.tool_quat), across).unbind(-1)
     # The blades open along the tool's y; either sense will do.
     sense = torch.where(y < 0, -1.0, 1.0)

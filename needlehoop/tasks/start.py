@@ -53,11 +53,7 @@ def draws(seed: int, env: int, episode: int) -> np.ndarray:
 
 
 class Chance:
-    """Gives out the uniform numbers of ``n`` episodes, one after the other.
-
-    Args:
-        uniform: in [0, 1) ``(n, NUMBERS)``, float64.
-    """
+    """Gives out uniform numbers ``(n, NUMBERS)`` of ``n`` episodes, one after the other."""
 
     def __init__(self, uniform: Tensor):
         self._numbers, self._taken = uniform.unbind(-1), 0

@@ -89,10 +89,9 @@ def observe(
     }
     signals = task.signals_class(**fields, batch_size=memory.batch_size)
     done = facts[task.goal] if task.success is None else task.success(rules, signals)
-    known = {**facts, "success": done}
+    known = {**kept, **facts, "success": done}
     if task.cheat is not None:
         known["cheat"] = task.cheat(memory, signals)
-    known |= {name: memory[name] for name in kept if name not in known}
     ordered = {name: known[name] for name in task.all_facts if name in known}
     return Seen(memory, signals, ordered, welds)
 

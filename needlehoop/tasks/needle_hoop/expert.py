@@ -27,7 +27,7 @@ class Expert(Script):
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         s = signals
-        aligned = blade_turn(s, direction(s.needle_quat, 1.0, 0.0, 0.0))
+        aligned = blade_turn(s, s.needle_quat)
         move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), self._approach(s, aligned))
         turn = torch.where(s.grasped, self._insertion_turn(s) * s.lifted, aligned)
         return self.action(move, turn, self._jaw(s))
@@ -87,15 +87,12 @@ class Smooth(Expert):
         aimed = ramp(aside / self.layout.hoop_opening, _ASTRAY, _AIMED)
         wanted = -_STANDOFF + aimed * (self.past() + _STANDOFF)
         insert = (wanted - depth) * s.hoop_axis - radial
-        return torch.where(s.lifted.unsqueeze(-1), insert, self._lift(s))
-
-    def _lift(self, s: Signals) -> Tensor:
-        """To the lift position; straight up and slowly until the needle is off the table."""
+        # Straight up and slowly until the needle is off the table.
         lift = s.lift_position - s.pickup_point
         off, most = self.slowly(s.pickup_point[:, 2] - self.layout.needle_thickness / 2)
         lift[:, :2] *= off.unsqueeze(-1)
         lift[:, 2] = torch.minimum(lift[:, 2], most)
-        return lift
+        return torch.where(s.lifted.unsqueeze(-1), insert, lift)
 
     def _jaw(self, s: Signals) -> Tensor:
         """Shut where the needle is between the jaws, and while it is held; else open.

@@ -14,9 +14,6 @@ from needlehoop.tasks.contract import Fact, Memory, Weld
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.psm import hold
 
-_CURVE_POINTS = 33
-"""Of the needle's centre line."""
-
 FACTS = (
     Fact("grasped", "the needle is held", remembered=True, once=True),
     Fact("lifted", "the held needle has reached the lift position; stays true", remembered=True),
@@ -47,8 +44,7 @@ def observe(
 
 def centre_line(layout: NeedleLayout, position: Tensor, quat: Tensor) -> Tensor:
     """Points of the needle's centre line from tail to tip, ``(n, k, 3)`` in the world, m."""
-    local = _local_curve(layout)
-    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), local)
+    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _local_curve(layout))
 
 
 def passes_through(
@@ -62,10 +58,10 @@ def passes_through(
 
     Args:
         layout: radius of the opening.
-        depth: how far the tip must be beyond the plane, m.
+        depth: m.
         curve: centre lines ``(n, k, 3)`` from tail to tip, world frame, m.
         goal: centre of the opening ``(n, 3)``.
-        axis: unit vector through the opening ``(n, 3)``.
+        axis: unit vector through it ``(n, 3)``.
     """
     tail, tip = layout.needle_angles
     pickup = round(-tail / (tip - tail) * (curve.shape[1] - 1))
@@ -86,4 +82,4 @@ def passes_through(
 @cache
 def _local_curve(layout: NeedleLayout) -> Tensor:
     tail, tip = layout.needle_angles
-    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, _CURVE_POINTS)))
+    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, 33)))

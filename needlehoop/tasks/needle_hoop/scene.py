@@ -88,11 +88,6 @@ class NeedleRules(ArmEpisode):
     paper."""
 
 
-_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
-
-NEEDLE_SEGMENTS = 7
-HOOP_SEGMENTS = 16
-
 MATERIALS: Materials = {
     "needle": ((0.93, 0.94, 0.97), 0.9, 0.7),
     "hoop": ((0.93, 0.47, 0.13), 0.4, 0.4),
@@ -134,8 +129,9 @@ def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
     body.add_freejoint(name="needle")
     mesh = tube(layout.centre_line(np.linspace(tail, tip, 15)), height, taper=0.12)
     add_mesh(spec, body, "needle", mesh, "needle")
-    ends = layout.centre_line(np.linspace(tail, tip, NEEDLE_SEGMENTS + 1))
-    _add_chain(body, ends, height, 0.8, mass=layout.needle_mass / NEEDLE_SEGMENTS)
+    segments = 7
+    ends = layout.centre_line(np.linspace(tail, tip, segments + 1))
+    _add_chain(body, ends, height, 0.8, mass=layout.needle_mass / segments)
     body.add_site(name="pickup_point", size=[0.001] * 3)
     body.add_site(name="needle_tip", pos=ends[-1], size=[0.001] * 3)
 
@@ -147,15 +143,16 @@ def _add_hoop(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
     stand = spec.worldbody.add_body(name="stand", pos=[*centre[:2], 0.0], mocap=True)
     sleeve = centre[2] - layout.hoop_position_range[2] - radius - 0.006
     for name, low, high, size in (("base", 0.0, 0.003, 0.009), ("sleeve", 0.0, sleeve, 0.0032)):
-        add_upright(stand, f"stand_{name}", _CYLINDER, (low, high), size, "stand")
+        add_upright(stand, f"stand_{name}", (low, high), size, "stand")
     hoop = spec.worldbody.add_body(name="hoop", pos=centre, mocap=True)
     # Long enough to stay inside the sleeve at any height.
     ends = (sleeve / 2 - centre[2], -radius)
-    add_upright(hoop, "hoop_rod", _CYLINDER, ends, 0.0016, "stand")
+    add_upright(hoop, "hoop_rod", ends, 0.0016, "stand")
     add_mesh(spec, hoop, "hoop", torus(radius, thick), "hoop")
-    angles = np.linspace(0.0, 2 * np.pi, HOOP_SEGMENTS + 1)
+    segments = 16
+    angles = np.linspace(0.0, 2 * np.pi, segments + 1)
     # Chords would cut into the opening: their mid-points lie on the ring instead.
-    outer = radius / np.cos(np.pi / HOOP_SEGMENTS)
+    outer = radius / np.cos(np.pi / segments)
     ring = outer * np.stack((np.cos(angles), np.zeros_like(angles), np.sin(angles)), -1)
     _add_chain(hoop, ring, thick, 0.3)
     quarter = np.sqrt(0.5)

@@ -9,7 +9,7 @@ from needlehoop.robot import geometry as geo
 from needlehoop.robot.geometry import ramp
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.peg_transfer.facts import lower_edge
-from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend, direction
+from needlehoop.tasks.scripted import Funnel, Script, blade_turn, descend
 
 _HOVER = 0.016
 """Height above the pickup point at which the open jaws line up, m."""
@@ -27,16 +27,13 @@ class Expert(Script):
     def __call__(self, signals: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
         s = signals
-        turn = self.turn(s)
+        # The blades along the wall.
+        turn = blade_turn(s, s.block_quat)
         done = s.over & s.arrived & ~s.grasped
         approach = descend(s, turn, _HOVER, askew=0.1)
         move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), approach)
         move = torch.where(done.unsqueeze(-1), self._up(s, (s.jaw > 0.6) * _HOVER), move)
         return self.action(move, turn * (~s.grasped & ~done), self._jaw(s, done))
-
-    def turn(self, s: Signals) -> Tensor:
-        """Rotation about the instrument that lays the blades along the wall, rad."""
-        return blade_turn(s, direction(s.block_quat, 1.0, 0.0, 0.0))
 
     def low(self, s: Signals) -> Tensor:
         """Height of the block's lower edge ``(n,)``, m: the arm leans, and the block with it."""
@@ -110,7 +107,8 @@ class Smooth(Expert):
         # That low it is about the peg, wherever it seems to be.
         lets_go = about * ramp(low, _HOLD, _OPEN)
         shut = torch.where(s.grasped, 1.0 - lets_go, _FUNNEL.near(s) * (1.0 - home))
-        return self.action(move, self.turn(s) * (~s.grasped * (1.0 - home)), 1.0 - 2.0 * shut)
+        turn = blade_turn(s, s.block_quat) * (~s.grasped * (1.0 - home))
+        return self.action(move, turn, 1.0 - 2.0 * shut)
 
     def _transfer(self, s: Signals, aside: Tensor, low: Tensor) -> Tensor:
         """Up and slowly until the block is off the board, to the marked peg, and down about it."""

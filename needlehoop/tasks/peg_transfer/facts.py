@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import cache, reduce
 
 import torch
 from torch import Tensor
@@ -31,9 +31,6 @@ FACTS = (
     ),
 )
 
-_STEEP = 0.5
-"""A hole whose axis has less of the vertical than this lets no peg through."""
-
 
 def observe(
     layout: PegLayout, rules: PegRules, memory: Memory, readings: Mapping[str, Tensor]
@@ -41,7 +38,10 @@ def observe(
     """Decide the facts, see ``contract.Task``."""
     r = readings
     position, quat = r["block_position"], r["block_quat"]
-    walls = partial(_wall_points, layout, position, quat)
+
+    def walls() -> Tensor:
+        return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
+
     grasped, welds = hold(rules, memory, r, walls, position, quat)
     low = lower_edge(layout, position, quat)
     near = geo.aside(position - r["goal"]) < rules.arrive_radius
@@ -60,25 +60,19 @@ def observe(
 def lower_edge(layout: PegLayout, position: Tensor, quat: Tensor) -> Tensor:
     """Height of the block's lowest corner ``(n,)``, m."""
     up_x, up_y, up_z = _vertical(quat)
-    below = [up_x * x + up_y * y for x, y in layout.corners.tolist()]
-    lowest = below[0]
-    for other in below[1:]:
-        lowest = torch.minimum(lowest, other)
+    lowest = reduce(torch.minimum, [up_x * x + up_y * y for x, y in layout.corners.tolist()])
     return position[:, 2] + lowest - up_z.abs() * (layout.block_height / 2)
 
 
 def is_over(layout: PegLayout, position: Tensor, quat: Tensor, goal: Tensor) -> Tensor:
-    """Whether a vertical line through ``goal`` runs through the whole hole; ``(n,)`` bool.
+    """Whether a vertical line through ``goal`` ``(n, 3)`` runs through the whole hole; bool.
 
-    Args:
-        layout: sizes of the block.
-        position: of the block's middle ``(n, 3)``, m.
-        quat: of the block ``(n, 4)``.
-        goal: a point of the peg's axis ``(n, 3)``, m.
+    ``position`` ``(n, 3)``, m, and ``quat`` ``(n, 4)`` of the block's middle.
     """
     up_x, up_y, up_z = _vertical(quat)
     x, y, z = geo.rotate(geo.conjugate(quat), goal - position).unbind(-1)
-    through = up_z.abs() > _STEEP
+    # A hole that lies flatter lets no peg through.
+    through = up_z.abs() > 0.5
     slope = torch.where(through, up_z, torch.ones_like(up_z))
     for end in (-layout.block_height / 2, layout.block_height / 2):
         along = (end - z) / slope
@@ -102,11 +96,6 @@ def _vertical(quat: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """The world's z in the block's frame, by component ``(n,)``."""
     w, x, y, z = quat.unbind(-1)
     return 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-
-
-def _wall_points(layout: PegLayout, position: Tensor, quat: Tensor) -> Tensor:
-    """Points in the middle of the walls ``(n, k, 3)``, world frame, m."""
-    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
 
 
 @cache

@@ -106,11 +106,6 @@ class PegLayout(ArmLayout):
         return np.array([at_wall(a, out, s * half) for a in WALLS for s in (-1, 1)])
 
     @property
-    def pickup(self) -> tuple[float, float, float]:
-        """The pickup point in the block's frame."""
-        return self.hole_radius + self.wall / 2, 0.0, self.block_height / 2 - self.pickup_depth
-
-    @property
     def carried(self) -> float:
         """Height of the block's centre when it is carried upright."""
         return self.marked_height + self.carry_height + self.block_height / 2
@@ -162,9 +157,6 @@ THINGS = {
 _PAINT = 5e-5
 """Thickness of paint, m: enough to be drawn before what is below."""
 
-_BOARD = (0.040, 0.050)
-"""Half the board's size, x and y, m: it is drawn, and the table below is felt."""
-
 _HARD = {"solref": [0.004, 1.0], "solimp": [0.98, 0.998, 0.0005, 0.5, 2.0]}
 """Contacts of the block. They give less than the weld, so a held block is not drawn through a peg,
 and less than the arm's own contacts, which sink 4 mm into so light a thing (measured)."""
@@ -212,7 +204,8 @@ def _add_block(spec: mujoco.MjSpec, layout: PegLayout) -> None:
                 friction=[slide, slide, spin, roll, roll],
                 **_HARD,
             )
-    body.add_site(name="pickup_point", pos=layout.pickup, size=[0.001] * 3)
+    pickup = [out, 0, height - layout.pickup_depth]
+    body.add_site(name="pickup_point", pos=pickup, size=[0.001] * 3)
 
 
 def _add_board(spec: mujoco.MjSpec, layout: PegLayout) -> None:
@@ -223,7 +216,8 @@ def _add_board(spec: mujoco.MjSpec, layout: PegLayout) -> None:
         name="board",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[*middle, -0.001],
-        size=[*_BOARD, 0.001 + _PAINT],
+        # It is drawn, and the table below is felt.
+        size=[0.040, 0.050, 0.001 + _PAINT],
         material="board",
         **collision(False),
     )

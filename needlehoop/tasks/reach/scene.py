@@ -73,22 +73,11 @@ class ReachRules(ToolEpisode):
     """``stayed``: it has been near after so many steps, one after the other."""
 
 
-_CYLINDER = mujoco.mjtGeom.mjGEOM_CYLINDER
-
 MATERIALS: Materials = {
     "phantom": ((0.80, 0.52, 0.46), 0.2, 0.3),
     "mark": ((0.25, 0.22, 0.50), 0.1, 0.2),
     "target": ((1.0, 0.86, 0.10), 0.2, 0.3),
 }
-
-_MARK = (-0.0010, 0.0005)
-"""Lower and upper face of a mark, m above the top of its bump: flat, where the bump is round."""
-
-_BUTTON = 0.0025
-"""Thickness of the target's button, m."""
-
-_STEM = 0.0015
-"""Radius of what it stands on, m."""
 
 
 FACTS = (
@@ -110,16 +99,16 @@ def build(spec: mujoco.MjSpec, layout: ReachLayout, rules: ReachRules) -> None:
         # As long as the highest bump is high: the rest is below the table.
         foot = -radius - layout.bump_height - layout.bump_height_range
         capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-        add_upright(bump, f"bump_{index}", capsule, (foot, -radius), radius, "phantom")
+        add_upright(bump, f"bump_{index}", (foot, -radius), radius, "phantom", capsule)
         mark = spec.worldbody.add_body(name=f"mark_{index}", pos=top, mocap=True)
-        add_upright(
-            mark, f"mark_{index}", _CYLINDER, _MARK, layout.mark_radius, "mark", solid=False
-        )
+        # Flat, where the bump is round. Faces in m above the top of the bump.
+        faces, radius = (-0.0010, 0.0005), layout.mark_radius
+        add_upright(mark, f"mark_{index}", faces, radius, "mark", solid=False)
     target = spec.worldbody.add_body(name="target", mocap=True)
     face, foot = -layout.clearance, -layout.target_above_bump
-    size = layout.target_radius
-    add_upright(target, "button", _CYLINDER, (face - _BUTTON, face), size, "target")
-    add_upright(target, "stem", _CYLINDER, (foot - 0.001, face - _BUTTON), _STEM, "target")
+    under, radius = face - 0.0025, layout.target_radius
+    add_upright(target, "button", (under, face), radius, "target")
+    add_upright(target, "stem", (foot - 0.001, under), 0.0015, "target")
 
 
 def start(layout: ReachLayout, chance: Chance) -> Start:
