@@ -98,11 +98,8 @@ def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
     """Files of a scene by their path: ``<name>.xml`` and its meshes; they lose nothing.
 
     MuJoCo writes numbers with six digits, which is a micrometre at the tool's tip. What it rounded
-    is put back from the compiled model, and what comes of it is opened again and compared.
-
-    Args:
-        spec: the scene; it is compiled, otherwise left as it is.
-        name: of the MJCF file.
+    is put back from the compiled model, and what comes of it is opened again and compared. The
+    spec is compiled, otherwise left as it is.
 
     Raises:
         RuntimeError: MuJoCo does not make the same scene of what was written.
@@ -190,14 +187,12 @@ def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
     again = mujoco.MjModel.from_xml_string(text, assets)
     if (again.nq, again.nu, again.nbody) != (model.nq, model.nu, model.nbody):
         raise RuntimeError("export: what was written has other bodies, joints or servos")
-    datas = []
-    for each in (model, again):
-        data = mujoco.MjData(each)
+    here, there = mujoco.MjData(model), mujoco.MjData(again)
+    for each, data in ((model, here), (again, there)):
         if each.nkey:
             mujoco.mj_resetDataKeyframe(each, data, 0)
         mujoco.mj_kinematics(each, data)
-        datas.append(data)
     for name in ("xpos", "xmat", "site_xpos", "site_xmat"):
-        apart = np.abs(getattr(datas[0], name) - getattr(datas[1], name)).max()
+        apart = np.abs(getattr(here, name) - getattr(there, name)).max()
         if not apart < 1e-9:
             raise RuntimeError(f"export: {name} of what was written is {apart:.1e} apart")

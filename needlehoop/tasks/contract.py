@@ -10,18 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import mujoco
+import numpy as np
 from torch import Tensor
 
 from needlehoop.scene.signals import Signal, signals_class
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.start import Chance, Start
-
-if TYPE_CHECKING:
-    import mujoco
-    import numpy as np
 
 Memory = Any
 """What is remembered between steps, a TensorDict of batch size ``(n,)``: the robot's targets,

@@ -24,7 +24,6 @@ Place = Annotated[float, Range(-1.0, 1.0)]
 Spread = Annotated[float, Range(0.0, 2 * math.pi)]
 """A half-width, m or rad."""
 
-Angle = Annotated[float, Range(1e-2, 2 * math.pi)]
 Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
 """rad."""
 

@@ -183,19 +183,16 @@ ROBOT = Robot(
 )
 
 
-_WELD = "grasp"
-
-
 def add_weld(
     spec: mujoco.MjSpec, rules: ArmEpisode, body: str, **softness: Sequence[float]
 ) -> None:
-    """Add the (inactive) weld of the wrist with a body, for ``episode.grasp=weld``.
+    """Add the inactive weld ``grasp`` of the wrist with a body, for ``episode.grasp=weld``.
 
     ``softness``: MuJoCo's ``solref`` and ``solimp`` of it.
     """
     if rules.grasp == "weld":
         spec.add_equality(
-            name=_WELD,
+            name="grasp",
             type=mujoco.mjtEq.mjEQ_WELD,
             objtype=mujoco.mjtObj.mjOBJ_BODY,
             name1="wrist_yaw",
@@ -235,7 +232,7 @@ def hold(
     inverse = geo.conjugate(readings["wrist_quat"])
     place = geo.rotate(inverse, position - readings["wrist_pos"])
     pose = torch.cat((place, geo.multiply(inverse, quat)), -1)
-    return held, {_WELD: Weld(held != memory["grasped"], held, pose)}
+    return held, {"grasp": Weld(held != memory["grasped"], held, pose)}
 
 
 def _between_jaws(readings: Mapping[str, Tensor], points: Tensor) -> Tensor:

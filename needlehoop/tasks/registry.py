@@ -54,11 +54,7 @@ def is_from_elsewhere(name: object, folder: str | None) -> bool:
 
 
 def add(name: object, folder: str | None) -> None:
-    """Import a task from elsewhere, if that is where it is.
-
-    Args:
-        name: of the task; an installed package may have an entry point of that name.
-        folder: ``task_dir``.
+    """Import a task from elsewhere, if that is where it is: ``task_dir``, or an installed package.
 
     Raises:
         ValueError: no such task, an error in its code, or a task that leaves something out.

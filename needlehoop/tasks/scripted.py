@@ -131,9 +131,7 @@ def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
 
 
 def blade_turn(s: Signals, quat: Tensor) -> Tensor:
-    """Turn about the instrument ``(n,)``, rad, after which the blades open along the x of a frame
-    ``(n, 4)``.
-    """
+    """Turn about the instrument ``(n,)``, rad, after which the blades open along a frame's x."""
     across = direction(quat, 1.0, 0.0, 0.0)
     x, y, _ = geo.rotate(geo.conjugate(s.tool_quat), across).unbind(-1)
     # The blades open along the tool's y; either sense will do.

@@ -29,14 +29,6 @@ class Start:
     def __len__(self) -> int:
         return len(self.control)
 
-    def __getitem__(self, rows: int | slice) -> Start:
-        """Some of them."""
-        robot, free, mocap = (
-            {name: value[rows] for name, value in one.items()}
-            for one in (self.robot, self.free, self.mocap)
-        )
-        return Start(robot, free, mocap, self.control[rows])
-
 
 NUMBERS = 64
 """Uniform numbers that are drawn for an episode; a task takes as many as it needs."""

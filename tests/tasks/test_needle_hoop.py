@@ -699,12 +699,11 @@ def test_without_ranges_every_start_is_the_nominal_one(layout):
         tool_position_range=(0.0, 0.0, 0.0),
     )
     begun = random_starts(still, 5)
-    for row_ in begun:
-        assert row_.robot["tool"].tolist() == list(layout.tool_position)
-        assert row_.mocap["hoop"].tolist() == list(layout.hoop_position)
-        assert row_.free["needle"][:2].tolist() == list(layout.needle_position)
-        assert float(row_.robot["jaw"]) == layout.tool_jaw
-        assert float(row_.robot["joints"][3]) == layout.tool_roll
+    assert begun.robot["tool"].tolist() == [list(layout.tool_position)] * 5
+    assert begun.mocap["hoop"].tolist() == [list(layout.hoop_position)] * 5
+    assert begun.free["needle"][:, :2].tolist() == [list(layout.needle_position)] * 5
+    assert begun.robot["jaw"].tolist() == [layout.tool_jaw] * 5
+    assert begun.robot["joints"][:, 3].tolist() == [layout.tool_roll] * 5
     yaw = 2 * torch.atan2(begun.free["needle"][:, 6], begun.free["needle"][:, 3])
     assert yaw.tolist() == pytest.approx([layout.needle_yaw] * 5)
 

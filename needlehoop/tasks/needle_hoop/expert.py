@@ -24,9 +24,8 @@ class Expert(Script):
         """How far beyond the hoop's plane the tip is sent, m; negative stops short."""
         return self.episode.thread_depth + 0.004
 
-    def __call__(self, signals: Signals) -> Tensor:
+    def __call__(self, s: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
-        s = signals
         aligned = blade_turn(s, s.needle_quat)
         move = torch.where(s.grasped.unsqueeze(-1), self._carry(s), self._approach(s, aligned))
         turn = torch.where(s.grasped, self._insertion_turn(s) * s.lifted, aligned)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from needlehoop.config.strict import Amount, Positive, Real
 from needlehoop.robot.geometry import distance
-
-if TYPE_CHECKING:
-    from needlehoop.scene.signals import Signals
+from needlehoop.scene.signals import Signals
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from needlehoop.config.strict import OneOf, Range, Share
 from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.layout import Angle, ArmEpisode, ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
 from needlehoop.tasks.psm import add_weld, begun, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 
@@ -26,7 +26,7 @@ class NeedleLayout(ArmLayout):
 
     needle_radius: Length
     """Radius of the needle's arc, to its centre line."""
-    needle_arc: Angle
+    needle_arc: Annotated[float, Range(1e-2, 2 * np.pi)]
     """Angle the arc spans."""
     needle_thickness: Length
     """Diameter of the needle's cross-section."""
@@ -178,17 +178,15 @@ def _add_chain(
         )
 
 
-_SUNK = 1.25e-6
-"""How deep a needle at rest sinks into the table, m (measured). Laid exactly on the
-surface, rounding decides which of its contacts exist, and the rest kick it."""
-
-
 def start(layout: NeedleLayout, chance: Chance) -> Start:
     """Scatter needle, hoop and tool over the layout's ranges."""
     needle_xy = chance.place(layout.needle_position, layout.needle_position_range)
     yaw = chance.about(layout.needle_yaw, layout.needle_yaw_range)
     hoop = chance.place(layout.hoop_position, layout.hoop_position_range)
-    needle = standing(needle_xy, layout.needle_thickness / 2 - _SUNK, yaw)
+    # A needle at rest sinks so deep into the table (measured). Laid exactly on the surface,
+    # rounding decides which of its contacts exist, and the rest kick it.
+    height = layout.needle_thickness / 2 - 1.25e-6
+    needle = standing(needle_xy, height, yaw)
     return place(tool_start(layout, chance), needle, hoop)
 
 

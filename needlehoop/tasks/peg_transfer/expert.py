@@ -24,9 +24,8 @@ class Expert(Script):
     """Height of the block's lower edge above the board below which the jaws open over the marked
     peg, m; negative: never."""
 
-    def __call__(self, signals: Signals) -> Tensor:
+    def __call__(self, s: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
-        s = signals
         # The blades along the wall.
         turn = blade_turn(s, s.block_quat)
         done = s.over & s.arrived & ~s.grasped
@@ -39,11 +38,6 @@ class Expert(Script):
         """Height of the block's lower edge ``(n,)``, m: the arm leans, and the block with it."""
         return lower_edge(self.layout, s.block_position, s.block_quat)
 
-    @property
-    def carried(self) -> float:
-        """Height at which a carried block's lower edge is, m."""
-        return self.layout.marked_height + self.layout.carry_height
-
     def _carry(self, s: Signals) -> Tensor:
         """Squeeze, lift off the peg, carry above the marked peg, lower."""
         squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
@@ -51,7 +45,7 @@ class Expert(Script):
         down = (geo.aside(away) < _LOWERED) | (s.over & ~s.lifted)
         # Upwards first: below the pegs' tops there is no way aside.
         clear = s.lifted | down
-        climb = self.carried - self.low(s)
+        climb = self.layout.marked_height + self.layout.carry_height - self.low(s)
         level = torch.cat((away[:, :2] * clear.unsqueeze(-1), climb.unsqueeze(-1)), -1)
         move = torch.where(down.unsqueeze(-1), away, level)
         return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
@@ -93,9 +87,8 @@ _ABOUT, _BESIDE = 0.006, 0.010
 class Smooth(Expert):
     """The expert's phases with ramps for its switches: actions change little where signals do."""
 
-    def __call__(self, signals: Signals) -> Tensor:
-        """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
-        s = signals
+    def __call__(self, s: Signals) -> Tensor:
+        """As the expert's."""
         aside, low = geo.aside(s.goal - s.block_position), self.low(s)
         sunk = ramp(low, self.layout.marked_height, 0.5 * self.layout.marked_height)
         about = ramp(aside, _BESIDE, _ABOUT)
@@ -118,7 +111,7 @@ class Smooth(Expert):
         clear = ramp(low, top - _CLEAR, top + _CLEAR)
         about = ramp(aside, _BESIDE, _ABOUT)
         away[:, :2] *= torch.maximum(clear, about).unsqueeze(-1)
-        height = torch.lerp(self.carried - low, -_BELOW - low, centred)
+        height = torch.lerp(top + self.layout.carry_height - low, -_BELOW - low, centred)
         _, most = self.slowly(s.block_position[:, 2] - self.layout.block_height / 2)
         away[:, 2] = torch.minimum(height, most)
         return away

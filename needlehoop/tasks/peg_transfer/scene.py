@@ -252,10 +252,6 @@ def _add_peg(body: mujoco.MjsBody, material: str, radius: float, height: float) 
     )
 
 
-_SUNK = 2.82e-7
-"""How deep a block at rest sinks into the table, m (measured)."""
-
-
 def start(layout: PegLayout, chance: Chance) -> Start:
     """Draw the block's peg and the marked one; scatter board, block and tool."""
     begins, marked = _choose(layout, chance.number(), chance.number())
@@ -263,7 +259,9 @@ def start(layout: PegLayout, chance: Chance) -> Start:
     yaw = chance.about(layout.block_yaw, layout.block_yaw_range)
     off = chance.place((0.0, 0.0), layout.block_position_range)
     places = torch.tensor(layout.pegs, dtype=torch.float64)
-    block = standing(places[begins] + shift + off, layout.block_height / 2 - _SUNK, yaw)
+    # A block at rest sinks so deep into the table (measured).
+    height = layout.block_height / 2 - 2.82e-7
+    block = standing(places[begins] + shift + off, height, yaw)
     return place(layout, tool_start(layout, chance), block, shift, marked)
 
 

@@ -25,9 +25,9 @@ _PRESS = 0.001
 class Expert(Script):
     """Across the phantom, then down."""
 
-    def __call__(self, signals: Signals) -> Tensor:
+    def __call__(self, s: Signals) -> Tensor:
         """Actions ``(n, 5)`` float64 for the signals of ``n`` environments."""
-        away = signals.target - signals.tool_midpoint
+        away = s.target - s.tool_midpoint
         away[:, 2] += self._height(aside(away))
         # Neither the turn about the instrument nor the jaws matter.
         none = torch.zeros_like(away[:, 0])
