@@ -14,19 +14,17 @@ from typing import Any
 from needlehoop.config import strict
 from needlehoop.config.strict import Real
 from needlehoop.rewards import called, written
-from needlehoop.rewards.called import given
+from needlehoop.rewards.called import allow, given, recall
 from needlehoop.rewards.terms import Reward, RewardError, Sparse, potential
 from needlehoop.runs.files import EXPERT, check_name
 from needlehoop.runs.reading import read_yaml
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.registry import conf_of
 
-__all__ = ["Reward", "RewardError", "given", "potential"]
+__all__ = ["Reward", "RewardError", "allow", "given", "potential", "recall"]
 
-REWARDS = ("human", "sparse")
-"""Rewards that are classes. Other kinds are programs (``written``) or functions (``called``)."""
-
-_KINDS = (*REWARDS, *written.KINDS, called.KIND)
+_KINDS = ("human", "sparse", *written.KINDS, called.KIND)
+"""Two are classes; others are programs (``written``) or functions (``called``)."""
 
 NONE = {"kind": "sparse", "success": 1.0}
 """The config of a reward for environments whose reward nobody reads."""
@@ -40,9 +38,7 @@ class _Sparse:
 def load(config: Mapping[str, Any], task: Task) -> Reward:
     """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
 
-    Args:
-        config: of the reward.
-        task: whose human reward, goal and signals are meant.
+    The human reward, the goal and the signals are the task's.
 
     Raises:
         ValueError: an unknown kind, invalid values, an invalid name, or Python code that was not
@@ -60,10 +56,7 @@ def load(config: Mapping[str, Any], task: Task) -> Reward:
 
 
 def reference_reward(task: Task) -> Reward:
-    """A task's human reward with its default values. Policies are compared by its return.
-
-    It is the same for all policies, whatever they were trained on.
-    """
+    """A task's human reward with its default values. All policies are compared by its return."""
     return load(read_yaml(conf_of(task.name) / f"reward/human/{task.name}.yaml"), task)
 
 
@@ -76,26 +69,8 @@ def check(config: Mapping[str, Any], task: Task) -> None:
         load(config, task)
 
 
-def allow(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The config of a reward that somebody typed, ready for ``load``; one that was checked."""
-    return called.allow(config) if config["kind"] == called.KIND else dict(config)
-
-
-def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
-    """The config of a reward that was read from a run's files and checked, ready for ``load``.
-
-    Raises:
-        ValueError: it names Python code, and ``trust`` is false.
-    """
-    return called.recall(config, trust) if config["kind"] == called.KIND else dict(config)
-
-
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with the text of its program or function, for a run to keep.
-
-    Raises:
-        ValueError: as in ``load``.
-    """
+    """A config with its program's or function's text, for a run to keep; errors as in ``load``."""
     if config["kind"] == called.KIND:
         return called.pin(config)
     return written.pin(config) if config["kind"] in written.KINDS else dict(config)

@@ -86,8 +86,8 @@ class Called:
 def given(function: Callable[..., Any]) -> dict[str, Any]:
     """The config of a function object. It can't be written down for another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
-    plain = {"kind": KIND, "function": name, "values": {}, "source": None}
-    return {**plain, _CALL: Called(function, {}, name)}
+    call = Called(function, {}, name)
+    return {"kind": KIND, "function": name, "values": {}, "source": None, _CALL: call}
 
 
 def check(config: Mapping[str, Any]) -> None:
@@ -102,13 +102,13 @@ def check(config: Mapping[str, Any]) -> None:
 
 
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Import the function that a config names. Only for configs that somebody typed.
+    """The config of a reward that somebody typed, ready for ``load``: imports what it names.
 
     Raises:
         ValueError: missing or unknown values, no such function, or a function whose text has
             changed since the run began.
     """
-    if _CALL in config:
+    if config["kind"] != KIND or _CALL in config:
         return dict(config)
     check(config)
     name = config["function"]
@@ -119,14 +119,16 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
-    """Import the function that a config from a run's files names, if the person trusts them.
+    """The config of a reward from a run's files, ready for ``load``: imports what it names.
 
     Raises:
-        ValueError: no trust, or no source to compare the function with; or as in ``allow``.
+        ValueError: it names a function, and the person does not trust the files (``trust``), or
+            there is no source to compare the function with; or as in ``allow``.
     """
-    if not trust:
+    is_code = config["kind"] == KIND
+    if is_code and not trust:
         raise _untrusted(config)
-    if config.get("source") is None:
+    if is_code and config.get("source") is None:
         raise ValueError("reward.source: null; a run notes the source of its function")
     return allow(config)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,14 +30,8 @@ Flavour = Annotated[str, OneOf(*FLAVOURS.values())]
 KINDS = ("file", *FLAVOURS)
 """Kinds of rewards that are programs."""
 
-ANY = "any"
-"""The folder of programs that suit every camera set."""
-
 FIRST = 1
 """The number of the sample that is used unless another is asked for."""
-
-CLIPPED = "clipped"
-"""The term that keeps a total within its limits."""
 
 _UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
 """The line of a program that gives the size of a scene unit in metres."""
@@ -49,14 +43,11 @@ class NotWrittenError(ValueError):
 
 @dataclass(frozen=True)
 class Written:
-    """A program in use. Its terms must be finite.
+    """A program in use, and where its text came from. Its terms must be finite.
 
-    Args:
-        program: compiled.
-        origin: where its text came from.
-        clip: the least and the most that the total may be. The difference between the clipped
-            total and the sum of the terms is a term of its own: ``clipped``, or ``clipped_1`` if
-            the program has a term of that name.
+    ``clip`` is the least and the most that the total may be. The difference between the clipped
+    total and the sum of the terms is a term of its own: ``clipped``, or ``clipped_1`` if the
+    program has a term of that name.
     """
 
     program: Program
@@ -70,7 +61,7 @@ class Written:
         if self.clip is None:
             return terms
         total = potential(terms)
-        numbered = (f"{CLIPPED}_{number}" if number else CLIPPED for number in count())
+        numbered = (f"clipped_{number}" if number else "clipped" for number in count())
         free = next(name for name in numbered if name not in terms)
         return {**terms, free: total.clamp(*self.clip) - total}
 
@@ -102,25 +93,10 @@ class _Config:
         if self.clip is not None and not self.clip[0] < self.clip[1]:
             raise ValueError(f"reward.clip: {self.clip[0]:g} must be below {self.clip[1]:g}")
 
-    def source(self) -> Source:
-        """The pinned program, or the one that the config points at, in its unit."""
-        if self.program is None:
-            return scaled(self._named(), self.unit, "reward.unit")
-        match self.program:
-            case {"text": str(text), "origin": str(origin)} if len(self.program) == 2:
-                return scaled(Source(text, origin), self.unit, "reward.unit")
-        raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
-
-    def _named(self) -> Source:
-        raise NotImplementedError
-
 
 @dataclass(frozen=True)
 class _File(_Config):
     path: str
-
-    def _named(self) -> Source:
-        return read(Path(self.path))
 
 
 @dataclass(frozen=True)
@@ -131,14 +107,23 @@ class _Recorded(_Config):
     recording: str | None
     sample: Count
 
-    def _named(self) -> Source:
-        place = self.study, self.results, self.recording
-        return find(self.cams, FLAVOURS[self.kind], *place, self.sample)
 
-
-def _typed(config: Mapping[str, Any]) -> _Config:
+def _read(config: Mapping[str, Any]) -> tuple[Source, tuple[float, float] | None]:
+    """The pinned program, or the one that the config points at, in its unit; and its clip."""
     values = {key: one for key, one in config.items() if key != "name"}
-    return strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
+    kind = _File if config["kind"] == "file" else _Recorded
+    own: Any = strict.structure(values, kind, "reward")
+    match own.program:
+        case {"text": str(text), "origin": str(origin)} if len(own.program) == 2:
+            found = Source(text, origin)
+        case None if kind is _File:
+            found = read(Path(own.path))
+        case None:
+            place = own.study, own.results, own.recording
+            found = find(own.cams, FLAVOURS[own.kind], *place, own.sample)
+        case _:
+            raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
+    return scaled(found, own.unit, "reward.unit"), own.clip
 
 
 def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
@@ -147,23 +132,17 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
     Raises:
         ValueError: missing or unknown values, no such program, or one that is refused.
     """
-    typed = _typed(config)
-    source = typed.source()
+    source, clip = _read(config)
     try:
         program = compile_program(source.text, table)
     except ProgramError as error:
         raise ValueError(f"reward: {source.origin}, {error}") from error
-    return Written(program, source.origin, typed.clip)
+    return Written(program, source.origin, clip)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A reward's config with the program's text in it. No file can change it afterwards.
-
-    Raises:
-        ValueError: as in ``load``.
-    """
-    source = _typed(config).source()
-    return {**config, "program": {"text": source.text, "origin": source.origin}}
+    """A config with the program's text in it, which no file changes; errors as in ``load``."""
+    return {**config, "program": asdict(_read(config)[0])}
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
@@ -175,18 +154,14 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
     if config["kind"] not in FLAVOURS:
         return True
     try:
-        _typed(config).source()
+        _read(config)
     except NotWrittenError:
         return False
     return True
 
 
 def read(path: Path) -> Source:
-    """The program in a file.
-
-    Raises:
-        ValueError: no plain file there, or one that is too large, empty or no text.
-    """
+    """The program in a file; ``ValueError`` if it is no plain file, too large, empty or no text."""
     try:
         return Source(read_text(path), str(path))
     except UnreadableError as error:
@@ -194,9 +169,7 @@ def read(path: Path) -> Source:
 
 
 def scaled(source: Source, unit: float | None, key: str) -> Source:
-    """A program with another size of its scene unit, m; ``None`` leaves it as it is.
-
-    ``key`` names the unit in messages.
+    """A program with another unit of its scene, m (``None``: its own); ``key`` is for messages.
 
     Raises:
         ValueError: the program has no line that gives its scene unit.
@@ -226,7 +199,6 @@ def find(
     cameras' order does not matter. A ``text`` program may also be in the folder ``any``.
 
     Args:
-        cams: names of cameras.
         flavour: ``text`` or ``image``.
         study: its name; ``None`` searches the recording alone.
         results: folder of all studies.
@@ -251,7 +223,7 @@ def find(
     name = file_name(flavour, sample)
     for folder in folders:
         places = [_folder_of(folder, chosen)]
-        for place in [*places, folder / ANY] if flavour == "text" else places:
+        for place in [*places, folder / "any"] if flavour == "text" else places:
             if (place / name).is_file():
                 return read(place / name)
     known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
@@ -266,12 +238,8 @@ def find(
     raise NotWrittenError(f"{missing}; make one with: {how}")
 
 
-def _folder_of(folder: Path, cams: tuple[str, ...]) -> Path:
-    """The folder of a camera set, in the given order or in another.
-
-    Raises:
-        ValueError: there are two in other orders.
-    """
+def _folder_of(folder: Path, cams: Sequence[str]) -> Path:
+    """The folder of a camera set in this order or another; ``ValueError`` for two in others."""
     exact = folder / "+".join(cams)
     if exact.is_dir() or not folder.is_dir():
         return exact
