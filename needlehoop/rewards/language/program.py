@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, reduce
 from operator import attrgetter, itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -29,37 +29,27 @@ from needlehoop.rewards.language.grammar import (
 )
 from needlehoop.scene.signals import Signal, Signals, vocabulary
 
-MAX_NODES = 2000
-"""Names, numbers and operations in a program."""
-MAX_DEPTH = 64
-"""Operations inside each other in one expression."""
+MAX_NODES, MAX_STATEMENTS = 2000, 100
+"""Names, numbers and operations in a program; its statements, those inside ifs included."""
+MAX_DEPTH, MAX_NESTING = 64, 16
+"""Operations inside each other in one expression; ifs inside each other, ``elif`` included."""
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
-MAX_STATEMENTS = 100
-"""Statements in a program, those inside ifs included."""
-MAX_NESTING = 16
-"""Ifs inside each other, ``elif`` included."""
 
 RESULT = "reward"
 """The variable that holds a program's value."""
 
 
-class Step(NamedTuple):
-    """A call of ``run``. It takes the signals as number 0, and results of earlier steps from 1."""
-
-    run: Callable[..., Any]
-    takes: tuple[int, ...]
+Step = tuple[Callable[..., Any], tuple[int, ...]]
+"""A call, and what it takes: the signals are number 0, results of earlier steps count from 1."""
 
 
 @dataclass(frozen=True)
 class Program:
     """A compiled program, which is a reward. Two programs are equal if their sources are.
 
-    Args:
-        source: its text.
-        steps: the calls, in order.
-        results: the number of each term's step: of what the last ``reward = a + b`` sums, else of
-            ``reward``.
+    ``results`` has the number of each term's step: of what the last ``reward = a + b`` sums, else
+    of ``reward``.
     """
 
     source: str
@@ -82,11 +72,7 @@ class Program:
 
 
 def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
-    """A program from its source.
-
-    Args:
-        source: its text.
-        table: of the signals; it may read all but the verdicts.
+    """A program from its source; it may read all signals of the table but the verdicts.
 
     Raises:
         ProgramError: the program is refused; ``line``, ``column`` and ``reason`` say why.
@@ -116,7 +102,6 @@ class _Value(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """In words."""
         if self.size:
             return f"a {self.size}-vector"
         return "a truth value" if self.is_truth else "a number"
@@ -158,7 +143,7 @@ class _Compiler:
 
     def _do(self, run: Callable[..., Any], *takes: _Value) -> _Value:
         """The result of one more step."""
-        self._steps.append(Step(run, tuple(one.number for one in takes)))
+        self._steps.append((run, tuple(one.number for one in takes)))
         return _Value(len(self._steps), run(*(one.like for one in takes)))
 
     # Statements.
@@ -240,10 +225,10 @@ class _Compiler:
 
     def _expression(self, node: ast.expr) -> _Value:
         match node:
-            case ast.Constant(value=bool() as truth):
-                return self._constant(torch.tensor([truth]))
-            case ast.Constant(value=int() | float() as number):
-                return self._constant(torch.tensor([number], dtype=torch.float64))
+            case ast.Constant(value=bool() | int() | float() as value):
+                dtype = torch.bool if isinstance(value, bool) else torch.float64
+                tensor = torch.tensor([value], dtype=dtype)
+                return self._do(lambda: tensor)
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.UnaryOp(op=op, operand=operand):
@@ -260,10 +245,8 @@ class _Compiler:
                 return self._arithmetic(node, op, self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=operands):
                 word, run = JUNCTIONS[type(op)]
-                found, *rest = [_truth(self._value(one), one, word) for one in operands]
-                for one in rest:
-                    found = self._do(run, found, one)
-                return found
+                values = [_truth(self._value(one), one, word) for one in operands]
+                return reduce(partial(self._do, run), values)
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self._compare(node, ops, [self._value(one) for one in (left, *others)])
             case ast.IfExp(test=test, body=body, orelse=orelse):
@@ -302,13 +285,11 @@ class _Compiler:
 
     def _compare(self, node: ast.Compare, ops: list[ast.cmpop], values: list[_Value]) -> _Value:
         """``a < b < c`` is ``a < b and b < c``."""
-        found = None
+        found = []
         for op, *pair in zip(ops, values, values[1:], strict=False):
             sign, run = COMPARISONS[type(op)]
-            one = self._do(run, *(self._number(value, node, sign) for value in pair))
-            found = one if found is None else self._do(torch.logical_and, found, one)
-        assert found is not None
-        return found
+            found.append(self._do(run, *(self._number(value, node, sign) for value in pair)))
+        return reduce(partial(self._do, torch.logical_and), found)
 
     def _call(self, node: ast.Call) -> _Value:
         if not isinstance(node.func, ast.Name):
@@ -347,9 +328,6 @@ class _Compiler:
         return self._do(itemgetter((..., int(number))), value)
 
     # Operations.
-
-    def _constant(self, tensor: Tensor) -> _Value:
-        return self._do(lambda: tensor)
 
     def _number(self, value: _Value, node: ast.AST, what: str) -> _Value:
         """A number as it is; a truth value as 0 or 1. A vector is refused."""
