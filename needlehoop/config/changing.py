@@ -31,11 +31,7 @@ _NO_EFFECT = {"engine", "picture"}
 
 
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
-    """Words for a command itself, and those that change a run's settings.
-
-    Args:
-        command: its config, ``conf/<command>.yaml``, has the keys of its own.
-    """
+    """Words for a command, whose keys ``conf/<command>.yaml`` has, and those that change a run."""
     given, keys = list(words), _keys(command)
     own = [word for word in given if _top(word) in keys]
     return own, [word for word in given if word not in own]

@@ -66,9 +66,7 @@ def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
 def in_brackets(words: Iterable[str]) -> list[str]:
     """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
 
-    So is a single one of ``axes`` and ``severities``.
-
-    Under ``-m`` a bare comma list stays a sweep.
+    So is a single one of ``axes`` and ``severities``. Under ``-m`` a comma list stays a sweep.
     """
     given = list(words)
     if {"-m", "--multirun"} & set(given):
@@ -94,10 +92,7 @@ def prepare(
 ) -> tuple[list[str], list[Path]]:
     """A command line as Hydra takes it, and the config folders of one's own that it named.
 
-    Also registers the options that are no files.
-
-    Args:
-        task: by its name, where a run and not the command line decides it.
+    Also registers the options that are no files. A run decides its ``task`` and ``task_dir``.
 
     Raises:
         ValueError: ``conf_dir`` or ``task_dir`` is no such folder.
@@ -113,8 +108,7 @@ def prepare(
 def plain(composed: DictConfig) -> dict[str, Any]:
     """A composed config as plain values; the chosen cameras are the list ``cams``, no more.
 
-    Raises:
-        ValueError: a camera that is not what its name says.
+    Raises ``ValueError`` for a camera that is not what its name says.
     """
     whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     assert isinstance(whole, dict)

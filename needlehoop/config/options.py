@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +26,8 @@ CAMERAS = "cameras"
 OF_TASK = {"episode": ("default", "episode"), "reward": ("human", "reward/human")}
 """By group: the option, and the folder of its files below a config folder."""
 
-STANDARD = "standard"
-"""The task's option where none is named."""
-
 _LONGEST = 100
 """Characters of an option's name, at most: it is the name of a file."""
-
-_DEEPEST = 8
-"""Files that a task's option may build on, one on the other."""
 
 
 def typed(words: Iterable[str], key: str) -> list[str]:
@@ -42,14 +37,11 @@ def typed(words: Iterable[str], key: str) -> list[str]:
 
 
 def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
-    """Tell Hydra which cameras and models there are.
+    """Tell Hydra which cameras and models there are; of the config folders ours is the first.
 
     A new view or rendering is one new file: every file is part of an environment's config, and
-    every pair of view and rendering is an option of the group ``cams``.
-
-    Args:
-        words: of the command line; an experiment that they choose may have ``views`` of its own.
-        folders: config folders, ours first.
+    every pair of view and rendering is an option of the group ``cams``. An experiment that the
+    words choose may have ``views`` of its own.
     """
     store = ConfigStore.instance()
     given = list(words)
@@ -65,8 +57,8 @@ def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
     views = [*found["view"], *(view for own in experiments for view in own.get("views", ()))]
     # An earlier call may have registered another folder.
     store.repo.pop("cams", None)
-    for name, rendering, view in ((f"{r}_{v}", r, v) for r in found["rendering"] for v in views):
-        node = {"view": view, "rendering": rendering}
+    for rendering, view in product(found["rendering"], views):
+        name, node = f"{rendering}_{view}", {"view": view, "rendering": rendering}
         store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
     for name in _models(given, experiments):
         cameras, _, reward = name.rpartition(".")
@@ -87,16 +79,12 @@ def _models(words: Iterable[str], experiments: Iterable[Any]) -> list[str]:
 
 
 def register_task(words: Iterable[str], folders: Sequence[Path], task: str | None = None) -> None:
-    """Tell Hydra what the options are for the task that a command line names.
-
-    Args:
-        folders: config folders, ours first.
-        task: by its name, where a run and not the command line decides it.
+    """Tell Hydra what the options are for the task that a command line or a run (``task``) names.
 
     Raises:
         ValueError: a sweep over different tasks, or a file that cannot be read.
     """
-    given = [STANDARD, *typed(words, "task")][-1].split(",")
+    given = ["standard", *typed(words, "task")][-1].split(",")
     found = [task] if task else (task_name(option, folders) for option in given)
     names = {name for name in found if name is not None}
     if len(names) > 1:
@@ -112,9 +100,9 @@ def register_task(words: Iterable[str], folders: Sequence[Path], task: str | Non
 def task_name(option: str, folders: Sequence[Path]) -> str | None:
     """The task of an option of the group ``task``; ``None`` where there is no such option.
 
-    An option names its task or builds on one that does.
+    An option names its task or builds on one that does, over at most eight files.
     """
-    for _ in range(_DEEPEST):
+    for _ in range(8):
         file = _file(folders, "task", option)
         if file is None:
             return None
@@ -152,10 +140,7 @@ def options(folder: Path, group: str) -> list[str]:
 
 
 def check_choice(overrides: Iterable[str], conf: Path) -> None:
-    """Check chosen options where Hydra itself says nothing, or nothing clear.
-
-    Args:
-        overrides: as Hydra takes them, sweeps included.
+    """Check chosen options, those of sweeps too, where Hydra says nothing, or nothing clear.
 
     Raises:
         ValueError: ``cams`` is no list of names or repeats one, the choice of another group is no
@@ -202,11 +187,7 @@ def _check_cams(chosen: Any) -> None:
 
 
 def check_cameras(cameras: Mapping[str, Any]) -> None:
-    """Check that the chosen cameras of a composed config are what their names say.
-
-    Raises:
-        ValueError: one has another view or rendering.
-    """
+    """Raises ``ValueError`` for a camera of another view or rendering than its name says."""
     for name, camera in cameras.items():
         if not isinstance(camera, Mapping) or name != "_".join(
             str(camera.get(part)) for part in ("rendering", "view")
@@ -218,11 +199,7 @@ def check_cameras(cameras: Mapping[str, Any]) -> None:
 
 
 def read_option(file: Path) -> dict[str, Any]:
-    """The values of an option's file.
-
-    Raises:
-        ValueError: it is no small mapping in YAML; names it.
-    """
+    """An option's values; ``ValueError`` names a file that is no small mapping in YAML."""
     try:
         return read_yaml(file)
     except UnreadableError as error:

@@ -18,14 +18,9 @@ from needlehoop.runs.reading import printable
 
 T = TypeVar("T")
 
-_LONGEST = 1_000
-"""Characters of a text field, at most."""
-
-_LONGEST_PROGRAM = 100_000
-"""Characters of a text in a free mapping, such as a reward's program, at most."""
-
-_SHOWN = 60
-"""Characters of a value in an error, at most."""
+_LONGEST, _LONGEST_PROGRAM, _SHOWN = 1_000, 100_000, 60
+"""Characters, at most: of a text field; of a text in a free mapping, such as a reward's program; of
+a value in an error."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +55,10 @@ class OneOf:
             raise ValueError(f"{shown(value)} is unknown; choose from {', '.join(self._valid)}")
 
 
-_MANY = 1_000_000_000
-
-Count = Annotated[int, Range(1, _MANY)]
+Count = Annotated[int, Range(1, 1e9)]
 """A count of at least 1."""
 
-Number = Annotated[int, Range(0, _MANY)]
+Number = Annotated[int, Range(0, 1e9)]
 """A count that may be 0."""
 
 Seed = Annotated[int, Range(0, 2**63 - 2)]
@@ -85,9 +78,7 @@ Share = Annotated[float, Range(0.0, 1.0)]
 def structure(values: Any, kind: Any, path: str = "") -> Any:
     """Plain values as a dataclass, or another type that fields may have.
 
-    Args:
-        values: keys and values; there may be no other keys than the dataclass has.
-        path: where the values stand in the config, for errors.
+    There may be no other keys than the dataclass has. ``path`` says in errors where they stand.
 
     Raises:
         ValueError: names every key that is wrong, and why.
@@ -100,10 +91,9 @@ def structure(values: Any, kind: Any, path: str = "") -> Any:
 
 
 def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
-    """The values that a dataclass names, as one; errors as in ``structure``.
+    """The values that a dataclass names, as one; with a ``path`` there may be no others.
 
-    Args:
-        values: of a composed config; with a ``path`` there may be no others.
+    Errors are as in ``structure``.
     """
     if path:
         return structure(values, kind, path)
@@ -112,11 +102,7 @@ def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
 
 
 def value(values: Mapping[str, Any], key: str, kind: Any) -> Any:
-    """One value of a composed config: a whole number, a truth, a text, a list of names, …
-
-    Raises:
-        ValueError: it is something else; says the key.
-    """
+    """One value of a composed config; ``ValueError`` with its key where it is of another kind."""
     return structure(values[key], kind, key)
 
 
