@@ -17,8 +17,6 @@ from needlehoop.runs.files import naming
 _MISSING = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 """What flock says where a file system has no locks."""
 
-_LONGEST_NOTE = 1_000
-
 
 class HeldError(ValueError):
     """Another process is at work in the folder; says which."""
@@ -108,7 +106,7 @@ def _lock(file: int, folder: Path) -> None:
 def _holder(file: int) -> tuple[str, int]:
     """Host and process that a lock's file notes; ``("", 0)`` where it notes none yet."""
     try:
-        note = json.loads(os.pread(file, _LONGEST_NOTE, 0))
+        note = json.loads(os.pread(file, 1_000, 0))
         return str(note["host"]), int(note["process"])
     except (ValueError, TypeError, KeyError):
         return "", 0

@@ -102,11 +102,7 @@ def interruption() -> Iterator[threading.Event]:
 @contextmanager
 def terminable() -> Iterator[None]:
     """A context in which SIGTERM raises ``KeyboardInterrupt``, as Ctrl-C does."""
-
-    def stop(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     finally:

@@ -43,18 +43,18 @@ class UnreadableError(ValueError):
 
 
 def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> bytes:
-    """What is in a plain file.
+    """What is in a plain file of at most ``most`` bytes.
 
-    Args:
-        path: of the file.
-        most: bytes that it may have.
-        within: a folder that it must lie in, also where it is a link.
+    It must lie in the folder ``within``, also where it is a link.
 
     Raises:
         UnreadableError: it is something else, too large, elsewhere, or can't be opened.
     """
-    if within is not None:
-        check_within(path, within)
+    try:
+        if within is not None and not path.resolve().is_relative_to(within.resolve()):
+            raise UnreadableError(f"is a link out of {within}")
+    except (OSError, RuntimeError) as error:
+        raise UnreadableError("is a link to itself") from error
     try:
         # Not blocking: a pipe that nobody writes to would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -79,22 +79,8 @@ def check_plain(path: Path) -> None:
         raise UnreadableError("is no plain file")
 
 
-def check_within(path: Path, folder: Path) -> None:
-    """Raises ``UnreadableError`` for a link that leads out of a folder."""
-    try:
-        inside = path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError) as error:
-        raise UnreadableError("is a link to itself") from error
-    if not inside:
-        raise UnreadableError(f"is a link out of {folder}")
-
-
 def read_text(path: Path, most: int = TEXT, within: Path | None = None) -> str:
-    """A text in UTF-8.
-
-    Raises:
-        UnreadableError: as in ``read_bytes``, or it is empty or no text.
-    """
+    """A text in UTF-8; ``UnreadableError`` as in ``read_bytes``, or if it is empty or no text."""
     try:
         text = read_bytes(path, most, within).decode("utf-8")
     except UnicodeDecodeError as error:
@@ -105,22 +91,14 @@ def read_text(path: Path, most: int = TEXT, within: Path | None = None) -> str:
 
 
 def read_json(path: Path, most: int = TEXT, within: Path | None = None) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises:
-        UnreadableError: as in ``read_text``, or it holds something else.
-    """
+    """A JSON object; ``UnreadableError`` as in ``read_text``, or if it is something else."""
     return _keys(parse_json(read_text(path, most, within)))
 
 
 def parse_json(text: str | bytes) -> Any:
-    """The value of a JSON text, in a bounded depth; no NaN and no infinity, which JSON lacks.
-
-    Raises:
-        UnreadableError: it is none, or too deep.
-    """
+    """The value of a JSON text; ``UnreadableError`` if it is none, too deep, or not finite."""
     try:
-        found = json.loads(text, parse_constant=_no_number, parse_float=_number)
+        found = json.loads(text, parse_constant=_number, parse_float=_number)
     except UnreadableError:
         raise
     except (ValueError, RecursionError) as error:
@@ -130,15 +108,12 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_yaml(path: Path, within: Path | None = None) -> dict[str, Any]:
-    """A YAML mapping of plain values; no aliases, of which a few make billions of values.
-
-    Raises:
-        UnreadableError: as in ``read_text``, or it holds something else.
-    """
+    """A YAML mapping; ``UnreadableError`` as in ``read_text``, or if it is something else."""
     text = read_text(path, _YAML, within)
     try:
         depth = 0
         for event in yaml.parse(text, Loader=_LOADER):
+            # A few make billions of values.
             if isinstance(event, yaml.AliasEvent):
                 raise UnreadableError("has YAML aliases")
             depth += isinstance(event, yaml.CollectionStartEvent)
@@ -170,11 +145,9 @@ def _keys(found: Any) -> dict[str, Any]:
 
 def _number(text: str) -> float:
     value = float(text)
-    return value if math.isfinite(value) else _no_number(text)
-
-
-def _no_number(name: str) -> float:
-    raise UnreadableError(f"has {name}, which is no JSON")
+    if not math.isfinite(value):
+        raise UnreadableError(f"has {text}, which is no JSON")
+    return value
 
 
 def printable(text: str) -> str:

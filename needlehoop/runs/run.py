@@ -90,19 +90,18 @@ class Run:
         unborn = folder.with_name(f".{folder.name}.new")
         shutil.rmtree(unborn, ignore_errors=True)
         unborn.mkdir(parents=True)
+        run = cls(unborn, config)
         try:
-            run = cls(unborn)
             write_whole(unborn / REWARD, reward)
             run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
             text = yaml.dump(dict(config), Dumper=_Plain, sort_keys=False)
             write_whole(unborn / CONFIG, text)
-            former = set_aside(folder) if names else None
+            run._former = set_aside(folder) if names else None
             unborn.rename(folder)
         except BaseException:
             shutil.rmtree(unborn, ignore_errors=True)
             raise
-        run = cls(folder, config)
-        run._former, run._is_new = former, True
+        run.folder, run._is_new = folder, True
         return run
 
     def unmake(self) -> None:
@@ -277,8 +276,7 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
 def _read_checkpoint(path: Path) -> Checkpoint:
     """What is in a file, on the CPU; a foreign one can't run anything here.
 
-    Raises:
-        UnreadableError: it is damaged, even by a single bit, or no checkpoint.
+    Raises ``UnreadableError`` for one that is damaged, even by a single bit, or no checkpoint.
     """
     data = io.BytesIO(read_bytes(path, _LARGEST))
     try:

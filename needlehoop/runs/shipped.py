@@ -6,11 +6,15 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parents[1]
 
-CONF = next(
-    (place for place in (_PACKAGE / "conf", _PACKAGE.parent / "conf") if place.is_dir()),
-    _PACKAGE / "conf",
-)
-"""Hydra's configs: inside an installed package, beside it in a checkout."""
+
+def _shipped(name: str, beside: str) -> Path:
+    """A folder inside an installed package, or under another name beside it in a checkout."""
+    inside, checkout = _PACKAGE / name, _PACKAGE.parent / beside
+    return checkout if checkout.is_dir() and not inside.is_dir() else inside
+
+
+CONF = _shipped("conf", "conf")
+"""Hydra's configs."""
 
 RECORDINGS = _PACKAGE / "recordings"
 """What models answered, each in a folder of its own."""
@@ -23,17 +27,11 @@ _RUNS = {
 """Runs whose agents are shipped: in an installed package under these names, or in a checkout."""
 
 
-def _shipped(name: str) -> Path:
-    inside = _PACKAGE / name
-    places = (inside, _PACKAGE.parent / _RUNS[name])
-    return next((place for place in places if place.is_dir()), inside)
-
-
-AGENT = _shipped("agent")
+AGENT = _shipped("agent", _RUNS["agent"])
 """A run's folder: the agent that is flown if none is named."""
 
 
 def agent_of(task: str) -> Path:
     """The shipped agent of a task or one of its variants, ``reach`` or ``reach/wide``."""
     name = f"agent_{task.partition('/')[0]}"
-    return _shipped(name) if name in _RUNS else AGENT
+    return _shipped(name, _RUNS[name]) if name in _RUNS else AGENT
