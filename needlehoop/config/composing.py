@@ -44,11 +44,7 @@ OmegaConf.register_new_resolver("oc.env", _variable, replace=True)
 
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
-    """A config of ``conf/`` with overrides, as plain values.
-
-    Raises:
-        ValueError: an unknown key, option or value; the message lists the valid ones.
-    """
+    """A config of ``conf/`` with overrides, as plain values; a ``ValueError`` lists valid words."""
     words, _ = prepare(overrides)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         return compose_here(words, config)

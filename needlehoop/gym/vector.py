@@ -209,22 +209,17 @@ class GymnasiumVectorEnv(VectorEnv):
         return self.simulation.step(torch.from_numpy(np.array(actions, dtype=np.float64)))
 
     def look(self, moment: Moment, mask: np.ndarray | None = None) -> Observation:
-        """What all ``n`` environments observe, as new arrays by name.
+        """What all ``n`` environments observe at the present moment, as new arrays by name.
 
-        Args:
-            moment: the present one.
-            mask: environments ``(n,)`` whose images are new; all by default.
+        Images are new where ``mask`` ``(n,)`` is true (everywhere by default).
         """
         ids = None if mask is None else torch.from_numpy(mask.nonzero()[0])
-        seen = self._observer(moment.signals, ids)
-        pixels: Any = seen.pop("pixels", {})
-        turned = {
-            name: image.permute(0, 2, 3, 1) if self._is_last else image
-            for name, image in pixels.items()
-        }
+        seen: dict[str, Any] = {**self._observer(moment.signals, ids)}
+        pixels = seen.pop("pixels", {})
+        if self._is_last:
+            pixels = {name: image.permute(0, 2, 3, 1) for name, image in pixels.items()}
         # Copies: the observer keeps its images, and callers may write to theirs.
-        known: dict[str, Any] = seen
-        return {name: _array(value) for name, value in (turned | known).items()}
+        return {name: _array(value) for name, value in (pixels | seen).items()}
 
     def check_begun(self) -> None:
         """Raises ``ResetNeeded`` before the first reset."""
@@ -255,11 +250,7 @@ def check_options(options: Any, valid: Iterable[str] = ()) -> None:
 
 
 def real_numbers(action: Any, space: spaces.Space) -> np.ndarray:
-    """An action as an array of real numbers, in or out of the bounds of a space.
-
-    Raises:
-        InvalidAction: something else, or another shape.
-    """
+    """An action as real numbers, in or out of a space's bounds; ``InvalidAction`` for another."""
     found = np.asarray(action)
     if found.dtype.kind not in "iuf" or found.shape != space.shape:
         raise InvalidAction(

@@ -33,7 +33,7 @@ KINDS = ("file", *FLAVOURS)
 FIRST = 1
 """The number of the sample that is used unless another is asked for."""
 
-_UNIT = re.compile(r"^unit = (?P<metres>[0-9.e-]+)$", re.MULTILINE)
+_UNIT = re.compile(r"^unit = [0-9.e-]+$", re.MULTILINE)
 """The line of a program that gives the size of a scene unit in metres."""
 
 
@@ -146,11 +146,7 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_recorded(config: Mapping[str, Any]) -> bool:
-    """Whether the program that a reward's config asks for exists.
-
-    Raises:
-        ValueError: as in ``find``. A missing program that a model could write is no error.
-    """
+    """Whether a config's program exists; ``ValueError`` for one that no model could write."""
     if config["kind"] not in FLAVOURS:
         return True
     try:
@@ -196,14 +192,9 @@ def find(
 
     First choice is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, then
     the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``. The
-    cameras' order does not matter. A ``text`` program may also be in the folder ``any``.
-
-    Args:
-        flavour: ``text`` or ``image``.
-        study: its name; ``None`` searches the recording alone.
-        results: folder of all studies.
-        recording: the name of a shipped recording; ``None`` searches the study alone.
-        sample: which of several programs for the same cameras.
+    cameras' order does not matter. A ``text`` program may also be in the folder ``any``. Without a
+    study or without a recording, the other is searched alone. ``sample`` is which of several
+    programs for the same cameras.
 
     Raises:
         NotWrittenError: no program; the message has the command that makes it.

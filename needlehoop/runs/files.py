@@ -36,7 +36,6 @@ EXPERT = "expert"
 SIGNALS = "signals"
 """Stands among the cameras of an agent that is told the state."""
 
-
 _NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
 _LONGEST_NAME = 100
 _LONGEST_LABEL = 90
@@ -124,11 +123,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def set_aside(path: Path) -> Path | None:
-    """Move a file or folder that is there out of the way: ``name.ext`` becomes ``name.1.ext``.
-
-    Returns:
-        Where it is now; ``None`` if nothing was there.
-    """
+    """Move what is there, if anything, from ``name.ext`` to ``name.1.ext``; where it is now."""
     if not path.exists():
         return None
     taken = (path.with_stem(f"{path.stem}.{number}") for number in count(1))

@@ -60,26 +60,14 @@ def _norm(v: Tensor) -> Tensor:
     return torch.sqrt(_dot(v, v))
 
 
-def _distance(a: Tensor, b: Tensor) -> Tensor:
-    return _norm(a - b)
-
-
 def _vector(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
     return torch.stack(torch.broadcast_tensors(a, b, c), -1)
-
-
-def _least(*values: Tensor) -> Tensor:
-    return reduce(torch.minimum, values)
-
-
-def _greatest(*values: Tensor) -> Tensor:
-    return reduce(torch.maximum, values)
 
 
 _N, _V, _V3 = "number", "vector", "vector3"
 _X, _Y, _Z = (itemgetter((..., index)) for index in range(3))
 _ROWS = (
-    Function("distance(u, v)", "Euclidean distance", (_V, _V), _distance),
+    Function("distance(u, v)", "Euclidean distance", (_V, _V), lambda u, v: _norm(u - v)),
     Function("norm(v)", "length of a vector", (_V,), _norm),
     Function("dot(u, v)", "scalar product", (_V, _V), _dot),
     Function("x(v)", "first component of a 3-vector", (_V3,), _X),
@@ -109,8 +97,8 @@ _ROWS = (
     Function("sqrt(a)", "square root", (_N,), torch.sqrt),
     Function("tanh(a)", "hyperbolic tangent", (_N,), torch.tanh),
     Function("abs(a)", "absolute value", (_N,), torch.abs),
-    Function("min(a, b, ...)", "the least", (_N, _N), _least),
-    Function("max(a, b, ...)", "the greatest", (_N, _N), _greatest),
+    Function("min(a, b, ...)", "the least", (_N, _N), lambda *all_: reduce(torch.minimum, all_)),
+    Function("max(a, b, ...)", "the greatest", (_N, _N), lambda *all_: reduce(torch.maximum, all_)),
     Function(
         "where(condition, a, b)",
         "a where the condition holds, else b",

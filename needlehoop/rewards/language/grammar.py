@@ -71,11 +71,7 @@ class ProgramError(ValueError):
 
 
 def parse(source: str) -> ast.Module:
-    """The tree of a program whose tokens are all in the language.
-
-    Raises:
-        ProgramError: a token that is not, too much of something, or no Python.
-    """
+    """A program's tree; ``ProgramError`` for foreign tokens, too much of something, or no Python."""
     if len(source) > MAX_SOURCE:
         raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
     _check_tokens(source)
