@@ -62,10 +62,10 @@ def changed(
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
     chosen = {_top(word): word for word in rest if re.split("=", word.lstrip("+"))[0] in groups}
     base = dict(recorded)
-    if tops - {*base}:
+    if newer := tops - {*recorded}:
         # A run from before there was such a setting has it as it is by default.
         default = composing.compose((), "env")
-        base |= {top: default[top] for top in tops - {*base}}
+        base |= {top: default[top] for top in newer}
     # Beside what is changed, only what options' files refer to, such as ${cams}: no text of the
     # run's is read as a reference.
     plain = {k: v for k, v in base.items() if not isinstance(v, Mapping) and "${" not in str(v)}

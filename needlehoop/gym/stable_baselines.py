@@ -95,11 +95,7 @@ class StableBaselinesVecEnv(VecEnv):
         raise NotImplementedError(f"{attr_name}: environments in one batch share their attributes")
 
     def env_method(
-        self,
-        method_name: str,
-        *method_args: Any,
-        indices: VecEnvIndices = None,
-        **method_kwargs: Any,
+        self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs
     ) -> list[Any]:
         """Not possible: the environments are one object."""
         raise NotImplementedError(f"{method_name}: environments in one batch have no own methods")

@@ -23,8 +23,6 @@ from needlehoop.envs.simulation import Moment
 from needlehoop.pictures.stills import Photographer
 
 MODES = ("rgb_array",)
-CHANNELS = ("last", "first")
-"""Where the channels of an image stand: ``(h, w, c)`` or ``(c, h, w)``."""
 
 Observation = dict[str, np.ndarray]
 
@@ -48,7 +46,7 @@ class GymnasiumVectorEnv(VectorEnv):
 
     Args:
         settings: what to build; ``seed`` is ignored.
-        channels: of images: ``last`` or ``first``.
+        channels: of images: ``last``, ``(h, w, c)``, or ``first``, ``(c, h, w)``.
         render_mode: ``rgb_array`` or ``None``.
         render_size: height and width of what ``render`` returns, px.
         autoreset_mode: as above, or its value: ``NextStep``, ``SameStep``, ``Disabled``.
@@ -79,7 +77,7 @@ class GymnasiumVectorEnv(VectorEnv):
         check_names("autoreset_mode", [mode], [one.value for one in AutoresetMode])
         check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
         strict.structure(render_size, Pixels, "render_size")
-        check_names("channels", [channels], CHANNELS)
+        check_names("channels", [channels], ("last", "first"))
         if not (settings.cams or vectors(settings.definition, settings.obs)):
             raise ValueError(
                 "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"

@@ -240,7 +240,7 @@ def _folder_of(folder: Path, cams: Sequence[str]) -> Path:
     return same[0] if same else exact
 
 
-def file_name(flavour: str, sample: int = FIRST) -> str:
+def file_name(flavour: str, sample: int) -> str:
     """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
     return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
 

@@ -42,14 +42,11 @@ _LARGEST = 8_000_000_000
 
 
 class Checkpoint(NamedTuple):
-    """What a checkpoint's file holds."""
+    """The training's tensors and plain values, the run's settings, each table's text by file."""
 
     state: dict[str, Any]
-    """Of the training: tensors and plain values."""
     config: dict[str, Any]
-    """The run's settings."""
     tables: dict[str, str]
-    """The text of each table, by the name of its file."""
 
 
 class Run:

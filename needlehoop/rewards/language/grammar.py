@@ -44,7 +44,6 @@ _NOT_HERE = {
     "&": "& is not in the language; write `and`",
     "|": "| is not in the language; write `or`",
     "~": "~ is not in the language; write `not`",
-    "%": "% is not in the language",
     "\t": "a tab; indent with spaces",
     "\r": "a carriage return; end lines with a line feed",
 }
@@ -71,7 +70,7 @@ class ProgramError(ValueError):
 
 
 def parse(source: str) -> ast.Module:
-    """A program's tree; ``ProgramError`` for foreign tokens, too much of something, or no Python."""
+    """A program's tree; ``ProgramError`` for a foreign token, too much of one, or no Python."""
     if len(source) > MAX_SOURCE:
         raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
     _check_tokens(source)
@@ -153,22 +152,16 @@ def literal(node: ast.expr) -> float | None:
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             value = literal(operand)
             return None if value is None else -value
-        case ast.Constant(value=bool()):
-            return None
-        case ast.Constant(value=int() | float() as value):
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return float(value)
-        case _:
-            return None
+    return None
 
 
 def summed(node: ast.expr) -> list[str]:
     """The names whose plain sum an expression is; none if it is anything else."""
-    names: list[str] = []
-    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        if not isinstance(node.right, ast.Name):
-            return []
-        names.append(node.right.id)
-        node = node.left
-    if not isinstance(node, ast.Name) or not names:
-        return []
-    return [node.id, *reversed(names)]
+    match node:
+        case ast.BinOp(left=ast.Name(id=first), op=ast.Add(), right=ast.Name(id=last)):
+            return [first, last]
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := summed(left):
+            return [*names, last]
+    return []

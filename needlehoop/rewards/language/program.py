@@ -187,7 +187,7 @@ class _Compiler:
         return {name: self._name(expression, name) for name in names}
 
     def _if(self, statement: ast.If) -> None:
-        condition = self._condition(statement.test)
+        condition = _truth(self._value(statement.test), statement.test, "a condition")
         self._nesting += 1
         if self._nesting > MAX_NESTING:
             raise refuse(statement, f"more than {MAX_NESTING} ifs inside each other")
@@ -250,16 +250,13 @@ class _Compiler:
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self._compare(node, ops, [self._value(one) for one in (left, *others)])
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                condition = self._condition(test)
+                condition = _truth(self._value(test), test, "a condition")
                 a, b = self._value(body), self._value(orelse)
                 return self._choose(node, "a conditional expression", condition, a, b)
             case ast.Call():
                 return self._call(node)
             case _:
                 raise foreign(node)
-
-    def _condition(self, node: ast.expr) -> _Value:
-        return _truth(self._value(node), node, "a condition")
 
     def _name(self, node: ast.expr, name: str) -> _Value:
         """The value of a variable or a signal."""
