@@ -58,7 +58,6 @@ def changed(
         return dict(recorded), {}
     task = recorded["task"]["name"]
     rest, folders = composing.prepare(given, task, recorded.get("task_dir"))
-    options.check_choice(rest, CONF)
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
     chosen = {_top(word): word for word in rest if re.split("=", word.lstrip("+"))[0] in groups}
     base = dict(recorded)

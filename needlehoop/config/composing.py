@@ -89,9 +89,7 @@ def prepare(
     """A command line as Hydra takes it, and the config folders of one's own that it named.
 
     Also registers the options that are no files. A run decides its ``task`` and ``task_dir``.
-
-    Raises:
-        ValueError: ``conf_dir`` or ``task_dir`` is no such folder.
+    Raises ``ValueError`` for a ``conf_dir`` or ``task_dir`` that is no such folder.
     """
     rest, folders = own_folder.part(words)
     folders += [] if task_dir is None else [Path(task_dir) / "conf"]

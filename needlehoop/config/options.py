@@ -81,8 +81,7 @@ def _models(words: Iterable[str], experiments: Iterable[Any]) -> list[str]:
 def register_task(words: Iterable[str], folders: Sequence[Path], task: str | None = None) -> None:
     """Tell Hydra what the options are for the task that a command line or a run (``task``) names.
 
-    Raises:
-        ValueError: a sweep over different tasks, or a file that cannot be read.
+    Raises ``ValueError`` for a sweep over different tasks, or a file that cannot be read.
     """
     given = ["standard", *typed(words, "task")][-1].split(",")
     found = [task] if task else (task_name(option, folders) for option in given)

@@ -84,9 +84,8 @@ def text(reward: Reward) -> str:
 
 
 def _check_kind(config: Mapping[str, Any]) -> None:
-    kind = config.get("kind")
-    if kind not in _KINDS:
-        raise ValueError(f"reward.kind: {kind!r} is unknown; choose from {', '.join(_KINDS)}")
+    kind: Any = config.get("kind")
+    strict.check_names("reward.kind", [kind], _KINDS)
     # A run's folder is called by its reward's name.
     name = strict.structure(config.get("name"), str | None, "reward.name")
     if name is not None:

@@ -207,9 +207,7 @@ def find(
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
     if recording is not None:
         shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
-        if recording not in shipped:
-            valid = ", ".join(shipped)
-            raise ValueError(f"recording: {recording!r} is unknown; choose from {valid}")
+        strict.check_names("recording", [recording], shipped)
         folders.append(RECORDINGS / recording / "rewards")
     name = file_name(flavour, sample)
     for folder in folders:
