@@ -13,6 +13,7 @@ import yaml
 
 from needlehoop.runs import files
 from needlehoop.study.data import paper
+from needlehoop.study.render.table import Table
 
 BUFFER = 10_240
 UPDATES = 97
@@ -161,6 +162,16 @@ def write_answers(folder: Path) -> None:
     for name, found in (("questions", asked), ("rankings", {"lists": lists})):
         whole = {**found, "models": ["test-model"], "totals": totals}
         (folder / "vlm" / f"{name}.json").write_text(json.dumps(whole))
+
+
+def cells_of(table: Table) -> list[dict[str, Any]]:
+    """A table's rows, by heading."""
+    return [dict(zip(table.header, row, strict=True)) for row in table.rows]
+
+
+def texts_of(table: Table) -> list[dict[str, str]]:
+    """The same as they are written."""
+    return [dict(zip(table.header, row, strict=True)) for row in table.texts]
 
 
 def _csv(path: Path, rows: list[dict[str, float | str]]) -> None:

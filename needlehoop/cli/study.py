@@ -19,9 +19,6 @@ PAPER = "paper"
 _LONGEST = 100
 """Letters of a folder's name."""
 
-_TOP = 3
-"""Camera sets that the paper gave other rewards."""
-
 _STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
 _OUT = "where to write (the study's folder; of the paper's numbers, results/paper; of several"
 _OUT += " folders, one beside the first that has all their names, as a_vs_b)"
@@ -84,11 +81,21 @@ def _draw_cameras(findings: StudyFindings) -> None:
     from needlehoop.study.report.page import CAMERAS, undrawn
 
     study = findings.study
-    if study is None:
+    if study is None or not (missing := undrawn(study)):
         return
-    for folder, cams in undrawn(study).items():
+
+    # They import torch.
+    from needlehoop.envs.settings import recall_task
+    from needlehoop.learning.job import checked_job
+    from needlehoop.pictures.stills import tiles
+    from needlehoop.rewards import NONE
+    from needlehoop.runs.run import Run
+
+    for folder, cams in missing.items():
         try:
-            images = _seen(folder, cams)
+            values = Run.open(folder).config()
+            recall_task(values, trust=False)
+            images = tiles(replace(checked_job(values).env, reward=NONE), cams)
         except (ValueError, RuntimeError, KeyError) as error:
             why = f"{folder} has settings without {error}" if type(error) is KeyError else error
             print(f"no picture of {', '.join(cams)}: {why}")
@@ -98,19 +105,6 @@ def _draw_cameras(findings: StudyFindings) -> None:
             path.parent.mkdir(exist_ok=True)
             image.save(path)
             print(path)
-
-
-def _seen(folder: Path, cams: list[str]) -> dict[str, Any]:
-    """Pictures by camera, from a run's own settings."""
-    from needlehoop.envs.settings import recall_task
-    from needlehoop.learning.job import checked_job
-    from needlehoop.pictures.stills import tiles
-    from needlehoop.rewards import NONE
-    from needlehoop.runs.run import Run
-
-    values = Run.open(folder).config()
-    recall_task(values, trust=False)
-    return tiles(replace(checked_job(values).env, reward=NONE), cams)
 
 
 @command(argument("study", metavar="FOLDER", nargs="+", help="of runs, or of studies"), _out())
@@ -125,6 +119,7 @@ def compare(options: argparse.Namespace) -> None:
     from needlehoop.study.render.figures import Drawn
     from needlehoop.study.render.style import save, styled
     from needlehoop.study.report import comparison
+    from needlehoop.study.report.page import films_of, write_page
 
     folders = [Path(study) for study in _named(options)]
     runs = [folder for folder in folders if (folder / CONFIG).is_file()]
@@ -147,14 +142,17 @@ def compare(options: argparse.Namespace) -> None:
     for table in tables:
         print(table.text())
         table.write(out)
-    charts = []
+    shown = []
     for one in found:
         with styled():
             files = save(comparison.comparison_chart(one), out / one.file)
-        charts.append(Drawn(one.file, f"{one.title}: learning curves.", tuple(files), None))
+        chart = Drawn(one.file, f"{one.title}: learning curves.", tuple(files), None)
+        shown.append((one, chart))
     page = out / "comparison.html"
     typed = f"needlehoop compare {' '.join(options.study)}"
-    comparison.write_comparison(found, tables, charts, page, typed)
+    films = [films_of(one.runs.values()) for one in found]
+    title = " and ".join(names)
+    write_page("comparison.html", page, films, title=title, tables=tables, shown=shown, made=typed)
     print(f"{page}; its tables and charts are beside it")
     for one in left_out:
         print(f"left out: {one}")
@@ -203,7 +201,8 @@ def top(options: argparse.Namespace) -> None:
     """Print a study's best camera sets by measured return, as cams= takes them."""
     findings, _ = _open(options.study, None)
     ranked = findings.ranked
-    count = min(_TOP, len(ranked)) if options.count is None else options.count
+    # The paper gave three camera sets other rewards.
+    count = min(3, len(ranked)) if options.count is None else options.count
     if not 1 <= count <= len(ranked):
         raise ValueError(f"count: {count}; {options.study} has {len(ranked)} camera sets")
     print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[:count]))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from scipy.stats import kendalltau
+from study_files import texts_of
 
 from analysis import findings as analysis
 from analysis.comparisons import is_two_sided
@@ -166,7 +167,7 @@ REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 def test_sentences_on_rewards_have_the_runs_numbers():
     of = {
         (row["cameras"], row["reward"]): row
-        for row in rewards(analysis.study("rewards")).texts_by_heading()
+        for row in texts_of(rewards(analysis.study("rewards")))
         if row["cameras"] in REWARDED
     }
     words = " ".join(PAGE.split())

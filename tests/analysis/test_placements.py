@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
+from study_files import cells_of
 
 from analysis.placements import (
     CAMERAS,
@@ -50,7 +51,7 @@ def test_a_ranking_is_held_against_mean_success():
     )
     right = [5.0, 4.0, 3.0, 2.0, 1.0]
     scores = pd.DataFrame({"right": right, "wrong": right[::-1]}, index=[*success])
-    rows = {row["prediction"]: row for row in foretold_table(scores, runs).records()}
+    rows = {row["prediction"]: row for row in cells_of(foretold_table(scores, runs))}
     assert rows["right"]["ρ (95 %)"].value == pytest.approx(1.0)
     assert rows["wrong"]["ρ (95 %)"].value == pytest.approx(-1.0)
     assert rows["right"]["p"] == pytest.approx(1 / 120, abs=0.005)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from study_files import cells_of
 
 from analysis.comparisons import is_two_sided
 from analysis.protocol import (
@@ -91,7 +92,7 @@ def test_what_traits_add_is_found_with_its_interaction():
 
 def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
     runs = _runs(lambda traits, seed: 0.5 + 0.4 * traits["two_views"] + 0.02 * (seed - 1))
-    table = sets_table(runs).records()
+    table = cells_of(sets_table(runs))
     assert len(table) == 14
     assert table[0]["threaded by seed, %"] == pytest.approx([0.88, 0.9, 0.92])
     last = table[-1]["chance of a run of the best set to beat it (95 %)"]

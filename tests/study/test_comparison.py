@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.colors import to_hex
-from study_files import BUFFER, write_run
+from study_files import BUFFER, texts_of, write_run
 
 from needlehoop.cli import main as cli
 from needlehoop.study.data.records import Place, read_run, read_study
@@ -59,7 +59,7 @@ def test_progress_says_when_each_run_got_how_far(two):
     (found,) = opened(*two)
     assert (found.title, list(found.runs)) == ("rgb_default, human", ["a", "b"])
     assert found.steps == 30 * BUFFER
-    rows = progress([found]).texts_by_heading()
+    rows = texts_of(progress([found]))
     assert [(row["study"], row["seed"]) for row in rows] == [("a", "0"), ("a", "1"), ("b", "0")]
 
     def at(buffer: int) -> str:
@@ -80,7 +80,7 @@ def test_progress_says_when_each_run_got_how_far(two):
 def test_settings_that_differ_are_listed_and_no_others(two):
     a, b = two
     change(a / "rgb_default" / "human" / "seed1", num_envs=40)
-    rows = differences(opened(a, b)).texts_by_heading()
+    rows = texts_of(differences(opened(a, b)))
     found = {row["setting"]: (row["a"], row["b"]) for row in rows}
     assert found == {"reward.unit": ("", "0.1"), "num_envs": ("80 / 40", "80")}
 
@@ -161,7 +161,7 @@ def runs(tmp_path) -> tuple[Path, Path]:
 def test_runs_differ_by_an_interval_over_their_episodes(runs):
     found = compared_runs([read_run(run)[0] for run in runs])
     assert list(found.runs) == ["seed0", "seed1"]
-    first, second = outcomes([found], "run").texts_by_heading()
+    first, second = texts_of(outcomes([found], "run"))
     assert first["success, %"] == "90 (83 to 94)"
     assert (first["difference of success, %"], first["difference of return"]) == ("", "")
     # Newcombe's of 90 and 70 of 100: -0.20 (-0.31 to -0.09).
@@ -169,7 +169,7 @@ def test_runs_differ_by_an_interval_over_their_episodes(runs):
     # 1.96 * sqrt(2 ** 2 / 100 + 1 ** 2 / 100).
     assert second["difference of return"] == "-1.00 (-1.44 to -0.56)"
     assert second["intervals"] == "over episodes"
-    assert differences([found], "run").texts_by_heading() == [
+    assert texts_of(differences([found], "run")) == [
         {"setting": "seed", "seed0": "0", "seed1": "1"}
     ]
 
@@ -177,7 +177,7 @@ def test_runs_differ_by_an_interval_over_their_episodes(runs):
 def test_returns_of_another_reward_are_not_compared(runs):
     (other, _), (second, _) = read_run(runs[0]), read_run(runs[1])
     other = replace(other, place=Place("rgb_default", "sparse", 0))
-    _, row = outcomes([compared_runs([other, second])], "run").texts_by_heading()
+    _, row = texts_of(outcomes([compared_runs([other, second])], "run"))
     assert row["difference of return"] == ""
     assert row["difference of success, %"] != ""
 
@@ -186,7 +186,7 @@ def test_the_difference_of_three_seeds_is_over_seeds(tmp_path):
     for name, shares in (("a", (0.8, 0.9, 1.0)), ("b", (0.1, 0.2, 0.3))):
         for seed, share in enumerate(shares):
             evaluated(learnt(tmp_path / name, seed, 20, 40), success=share)
-    _, row = outcomes(opened(tmp_path / "a", tmp_path / "b"), "study").texts_by_heading()
+    _, row = texts_of(outcomes(opened(tmp_path / "a", tmp_path / "b"), "study"))
     assert row["difference of success, %"].startswith("-70 (")
     assert row["intervals"] == "over seeds"
 

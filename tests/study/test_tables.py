@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from study_files import PAIRS, REWARDED, write_answers, write_run, write_study
+from study_files import PAIRS, REWARDED, cells_of, texts_of, write_answers, write_run, write_study
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS
@@ -46,12 +46,8 @@ def findings(study) -> StudyFindings:
     return study_findings(study)
 
 
-def dicts(table: Table) -> list[dict[str, str]]:
-    return table.texts_by_heading()
-
-
 def test_table_2_sets_ours_beside_the_papers(findings):
-    rows = dicts(table_2(findings))
+    rows = texts_of(table_2(findings))
     assert len(rows) == 16
     first = rows[0]
     assert (first["list"], first["cameras"]) == ("RGB and depth", "dep_front+rgb_side")
@@ -67,12 +63,12 @@ def test_table_2_sets_ours_beside_the_papers(findings):
 
 
 def test_agreement_is_given_for_each_pair_of_sides(findings):
-    rows = dicts(agreements(findings))
+    rows = texts_of(agreements(findings))
     # Of the paper's VLM, claude, claude asked in three other ways and the paper's measured, by
     # final return and over training, and of the models in the paper; the study's own VLM has the
     # paper's orders, and is the paper's.
     assert len(rows) == ((5 + 1) * 2 + 5) * (3 + 1)
-    papers = [r for r in agreements(findings).records() if said_of(r) == PAPERS]
+    papers = [r for r in cells_of(agreements(findings)) if said_of(r) == PAPERS]
     ps = [row["p of tau-b"] for row in papers]
     papers = [r for r in rows if said_of(r) == PAPERS]
     *alone, together = papers
@@ -110,7 +106,7 @@ def test_rankings_stand_side_by_side(tmp_path):
     asked = [f"claude, {how}" for how in LESS]
     numbers = ("return", "return, 95 %", "success, %", "the paper's return")
     assert table.header == ("list", "cameras", *numbers, *who[:2], *asked, *who[2:])
-    rows = {(row["list"], row["cameras"]): row for row in dicts(table)}
+    rows = {(row["list"], row["cameras"]): row for row in texts_of(table)}
     assert len(rows) == 16
     best = rows["RGB and depth", "dep_front+rgb_side"]
     # Claude's first is the paper's second; the probe's tie shares its mean place.
@@ -118,7 +114,7 @@ def test_rankings_stand_side_by_side(tmp_path):
     assert rows["RGB and depth", "rgb_default"]["measured"] == "1 of 1"
     # The probe has not seen all of the other lists.
     assert rows["Depth and segmentation", "dep_front+seg_side"]["probe"] == ""
-    said = {*map(said_of, dicts(agreements(study_findings(study))))}
+    said = {*map(said_of, texts_of(agreements(study_findings(study))))}
     assert {(one, "the paper's measured") for one in who[:3]} <= said
     assert "probe" not in table_2(paper_findings(NOWHERE)).header
     assert "probe" in table_2(paper_findings(tmp_path)).header
@@ -135,7 +131,7 @@ def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
     table = table_2(study_findings(study))
     asked = [f"claude, {how}" for how in LESS]
     assert table.header[6 : 9 + len(asked)] == ("the paper's VLM", "claude", *asked, "VLM")
-    row = next(r for r in dicts(table) if r["the paper's VLM"] == "1")
+    row = next(r for r in texts_of(table) if r["the paper's VLM"] == "1")
     assert row["VLM"] == "5"
 
 
@@ -152,17 +148,17 @@ def test_a_probe_that_can_not_be_read_is_named(tmp_path):
 def test_what_was_not_run_is_said(tmp_path):
     write_study(tmp_path, [("rgb_default", "human"), ("dep_default", "human")], seeds=1)
     found = study_findings(tmp_path)
-    rows = dicts(table_2(found))
+    rows = texts_of(table_2(found))
     said = [row["return, 95 %"] for row in rows]
     assert said.count("not run") == 16 - 3
     assert {row["measured"] for row in rows if row["cameras"] == "rgb_default"} == {"1 of 1"}
     assert {*said} == {"not run", "one seed, no interval"}
-    assert "4 of 5 not measured" in {row["regret"] for row in dicts(agreements(found))}
+    assert "4 of 5 not measured" in {row["regret"] for row in texts_of(agreements(found))}
     assert "improvement" not in {table.name for table in all_tables(found)}
 
 
 def test_the_papers_own_tables(findings):
-    rows = dicts(table_2(paper_findings(NOWHERE)))
+    rows = texts_of(table_2(paper_findings(NOWHERE)))
     assert [row["the paper's return"] for row in rows][:5] == [
         "8.92", "8.05", "3.40", "2.41", "1.56",
     ]  # fmt: skip
@@ -175,7 +171,7 @@ def test_the_papers_own_tables(findings):
         "seg_front+seg_side",
         "seg_default",
     ]
-    said = {row["question"]: row for row in dicts(table_1(findings))}
+    said = {row["question"]: row for row in texts_of(table_1(findings))}
     assert said["Best view for subtask 2"] == {
         "question": "Best view for subtask 2",
         "test-model": "side",
@@ -187,7 +183,7 @@ def test_the_papers_own_tables(findings):
 
 
 def test_results_have_places_among_those_of_their_reward(findings):
-    rows = dicts(results(findings))
+    rows = texts_of(results(findings))
     assert len(rows) == len(findings.results)
     rewarded = [(row["reward"], int(row["place"])) for row in rows]
     images = ["VLM, text"] * 3 + ["VLM, text + image"] * 3
@@ -199,7 +195,7 @@ def test_results_have_places_among_those_of_their_reward(findings):
 
 
 def test_rewards_stand_together_with_the_papers(findings):
-    rows = dicts(rewards(findings))
+    rows = texts_of(rewards(findings))
     assert len(rows) == 9
     for result in (one for one in findings.results if one.reward == "vlm_img"):
         (row,) = (
@@ -235,7 +231,7 @@ def test_rewards_say_what_was_learnt_and_lost_again(tmp_path):
     write_run(tmp_path, cameras, "vlm_img", updates=50)
     with (hacked / "seed0" / "evaluations.csv").open(newline="") as file:
         ways = [float(row["success"]) for row in csv.DictReader(file)]
-    said = {row["reward"]: row for row in dicts(rewards(study_findings(tmp_path)))}
+    said = {row["reward"]: row for row in texts_of(rewards(study_findings(tmp_path)))}
     row = said["VLM, text"]
     assert row["success, %"] == "10"
     assert row["success at best, %"] == f"{100 * max(ways):.0f}" != "10"
@@ -243,7 +239,7 @@ def test_rewards_say_what_was_learnt_and_lost_again(tmp_path):
 
 
 def test_rewards_say_how_soon_each_seed_threads(findings):
-    rows = {(row["cameras"], row["reward"]): row for row in dicts(rewards(findings))}
+    rows = {(row["cameras"], row["reward"]): row for row in texts_of(rewards(findings))}
     for result in findings.results:
         if (row := rows.get((result.cameras, reward_label(result.reward)))) is None:
             continue
@@ -340,7 +336,7 @@ def test_predictions_of_an_imitated_study_are_held_against_its_own_runs(tmp_path
     (tmp_path / "probe" / "ranking.csv").write_text(PROBE)
     own = study_findings(write_study(tmp_path / "main", pairs, seeds=2))
     assert own.main_reward == "expert"
-    assert ("probe", "measured") in {said_of(r) for r in dicts(agreements(own)) if r["tau-b"]}
+    assert ("probe", "measured") in {said_of(r) for r in texts_of(agreements(own)) if r["tau-b"]}
 
 
 def test_numbers_become_text_by_their_column():
@@ -380,7 +376,7 @@ def test_the_phase_that_loses_most_episodes_is_named(tmp_path):
         (0.9, 0.8, 0.0, "insert"),
     ):
         rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
-        (row,) = phases(study_findings(tmp_path / "main")).records()
+        (row,) = cells_of(phases(study_findings(tmp_path / "main")))
         assert (row["fails in"], row["threaded, %"]) == (said, threaded)
     rewrite(run, grasped=2.0)
     left_out = study_findings(tmp_path / "main").left_out
@@ -396,7 +392,7 @@ def test_an_episode_that_goes_past_a_fact_has_not_failed_there(tmp_path):
         (0.9, 0.1, 0.11, "lift"),
     ):
         rewrite(run, grasped=grasped, lifted=lifted, threaded=threaded)
-        (row,) = phases(study_findings(tmp_path / "main")).records()
+        (row,) = cells_of(phases(study_findings(tmp_path / "main")))
         assert (row["fails in"], row["lifted, %"]) == (said, lifted)
 
 
@@ -419,8 +415,8 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     found = study_findings(study)
     assert found.left_out == ()
     assert found.goal == "on spot"
-    assert dicts(results(found))[0]["cheat, %"] == ""
-    (row,) = dicts(phases(found))
+    assert texts_of(results(found))[0]["cheat, %"] == ""
+    (row,) = texts_of(phases(found))
     assert row == {
         "cameras": "dep_default",
         "held, %": "90",
@@ -431,9 +427,9 @@ def test_a_task_without_cheats_has_names_of_its_own(tmp_path):
     }
     # Beside another task each has its own columns; seeds of two tasks have no mean.
     write_run(study, "rgb_default")
-    rows = {row["cameras"]: row for row in dicts(phases(study_findings(study)))}
+    rows = {row["cameras"]: row for row in texts_of(phases(study_findings(study)))}
     assert (rows["rgb_default"]["held, %"], rows["dep_default"]["threaded, %"]) == ("", "")
     assert rows["rgb_default"]["threaded, %"] != ""
     assert study_findings(study).goal == "success"
     write_run(study, "dep_default", seed=1)
-    assert [row["cameras"] for row in dicts(phases(study_findings(study)))] == ["rgb_default"]
+    assert [row["cameras"] for row in texts_of(phases(study_findings(study)))] == ["rgb_default"]

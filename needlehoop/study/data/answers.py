@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field
@@ -72,7 +71,7 @@ class _List(BaseModel, strict=True):
     def ranking(self) -> Ranking:
         """The places are means over the samples, the reasons those of the first."""
         orders = [[place.name for place in sample] for sample in self.rankings]
-        names = {*orders[0]}
+        names = [*dict.fromkeys(orders[0])]
         if not names or any(sorted(order) != sorted(names) for order in orders):
             raise UnreadableError("has rankings of one list that differ in what they rank")
         if self.sure and len(self.sure) != len(orders):
@@ -83,9 +82,9 @@ class _List(BaseModel, strict=True):
             for order, stated in zip(orders, self.sure, strict=False)
             for pair in zip(order, order[1:], stated, strict=False)
         )
-        first = orders[0].index
-        places = sorted(means.items(), key=lambda item: (item[1], first(item[0])))
-        return Ranking(dict(places), {one.name: one.reason for one in self.rankings[0]}, sure)
+        # Equal means stay in the order of the first sample.
+        places = dict(sorted(means.items(), key=lambda item: item[1]))
+        return Ranking(places, {one.name: one.reason for one in self.rankings[0]}, sure)
 
 
 class _File(BaseModel):
@@ -101,11 +100,6 @@ def read_answers(
     folder: Path, within: str = VLM, rankings: str = RANKINGS
 ) -> tuple[Answers | None, list[LeftOut]]:
     """A study's answers, as ``needlehoop vlm question`` and ``rank`` write them.
-
-    Args:
-        folder: the study's.
-        within: the folder in it that has the files.
-        rankings: the file of the rankings.
 
     Returns:
         The answers, or ``None`` where there are none that can be read; what was left out.
@@ -129,9 +123,7 @@ def read_answers(
     return Answers(", ".join(dict.fromkeys(models)), questions, ranked), left_out
 
 
-def as_rows(
-    answers: Mapping[str, Any], asked: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Answer, ...]:
+def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> tuple[Answer, ...]:
     """The answers in the order of Table I, and those that it leaves to Appendix B.
 
     Args:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
 
 from needlehoop.runs.files import EXPERT
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
-FOLDER = RECORDINGS / "paper"
-SOURCE = "the paper (Gemini 1.5 Flash)"
+SOURCE = "the paper's VLM"
 
 HUMAN = "human"
 """The reward of the paper's first comparison."""
@@ -46,17 +44,6 @@ def reward_order(reward: str) -> tuple[int, str]:
     return (known.index(name) if name in known else len(known), reward)
 
 
-@dataclass(frozen=True)
-class Reported:
-    """A return that the paper reports for a camera set and a reward, from one run."""
-
-    cameras: str
-    reward: str
-    value: float | None
-    """``None`` where there are words alone."""
-    remark: str
-
-
 def task() -> str:
     """The name of its task, which is the one that is chosen where none is named."""
     return read_yaml(CONF / "task/standard.yaml")["name"]
@@ -87,19 +74,20 @@ def answers() -> Answers:
     return Answers(SOURCE, tuple(questions), tuple(rankings))
 
 
-def rewards() -> list[Reported]:
-    """What is said of Figure 7, in numbers and in words; its curves were never published."""
-    return [
-        Reported(
-            row["cameras"],
-            row["reward"],
+def rewards() -> dict[tuple[str, str], tuple[float | None, str]]:
+    """What is said of Figure 7 by camera set and reward; its curves were never published.
+
+    That is the return of one run, ``None`` where there are words alone, and a remark.
+    """
+    return {
+        (row["cameras"], row["reward"]): (
             float(row["measured_return"]) if row["measured_return"] else None,
             row["remark"],
         )
         for row in _rows("figure_7.csv")
-    ]
+    }
 
 
 def _rows(name: str) -> list[dict[str, str]]:
-    with (FOLDER / name).open(newline="", encoding="utf-8") as file:
+    with (RECORDINGS / "paper" / name).open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -13,13 +14,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, StringConstraints
 
 from needlehoop.runs import files
-from needlehoop.runs.reading import (
-    UnreadableError,
-    printable,
-    read_json,
-    read_text,
-    read_yaml,
-)
+from needlehoop.runs.reading import UnreadableError, printable, read_json, read_text, read_yaml
 from needlehoop.study.data.contents import (
     LARGEST,
     RETURN_RANGE,
@@ -111,8 +106,7 @@ class Record:
     evaluation: Mapping[str, Any] | None
     """The long one at the end."""
     video: Path | None
-    """Its film."""
-    stress: tuple[Stressed, ...] = ()
+    stress: tuple[Stressed, ...]
     """What disturbances cost it; empty where nobody tried."""
 
     @property
@@ -199,8 +193,8 @@ class _Reading:
         """The run in a folder, whose files but for the config may be left out.
 
         Args:
-            folder: of the run.
-            others: a study's runs so far; the folder must be called after the run's seed.
+            folder: of the run; among ``others`` it must be called after the run's seed.
+            others: a study's runs so far.
 
         Raises:
             UnreadableError: no config that can be read, or it is another run's.
@@ -217,7 +211,8 @@ class _Reading:
         task = UNKNOWN
         if manifest is not None:
             task = self.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
-        outcome = _outcome(task)
+        shares = dict.fromkeys(task.columns, (0.0, 1.0))
+        outcome = {"episodes": (1.0, LARGEST), **shares, "return": RETURN_RANGE}
         self.read(folder / files.REWARD, lambda path: read_text(path, within=root))
         return Record(
             place,
@@ -291,12 +286,6 @@ def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
         raise ValueError(f"{folder}: {error}") from error
 
 
-def _outcome(task: TaskNote) -> Ranges:
-    """What an evaluation says, and the range of each number."""
-    shares = dict.fromkeys(task.columns, (0.0, 1.0))
-    return {"episodes": (1.0, LARGEST), **shares, "return": RETURN_RANGE}
-
-
 def _evaluation(path: Path, outcome: Ranges, root: Path) -> dict[str, Any]:
     """The long evaluation at the end of a run."""
     found = read_json(path, within=root)
@@ -323,8 +312,6 @@ def typed_settings(values: Mapping[str, Any], prefix: str = "") -> dict[str, str
 
 def _typed(value: Any) -> str:
     """A value as Hydra takes it."""
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, list):
         return f"[{','.join(map(_typed, value))}]"
-    return str(value)
+    return json.dumps(value) if value is None or isinstance(value, bool) else str(value)

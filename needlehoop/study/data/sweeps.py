@@ -16,7 +16,7 @@ from needlehoop.study.data.paper import HUMAN
 from needlehoop.study.data.records import LeftOut, Place, typed_settings
 
 _KEYS = ("experiment", "algo", "cams", "reward", "seed")
-_MODEL, _OWN = "model", "conf_dir"
+_OWN = "conf_dir"
 _NO_SETTINGS = ("defaults", "hydra", "study", "results", "views")
 """Keys of an experiment's file that say nothing of how a run is trained."""
 
@@ -47,10 +47,7 @@ class JobEnd:
 
 
 def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
-    """The newest end of each run that sweeps have tried for a study.
-
-    Args:
-        study: the study's folder, whether it exists or not.
+    """The newest end of each run that sweeps have tried for a study, which may have no folder yet.
 
     Returns:
         Ends by run, and the notes that cannot be read.
@@ -91,7 +88,11 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
             cameras.
     """
     pairs = [_pair(word) for word in words]
-    folders = [CONF, *(_folder(path) for key, path in pairs if key == _OWN)]
+    folders = [CONF]
+    for path in (value for key, value in pairs if key == _OWN):
+        folders.append(Path(path).expanduser())
+        if not folders[-1].is_dir():
+            raise ValueError(f"{_OWN}: {path!r} is no folder")
     given = {key: value for key, value in pairs if key != _OWN}
     own, views = {"cams": "", "reward": HUMAN, "seed": "0"}, list[str]()
     if "experiment" in given:
@@ -101,7 +102,7 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
     algo = own.pop("algo", PPO)
     taught = algo == DAGGER
     seeds = _whole("seed", own.pop("seed").split(","), "seed=0,1,2")
-    cams, rewards, models = own.pop("cams"), own.pop("reward"), own.pop(_MODEL, None)
+    cams, rewards, models = own.pop("cams"), own.pop("reward"), own.pop("model", None)
     if models is not None and not taught:
         named = [model.strip().rpartition(".") for model in models.split(",")]
         chosen = [(name.split("+"), reward) for name, _, reward in named]
@@ -109,18 +110,17 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
         chosen = [*product(_camera_sets(cams), [one.strip() for one in rewards.split(",")])]
     _check(chosen, folders, views)
     own.setdefault("steps", _steps(algo))
-    given_label = own.pop("label", None)
+    given_label = own.pop("label", "")
     for key in _NO_SETTINGS:
         own.pop(key, None)
     choices = {key: [_written(one) for one in _COMMA.split(text)] for key, text in own.items()}
     swept = {key for key, values in choices.items() if len(values) > 1}
     _whole("steps", choices["steps"], "steps=500_000")
     found = {}
-    runs = product(chosen, seeds, product(*choices.values()))
-    for (cameras, reward), seed, values in runs:
+    for (cameras, reward), seed, values in product(chosen, seeds, product(*choices.values())):
         settings = dict(zip(choices, values, strict=True))
-        differs = [name_of((key, settings[key]) for key in swept)] if swept else []
-        label = "+".join([*([given_label] if given_label else []), *differs]) or None
+        differs = name_of((key, settings[key]) for key in swept)
+        label = "+".join(filter(None, (given_label, differs))) or None
         place = Place(seen(cameras), labelled(EXPERT if taught else reward, label), seed)
         # A run's config has an option's values, not its name.
         found[place] = {k: v for k, v in settings.items() if not (CONF / k).is_dir()}
@@ -130,7 +130,7 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
 def _pair(word: str) -> tuple[str, str]:
     key, found, value = word.partition("=")
     key = key.lstrip("+")
-    known = {*_KEYS, _OWN, _MODEL, *read_yaml(CONF / "job.yaml"), *read_yaml(CONF / "env.yaml")}
+    known = {*_KEYS, _OWN, "model", *read_yaml(CONF / "job.yaml"), *read_yaml(CONF / "env.yaml")}
     known |= {one.name for one in CONF.iterdir() if one.is_dir()} - {"defaults"}
     understood = found and key.partition(".")[0] in known
     named = key in _KEYS or not (CONF / key).is_dir() or _COMMA.search(value)
@@ -141,13 +141,6 @@ def _pair(word: str) -> tuple[str, str]:
             " a training with a =, such as steps=500_000"
         )
     return key, value
-
-
-def _folder(path: str) -> Path:
-    folder = Path(path).expanduser()
-    if not folder.is_dir():
-        raise ValueError(f"{_OWN}: {path!r} is no folder")
-    return folder
 
 
 def _experiment(name: str, folders: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
@@ -161,11 +154,11 @@ def _experiment(name: str, folders: Sequence[Path]) -> tuple[dict[str, str], lis
     valid = {option: values for option, values in files.items() if "hydra" in values}
     if name not in valid:
         raise ValueError(f"experiment: {name!r} is unknown; choose from {', '.join(valid)}")
-    views = list(valid[name].get("views", ()))
-    chosen = {key: value for key, value in valid[name].items() if key not in _NO_SETTINGS}
-    swept = valid[name]["hydra"]["sweeper"]["params"]
+    own = valid[name]
+    chosen = {key: value for key, value in own.items() if key not in _NO_SETTINGS}
+    swept = own["hydra"]["sweeper"]["params"]
     params = {**typed_settings(chosen), **{key.lstrip("+"): str(swept[key]) for key in swept}}
-    return params, views
+    return params, list(own.get("views", ()))
 
 
 def _steps(algo: str) -> str:
@@ -199,22 +192,22 @@ def _whole(key: str, texts: Sequence[str], example: str) -> list[int]:
 
 
 def _check(
-    pairs: Iterable[tuple[Sequence[str], str]], folders: Sequence[Path], views: Iterable[str]
+    pairs: Sequence[tuple[Sequence[str], str]], folders: Sequence[Path], views: Iterable[str]
 ) -> None:
     """Checks that cameras and rewards exist; a typing error would count as missing for ever."""
     known = [*_options("view", folders), *views]
-    cameras = [f"{r}_{v}" for r, v in product(_options("rendering", folders), known)]
-    named = [*pairs]
-    if not named:
+    valid = {
+        "cams": [f"{r}_{v}" for r, v in product(_options("rendering", folders), known)],
+        # The human reward has a file for each task.
+        "reward": sorted([*_options("reward", folders), HUMAN]),
+    }
+    if not pairs:
         raise ValueError("cams: give experiment=… or cams=…, such as cams=[dep_front,seg_side]")
-    for cams, reward in named:
-        for key, value, valid in (
-            *(("cams", camera, cameras) for camera in cams),
-            # The human reward has a file for each task.
-            ("reward", reward, sorted([*_options("reward", folders), HUMAN])),
-        ):
-            if value not in valid:
-                raise ValueError(f"{key}: {value!r} is unknown; choose from {', '.join(valid)}")
+    for cams, reward in pairs:
+        for key, value in (*(("cams", camera) for camera in cams), ("reward", reward)):
+            if value not in valid[key]:
+                choices = ", ".join(valid[key])
+                raise ValueError(f"{key}: {value!r} is unknown; choose from {choices}")
 
 
 def _options(group: str, folders: Sequence[Path]) -> list[str]:

@@ -27,9 +27,6 @@ _PANEL = 7
 Lines = Sequence[tuple[str, Sequence[Record], int]]
 """What a panel shows: name, runs and number of the colour of each line."""
 
-Curve = Callable[[Record, np.ndarray], np.ndarray]
-"""A run's values on a grid of steps, NaN where it has none."""
-
 
 class MissingDataError(ValueError):
     """A study lacks what a figure shows; the message says what."""
@@ -141,7 +138,7 @@ def reward_comparison(findings: StudyFindings) -> Figure:
 def draw_panels(
     column: Sequence[Axes],
     panels: Sequence[tuple[str, Lines]],
-    curve: Curve,
+    curve: Callable[[Record, np.ndarray], np.ndarray],
     words: str,
     named: bool = False,
 ) -> None:
@@ -152,8 +149,8 @@ def draw_panels(
     Args:
         column: axes.
         panels: title and lines of each.
-        curve: what they show.
-        words: the same in words.
+        curve: a run's values on a grid of steps, NaN where it has none.
+        words: what the curves show.
         named: whether each panel has its lines' names beside it, in the order of their ends.
     """
     steps = grid_of(run for _, lines in panels for _, runs, _ in lines for run in runs)
@@ -193,13 +190,7 @@ def _draw_line(
     """Draw the IQM and the interval over seeds; returns the last value, and the line.
 
     The line breaks where a run ends before the others: from there it is a mean over fewer runs, and
-    thinner.
-
-    Args:
-        axes: whose x is in millions of steps.
-        steps: rising, ``(points,)``.
-        number: of the line's colour.
-        curves: ``(seeds, points)``; NaN where a run has not come so far.
+    thinner. Curves are ``(seeds, points)``, NaN where a run has not come so far.
     """
     colour, dash = _stroke(number)
     middle, low, high = band(curves)

@@ -15,12 +15,10 @@ from needlehoop.study.data import paper
 from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.curves import MissingDataError, learning_curves, reward_comparison
 from needlehoop.study.render.style import (
-    CHEAT,
     COLOURS,
     DASHES,
     FAINT,
     INK,
-    SUCCESS,
     WIDTH,
     in_percent,
     new_figure,
@@ -98,8 +96,8 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     *columns, shown = zip(*known, strict=True)
     figure, grid = new_figure(17 + _ROW * len(shown), 1, 2, sharey=True)
     _rows(grid[0, 0], [_name(result, findings) for result in shown])
-    heads = ((findings.goal, SUCCESS), ("cheated", CHEAT))
-    for axes, own, (said, colour) in zip(grid[0], columns, heads, strict=True):
+    heads = (findings.goal, "cheated")
+    for axes, own, said, colour in zip(grid[0], columns, heads, COLOURS[:2], strict=True):
         _bars(axes, own, colour, "{:.0f} %", 100.0, 1.0)
         axes.tick_params(axis="y", length=0)
         axes.set_title(said, color=colour)
@@ -131,9 +129,8 @@ def stress_figure(findings: StudyFindings) -> Figure:
     if not axes:
         raise MissingDataError("no axis of its own in the stress test")
     rows = -(-len(axes) // _COLUMNS)
-    figure, grid = new_figure(
-        18 + 22 * rows + 3 * len(shown), rows, _COLUMNS, sharex=True, sharey=True
-    )
+    height = 18 + 22 * rows + 3 * len(shown)
+    figure, grid = new_figure(height, rows, _COLUMNS, sharex=True, sharey=True)
     figure.set_figwidth(2 * WIDTH)
     for place, panel in enumerate(grid.flat):
         if place >= len(axes):
@@ -242,10 +239,7 @@ class Drawn:
 def draw(findings: StudyFindings, folder: Path) -> list[Drawn]:
     """Draw everything there is data for, as PNG and SVG.
 
-    Args:
-        findings: of a study, or of the paper.
-        folder: for the files; made where missing. Older figures there are replaced, or
-            removed where there is nothing to draw any more.
+    Older figures in the folder are replaced, or removed where there is nothing to draw any more.
     """
     drawn = []
     for name, (figure, caption) in _DRAWN.items():

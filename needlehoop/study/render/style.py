@@ -20,7 +20,6 @@ _LONGEST_NAME = 40
 
 DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#22262e", "#8a8f98"
-SUCCESS, CHEAT = COLOURS[0], COLOURS[1]
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

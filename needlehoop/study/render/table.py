@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from needlehoop.runs.files import csv_text
 from needlehoop.study.stats.run import Measure
@@ -124,14 +123,6 @@ class Table:
             tuple(column.text(cell) for column, cell in zip(self.columns, row, strict=True))
             for row in self.rows
         ]
-
-    def records(self) -> list[dict[str, Any]]:
-        """The rows as they are, by heading."""
-        return [dict(zip(self.header, row, strict=True)) for row in self.rows]
-
-    def texts_by_heading(self) -> list[dict[str, str]]:
-        """The rows as they are written, by heading."""
-        return [dict(zip(self.header, row, strict=True)) for row in self.texts]
 
     def csv(self) -> str:
         """Headings and rows alone."""

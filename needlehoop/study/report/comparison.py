@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,10 +13,8 @@ from matplotlib.figure import Figure
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
 from needlehoop.study.render.curves import count_steps, draw_panels
-from needlehoop.study.render.figures import Drawn
 from needlehoop.study.render.style import in_percent, new_figure, short
 from needlehoop.study.render.table import Column, Row, Table
-from needlehoop.study.report.page import films_of, write_page
 from needlehoop.study.stats.findings import Result, result_of
 from needlehoop.study.stats.run import (
     BUFFERS,
@@ -43,13 +40,8 @@ _HALF = {"half": 0.5}
 _MILESTONES = {"a tenth": 0.1, **_HALF, "95 %": 0.95}
 """Shares of training episodes in which the task is done."""
 
-_PANELS = 2
-"""Facts in a chart: those that end the last phases."""
-
 _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, not what was trained."""
-
-_SD = "return_sd"
 
 _MILLIONS = Column("", "M steps", ".2f", 1e-6)
 
@@ -135,12 +127,7 @@ def compared_runs(runs: Sequence[Record]) -> Comparison:
 
 
 def outcomes(found: Sequence[Comparison], of: str) -> Table:
-    """Final values, and how far each is from the first named.
-
-    Args:
-        found: what is compared.
-        of: what stands beside each other, ``study`` or ``run``.
-    """
+    """Final values, and how far each ``study`` or ``run`` (``of``) is from the first named."""
     rows: list[Row] = []
     for one in found:
         first: dict[Measure, SeedEstimate] = {}
@@ -244,32 +231,11 @@ def differences(found: Sequence[Comparison], of: str = "study") -> Table:
     return Table.of("settings", "What differs", rows, note)
 
 
-def write_comparison(
-    found: Sequence[Comparison],
-    tables: Sequence[Table],
-    charts: Sequence[Drawn],
-    out: Path,
-    made: str,
-) -> None:
-    """Write one page: tables, then for each comparison its chart and films beside each other.
-
-    Args:
-        found: what is compared.
-        tables: as they are shown.
-        charts: of each comparison; the page holds copies.
-        out: an HTML file; films for which it has no room are linked to from its folder.
-        made: the command that makes this page, for the record.
-    """
-    title = " and ".join(dict.fromkeys(name for one in found for name in one.runs))
-    shown = [*zip(found, charts, strict=True)]
-    films = [films_of(one.runs.values()) for one in found]
-    write_page("comparison.html", out, films, title=title, tables=tables, shown=shown, made=made)
-
-
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
     runs = one.every
-    shown = {fact: f"share {fact}" for fact in _facts(runs)[-_PANELS:]} | {"return": "return"}
+    # The facts that end the last two phases.
+    shown = {fact: f"share {fact}" for fact in _facts(runs)[-2:]} | {"return": "return"}
     drawn = [column for column in shown if all(column in (run.metrics or ()) for run in runs)]
     figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
     lines = [(short(name), own, number) for number, (name, own) in enumerate(one.runs.items())]
@@ -291,7 +257,7 @@ def _shown(value: float, interval: Interval | None) -> Estimated:
 def _measured(result: Result) -> dict[Measure, SeedEstimate]:
     """Final success and return; the return of one run has an interval over its episodes."""
     success, value, (run, *others) = result.success, result.value, result.runs
-    spread = (run.evaluation or {}).get(_SD)
+    spread = (run.evaluation or {}).get("return_sd")
     if not others and run.finished and isinstance(spread, int | float):
         half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
         ends = Interval(value.value - half, value.value + half, OVER_EPISODES)

@@ -46,21 +46,10 @@ _NOTED = ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu")
 
 @dataclass(frozen=True)
 class Part:
-    """A study of a page."""
+    """A study of a page, or the paper, with its figures; the page holds copies."""
 
     findings: StudyFindings
-    """Of a study, or of the paper."""
     figures: Sequence[Drawn]
-    """As drawn; the page holds copies."""
-
-    @property
-    def films(self) -> list[list[Path]]:
-        """The films of each reward's ranking: the best and the worst first, the middle last."""
-        found = []
-        for results in self.findings.by_reward.values():
-            order = sorted(range(len(results)), key=lambda i: min(i, len(results) - 1 - i))
-            found.append(films_of(results[number].runs for number in order))
-        return found
 
 
 def films_of(groups: Iterable[Sequence[Record]]) -> list[Path]:
@@ -81,7 +70,7 @@ def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = 
         parts: one study, or several, between which the page has a switch; all beside each other.
         out: an HTML file. Films for which it has no room are linked to from its folder; the best
             and the worst of each ranking come first.
-        command: that makes this page, for the record.
+        command: that makes this page.
         opening: HTML that stands before the first study.
     """
     title = f"Studies {', '.join(part.findings.title for part in parts)}"
@@ -89,23 +78,27 @@ def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = 
         study = parts[0].findings.study
         title = f"Study {parts[0].findings.title}" if study else "The paper's published numbers"
     told = [_shown(part, alone=len(parts) == 1) for part in parts]
-    wanted = [films for part in parts for films in part.films]
-    values = {"title": title, "parts": told, "opening": opening, "made": command}
-    write_page("report.html", out, wanted, **values)
+    wanted = []
+    for ranking in (own for part in parts for own in part.findings.by_reward.values()):
+        # The best and the worst first, the middle last.
+        order = sorted(range(len(ranking)), key=lambda i: min(i, len(ranking) - 1 - i))
+        wanted.append(films_of(ranking[number].runs for number in order))
+    write_page("report.html", out, wanted, title=title, parts=told, opening=opening, made=command)
 
 
 def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **values: Any) -> None:
     """Write a page of ``html/`` with as many films in it as fit, and links to the others.
 
     Args:
-        template: its name.
+        template: its name; it gets ``values``.
         out: an HTML file.
         wanted: films of each of its parts, the most wanted first.
-        values: of the template.
     """
-    loader = PackageLoader("needlehoop.study.report", "html")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+        loader=PackageLoader("needlehoop.study.report", "html"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
     )
     environment.globals |= {
         "fails_in": fails_in,
@@ -120,9 +113,6 @@ def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **val
         "tenths": Column("", form=".1f", scale=100.0).text,
         "words": {"ENOUGH": ENOUGH, "SEVERITY": SEVERITY, "one_run": no_interval(1)},
     }
-    for kind in ("css", "js"):
-        environment.globals[kind] = loader.get_source(environment, f"report.{kind}")[0]
-
     held = {*_fitting(wanted)}
 
     def film(path: Path) -> str:
@@ -162,10 +152,7 @@ def undrawn(study: Study) -> dict[Path, list[str]]:
 
 def _pictures(study: Study) -> list[tuple[str, Record, Path | None]]:
     """Each camera of a study, the first run that has it, and its picture if there is one."""
-    first: dict[str, Record] = {}
-    for run in study.runs:
-        for name in run.config["cams"]:
-            first.setdefault(name, run)
+    first = {name: run for run in reversed(study.runs) for name in run.config["cams"]}
     home = study.folder.resolve()
     places = [home, home.parent] if study.is_of(paper.task()) else [home]
     found = []

@@ -15,13 +15,7 @@ from needlehoop.study.data.records import Place, Record, Study
 from needlehoop.study.data.sweeps import JobEnd
 from needlehoop.study.render.table import Column, Row, Table
 
-STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = [
-    "done",
-    "running",
-    "stopped",
-    "failed",
-    "missing",
-]
+STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = "done", "running", "stopped", "failed", "missing"
 OTHER = "other"
 """A run that stands there with other settings than those that are asked for."""
 
@@ -51,13 +45,6 @@ class Standing:
     """Why it failed, or which of its settings are others."""
 
 
-def expected_places(study: Study) -> list[Place]:
-    """Every pair of cameras and reward in the study, with every seed that any has."""
-    pairs = {(run.place.cameras, run.place.reward) for run in study.runs}
-    seeds = {run.place.seed for run in study.runs}
-    return sorted(Place(*pair, seed) for pair, seed in product(pairs, seeds))
-
-
 def standings(
     study: Study,
     ends: Mapping[Place, JobEnd],
@@ -72,13 +59,17 @@ def standings(
     Args:
         study: as read from its folder.
         ends: of the jobs of sweeps, by run.
-        expected: the runs that are asked for, with the settings that they are to have; by default
-            ``expected_places``, and those that sweeps have tried, with any.
+        expected: the runs that are asked for, with the settings that they are to have. By default,
+            with any: every pair of cameras and reward in the study with every seed that any has,
+            and those that sweeps have tried.
     """
     now = time.time()
     runs = {run.place: run for run in study.runs}
     if expected is None:
-        expected = {place: {} for place in {*expected_places(study), *ends}}
+        pairs = {(run.place.cameras, run.place.reward) for run in study.runs}
+        seeds = {run.place.seed for run in study.runs}
+        places = {Place(*pair, seed) for pair, seed in product(pairs, seeds)}
+        expected = {place: {} for place in places | ends.keys()}
     rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
     usual = float(np.median(rates)) if rates else None
     plans = Counter(run.planned_steps for run in study.runs)

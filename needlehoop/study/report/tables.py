@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.answers import Answers
 from needlehoop.study.data.paper import LISTS, reward_label, reward_order
 from needlehoop.study.render.table import Cell, Column, Of, Row, Table
 from needlehoop.study.stats.agreement import Agreement, agreement, pooled
 from needlehoop.study.stats.findings import SEVERITY, Result, StudyFindings, robustness
-from needlehoop.study.stats.predictions import MEASURED, PAPERS_VLM, recorded_answers
+from needlehoop.study.stats.predictions import MEASURED, recorded_answers
 from needlehoop.study.stats.run import (
     BEST,
     BUFFERS,
@@ -29,12 +28,7 @@ from needlehoop.study.stats.run import (
     Measure,
     steps_to_share,
 )
-from needlehoop.study.stats.statistics import (
-    ENOUGH,
-    SeedEstimate,
-    improvement,
-    no_interval,
-)
+from needlehoop.study.stats.statistics import ENOUGH, SeedEstimate, improvement
 
 _SOON = 0.9
 """Success in training from which on a reward has taught the task."""
@@ -60,17 +54,14 @@ def all_tables(findings: StudyFindings) -> list[Table]:
 def write_tables(findings: StudyFindings, folder: Path) -> list[Path]:
     """Write every table that has rows, as CSV, Markdown and LaTeX.
 
-    Args:
-        findings: of a study, or of the paper.
-        folder: for the files; made where missing. Older tables there are replaced, or removed
-            where they have no rows any more.
+    Older tables in the folder are replaced, or removed where they have no rows any more.
     """
     return [path for table in _every(findings) for path in table.write(folder)]
 
 
 def _every(findings: StudyFindings) -> list[Table]:
-    makers = (results, stress, phases, rewards, table_1, table_2, agreements)
-    return [maker(findings) for maker in (*makers, improvements)]
+    makers = (results, stress, phases, rewards, table_1, table_2, agreements, improvements)
+    return [maker(findings) for maker in makers]
 
 
 def _estimated(measure: Measure, found: SeedEstimate | None, missing: str | None = None) -> Row:
@@ -191,12 +182,25 @@ def rewards(findings: StudyFindings) -> Table:
     written = {r.cameras for r in findings.results if r.reward != findings.main_reward}
     chosen = [r.cameras for r in findings.ranked if r.cameras in written]
     by_reward = sorted(findings.results, key=lambda r: reward_order(r.reward))
-    rows = [
-        _rewarded(result, findings.is_papers)
-        for cameras in chosen
-        for result in by_reward
-        if result.cameras == cameras
-    ]
+    published = paper.rewards()
+    rows: list[Row] = []
+    for result in (r for cameras in chosen for r in by_reward if r.cameras == cameras):
+        row: Row = {
+            _CAMERAS: result.cameras,
+            _REWARD: reward_label(result.reward),
+            **_estimated(RETURN, result.value),
+            Column.of(HUMAN_POINTS): result.middle(HUMAN_POINTS),
+            **_estimated(SUCCESS, result.success),
+            Column.of(BEST): result.middle(BEST),
+            Column.of(CHEAT): result.cheat and result.cheat.value,
+            Column.of(SUCCESS_OVER_TRAINING): result.middle(SUCCESS_OVER_TRAINING),
+            TO_SOON: soon(result),
+        }
+        if findings.is_papers:
+            value, remark = published.get((result.cameras, result.reward), (None, None))
+            row[_PAPERS_RETURN] = value or "not published"
+            row[Column("remark on the paper's")] = remark
+        rows.append(row)
     note = (
         "A return is in its own reward's points: compare success, or the points that the human"
         f" reward gives the same episodes. {BEST.name.capitalize()}: of the evaluations on the way,"
@@ -206,27 +210,6 @@ def rewards(findings: StudyFindings) -> Table:
         f" training episodes succeed, over {BUFFERS} buffers; a number for each seed."
     )
     return Table.of("rewards", "Rewards: human, text, text + image", rows, note)
-
-
-def _rewarded(result: Result, papers: bool) -> Row:
-    """A reward's numbers over one camera set; those of the ``papers`` beside them."""
-    row: Row = {
-        _CAMERAS: result.cameras,
-        _REWARD: reward_label(result.reward),
-        **_estimated(RETURN, result.value),
-        Column.of(HUMAN_POINTS): result.middle(HUMAN_POINTS),
-        **_estimated(SUCCESS, result.success),
-        Column.of(BEST): result.middle(BEST),
-        Column.of(CHEAT): result.cheat and result.cheat.value,
-        Column.of(SUCCESS_OVER_TRAINING): result.middle(SUCCESS_OVER_TRAINING),
-        TO_SOON: soon(result),
-    }
-    if papers:
-        said = {(r.cameras, r.reward): r for r in paper.rewards()}
-        theirs = said.get((result.cameras, result.reward))
-        row[_PAPERS_RETURN] = (theirs and theirs.value) or "not published"
-        row[Column("remark on the paper's")] = theirs and theirs.remark
-    return row
 
 
 def soon(result: Result) -> list[float | str]:
@@ -239,7 +222,7 @@ def table_1(findings: StudyFindings) -> Table:
     """What the VLM answered, beside the shipped recordings' models and the paper's."""
     shown = []
     if findings.is_papers:
-        shown = [*recorded_answers(), Answers(PAPERS_VLM, paper.answers().questions)]
+        shown = [*recorded_answers(), paper.answers()]
     if findings.study is not None and findings.answers and findings.answers.questions:
         shown.insert(0, findings.answers)
     said = [{answer.question: answer.answer for answer in one.questions} for one in shown]
@@ -344,8 +327,7 @@ def improvements(findings: StudyFindings) -> Table:
     """The chance that a run of the row's camera set beats one of the column's."""
     found = findings.by_set(RETURN)
     if findings.seeds < ENOUGH or len(found) < 2:
-        none = no_interval(findings.seeds)
-        return Table.of("improvement", "Probability of improvement", [], none)
+        found = {}
     rows: list[Row] = []
     for name, own in found.items():
         row: Row = {Column("better"): name}

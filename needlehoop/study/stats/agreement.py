@@ -14,9 +14,6 @@ from scipy.stats import rankdata
 _RESAMPLES = 50_000
 """Every order of up to 8 camera sets is tried; of more, a sample of this size."""
 
-_Sides = tuple[np.ndarray, np.ndarray]
-"""A predicted and a measured side: scores ``(n,)``, or their differences ``(n, n)``."""
-
 
 @dataclass(frozen=True)
 class Agreement:
@@ -59,10 +56,6 @@ class Agreement:
 def agreement(predicted: Mapping[str, float], measured: Mapping[str, float]) -> Agreement:
     """Compare two mappings of scores over the same names; higher is better in both.
 
-    Args:
-        predicted: by name; equal scores are ties.
-        measured: such as final returns.
-
     Raises:
         ValueError: other names on one side.
     """
@@ -74,9 +67,6 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
 
     A few sets have few orders, so a list alone seldom says that a prediction is better than
     chance; several lists together can. Draws keep each list's sets in it.
-
-    Args:
-        sides: predicted and measured scores, as for ``agreement``, of each list.
 
     Raises:
         ValueError: other names on one side of a list.
@@ -97,11 +87,12 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
     )
 
 
-def _in_one_order(predicted: Mapping[str, float], measured: Mapping[str, float]) -> _Sides:
-    """Both sides' scores as arrays; errors as in ``agreement``."""
-    if set(predicted) != set(measured):
-        odd = ", ".join(sorted(set(predicted) ^ set(measured)))
-        raise ValueError(f"agreement: {odd} on one side only; both must rank the same")
+def _in_one_order(
+    predicted: Mapping[str, float], measured: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Both sides' scores as arrays ``(n,)``; errors as in ``agreement``."""
+    if odd := sorted(set(predicted) ^ set(measured)):
+        raise ValueError(f"agreement: {', '.join(odd)} on one side only; both must rank the same")
     names = sorted(predicted)
     a, b = (np.array([side[name] for name in names], float) for side in (predicted, measured))
     return a, b
@@ -121,20 +112,21 @@ def _differences(values: np.ndarray) -> np.ndarray:
     return values[:, None] - values[None, :]
 
 
-def _correlate(sides: Sequence[_Sides]) -> tuple[float, float]:
-    """Mean correlation of matrices of differences, and its permutation p-value.
+def _correlate(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+    """Mean correlation of matrices of differences ``(n, n)``, and its permutation p-value.
 
     Lists without a correlation are left out; NaN where none has one.
     """
-    kept = [both for both in sides if not math.isnan(_correlation(*both))]
+    kept = [both for both in sides if _size(*both) > 0]
     if not kept:
         return math.nan, math.nan
-    value = sum(_correlation(*both) for both in kept) / len(kept)
+    value = sum(float((a * b).sum() / _size(a, b)) for a, b in kept) / len(kept)
     sizes = [len(a) for a, _ in kept]
     every = len(kept) == 1 and math.factorial(sizes[0]) <= _RESAMPLES
-    orders = [_some_orders(n, seed) for seed, n in enumerate(sizes) if not every]
     if every:
         orders = [np.array([*permutations(range(sizes[0]))])]
+    else:
+        orders = [_some_orders(n, seed) for seed, n in enumerate(sizes)]
     drawn = np.mean([_drawn(*both, own) for both, own in zip(kept, orders, strict=True)], axis=0)
     # A hair's slack: equal correlations may differ in the last bit.
     extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
@@ -143,9 +135,8 @@ def _correlate(sides: Sequence[_Sides]) -> tuple[float, float]:
     return value, (extreme + own) / (len(drawn) + own)
 
 
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
-    size = math.sqrt((a**2).sum() * (b**2).sum())
-    return float((a * b).sum() / size) if size else math.nan
+def _size(a: np.ndarray, b: np.ndarray) -> float:
+    return math.sqrt((a**2).sum() * (b**2).sum())
 
 
 @cache
@@ -156,7 +147,6 @@ def _some_orders(n: int, seed: int) -> np.ndarray:
 
 def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
     """The correlation of each of the orders ``(k, n)`` of ``a`` with ``b``."""
-    size = math.sqrt((a**2).sum() * (b**2).sum())
     parts = np.array_split(orders, max(1, orders.size * len(a) // 1_000_000))
     moved = (a[part[:, :, None], part[:, None, :]] for part in parts)
-    return np.concatenate([np.einsum("kij,ij->k", one, b) / size for one in moved])
+    return np.concatenate([np.einsum("kij,ij->k", one, b) / _size(a, b) for one in moved])

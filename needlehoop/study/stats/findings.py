@@ -127,8 +127,7 @@ class StudyFindings:
 
         Camera sets with a run that has no such number are left out.
         """
-        every = {result.cameras: result.values(measure) for result in self.ranked}
-        return {cameras: own for cameras, own in every.items() if own}
+        return {one.cameras: own for one in self.ranked if (own := one.values(measure))}
 
     def middles(self, measure: Measure) -> dict[str, float]:
         """The same camera sets' interquartile means over seeds."""
@@ -218,7 +217,11 @@ def robustness(findings: StudyFindings) -> list[Robustness]:
         by: defaultdict[tuple[str, int], list[Stressed]] = defaultdict(list)
         for row in chain(*runs):
             by[row.axis, row.severity].append(row)
-        success = {key: _rate(own) for key, own in by.items() if len(own) == len(runs)}
+        success = {
+            key: rate([row.success for row in own], [row.episodes for row in own])
+            for key, own in by.items()
+            if len(own) == len(runs)
+        }
         if (NONE, 0) not in success:
             continue
         shown = {key for key in success if _summed(*key)}
@@ -227,10 +230,6 @@ def robustness(findings: StudyFindings) -> list[Robustness]:
         episodes = [sum(row.episodes for row in own) for own in axes]
         found.append(Robustness(result, success, rate(shares, episodes) if shares else None))
     return sorted(found, key=lambda one: -(one.mean.value if one.mean else 0.0))
-
-
-def _rate(rows: Sequence[Stressed]) -> SeedEstimate:
-    return rate([row.success for row in rows], [row.episodes for row in rows])
 
 
 def study_findings(folder: Path) -> StudyFindings:
@@ -248,31 +247,27 @@ def study_findings(folder: Path) -> StudyFindings:
     left_out = [*study.left_out, *unread, *unreadable]
     groups = groupby(study.runs, key=lambda run: (run.place.cameras, run.place.reward))
     results = [one for _, runs in groups if (one := result_of([*runs])) is not None]
-    counted = {run.place for result in results for run in result.runs}
     left_out += [
         LeftOut(run.folder.relative_to(folder), "not evaluated yet: it has no final value")
         for run in study.runs
-        if run.place not in counted
+        if final(run) is None
     ]
     return StudyFindings(home.name, study, _sorted(results), answers, foretold, tuple(left_out))
 
 
 def _is_papers(study: Study) -> bool:
-    sets = {name for members in paper.lists().values() for name in members}
+    sets = paper.measured()
     return study.is_of(paper.task()) and any(run.place.cameras in sets for run in study.runs)
 
 
 def paper_findings(results: Path) -> StudyFindings:
     """The paper's Table I, Table II and Figure 7, where they are in numbers.
 
-    Args:
-        results: the folder of all studies, for what else predicts the paper's order.
+    In ``results``, the folder of all studies, is what else predicts the paper's order.
     """
     foretold, left_out = predictions(None, results, [*paper.lists().values()])
     values = {(name, HUMAN): value for name, value in paper.measured().items()}
-    values |= {
-        (row.cameras, row.reward): row.value for row in paper.rewards() if row.value is not None
-    }
+    values |= {pair: value for pair, (value, _) in paper.rewards().items() if value is not None}
     found = [
         Result(cameras, reward, (), (), estimate([value]), None, None)
         for (cameras, reward), value in values.items()

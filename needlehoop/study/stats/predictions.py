@@ -17,11 +17,6 @@ from needlehoop.study.data.records import LeftOut, read_study
 from needlehoop.study.stats.run import final
 from needlehoop.study.stats.statistics import estimate
 
-PAPERS_VLM = "the paper's VLM"
-OWN_VLM = "VLM"
-PROBE = "probe"
-FAST = "fast protocol"
-
 MEASURED, PAPERS_MEASURED = "measured", "the paper's measured"
 """Orders that were measured; they stand beside the predicted ones."""
 
@@ -123,21 +118,21 @@ def predictions(
     found: list[Prediction] = []
     left_out: list[LeftOut] = []
     if papers:
-        found = [said(PAPERS_VLM, paper.answers())]
+        found = [said(paper.SOURCE, paper.answers())]
         for told in recorded_answers():
             found += _said_by(told.source, told, RECORDINGS / told.source, ".", left_out)
     if measured is not None:
-        mine = _said_by(OWN_VLM, own, results / measured, VLM, left_out)
+        mine = _said_by("VLM", own, results / measured, VLM, left_out)
         # A study that replays a recording says nothing that is not there already.
         found += [one for one in mine if all(one.lists != other.lists for other in found)]
     if papers and (results / _PROBE).exists():
         try:
             scores = {one.cameras: one.score for one in read_entries(results / _PROBE, _Probed)}
-            found.append(scored(PROBE, scores, lists))
+            found.append(scored("probe", scores, lists))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / _PROBE, str(error)))
     if papers and measured != _FAST and (results / _FAST).is_dir():
-        found.append(scored(FAST, _returns(results / _FAST), lists))
+        found.append(scored("fast protocol", _returns(results / _FAST), lists))
     return tuple(one for one in found if one.lists), left_out
 
 
@@ -166,12 +161,9 @@ def said(who: str, answers: Answers) -> Prediction:
 def scored(
     who: str, scores: Mapping[str, float], lists: Iterable[Iterable[str]], whole: bool = True
 ) -> Prediction:
-    """Scores of single sets, list by list.
+    """Scores of single sets, list by list; higher is better.
 
     Args:
-        who: gave them.
-        scores: higher is better.
-        lists: what to compare.
         whole: leave out a list if one of its camera sets has no score; otherwise leave out the set.
     """
     known = set(scores)

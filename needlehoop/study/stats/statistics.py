@@ -16,8 +16,6 @@ import numpy as np
 import scipy
 
 _RESAMPLES = 2_000
-_LIMITS = (2.5, 97.5)
-"""Percentiles at the ends of a 95 % interval."""
 
 FEW = 10
 """Runs below which there is no resampling: percentiles of three runs' resamples are the runs' own
@@ -89,10 +87,6 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> SeedEstimate:
 
     With too few seeds, the interval is Wilson's over all their episodes, which says nothing of
     what another seed would give.
-
-    Args:
-        shares: of each run's episodes.
-        episodes: of each run.
     """
     found = estimate(shares)
     if (ends := found.interval) is not None:
@@ -160,7 +154,7 @@ def _resample(values: np.ndarray, generator: np.random.Generator) -> np.ndarray:
 
 def _percentiles(drawn: np.ndarray) -> Interval:
     """The 95 % interval of what was drawn, ``(k,)``."""
-    low, high = np.percentile(drawn, _LIMITS)
+    low, high = np.percentile(drawn, (2.5, 97.5))
     return Interval(float(low), float(high))
 
 
