@@ -63,10 +63,9 @@ def report(options: argparse.Namespace) -> None:
         if len({*titles}) < len(titles):
             raise ValueError(f"studies: {', '.join(titles)} are not different names")
         out = options.out or opened[0][1].parent / _joint(titles, "_and_")
-    for findings, _ in opened:
-        _draw_cameras(findings)
     parts = []
     for findings, _ in opened:
+        _draw_cameras(findings)
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
         parts.append(Part(findings, draw(findings, figures)))
     page = out / "report.html"
@@ -125,16 +124,13 @@ def compare(options: argparse.Namespace) -> None:
     runs = [folder for folder in folders if (folder / CONFIG).is_file()]
     if runs and len(runs) < len(folders):
         raise ValueError(f"{runs[0]} is a run, and others are studies; name one kind of them")
+    studies = [(read_run if runs else read_study)(folder) for folder in folders]
     if runs:
-        of, read = "run", [read_run(folder) for folder in runs]
-        found = [comparison.compared_runs([run for run, _ in read])]
-        left_out = [f"{run.folder}/{one}" for run, lost in read for one in lost]
+        of = "run"
+        found = [comparison.compared_runs([run for study in studies for run in study.runs])]
         beside = Path(os.path.relpath(os.path.commonpath([*map(os.path.abspath, folders)])))
     else:
-        of, studies = "study", [read_study(folder) for folder in folders]
-        found = comparison.comparisons(studies)
-        left_out = [f"{study.folder}/{one}" for study in studies for one in study.left_out]
-        beside = folders[0].parent
+        of, found, beside = "study", comparison.comparisons(studies), folders[0].parent
     names = [*dict.fromkeys(name for one in found for name in one.runs)]
     out = options.out or beside / _joint([name.replace("/", "-") for name in names], "_vs_")
     tables = [comparison.differences(found, of), comparison.outcomes(found, of),
@@ -154,8 +150,9 @@ def compare(options: argparse.Namespace) -> None:
     title = " and ".join(names)
     write_page("comparison.html", page, films, title=title, tables=tables, shown=shown, made=typed)
     print(f"{page}; its tables and charts are beside it")
-    for one in left_out:
-        print(f"left out: {one}")
+    for study in studies:
+        for one in study.left_out:
+            print(f"left out: {study.folder}/{one}")
 
 
 def _joint(names: list[str], word: str) -> str:

@@ -159,7 +159,7 @@ def runs(tmp_path) -> tuple[Path, Path]:
 
 
 def test_runs_differ_by_an_interval_over_their_episodes(runs):
-    found = compared_runs([read_run(run)[0] for run in runs])
+    found = compared_runs([read_run(run).runs[0] for run in runs])
     assert list(found.runs) == ["seed0", "seed1"]
     first, second = texts_of(outcomes([found], "run"))
     assert first["success, %"] == "90 (83 to 94)"
@@ -175,7 +175,7 @@ def test_runs_differ_by_an_interval_over_their_episodes(runs):
 
 
 def test_returns_of_another_reward_are_not_compared(runs):
-    (other, _), (second, _) = read_run(runs[0]), read_run(runs[1])
+    (other,), (second,) = read_run(runs[0]).runs, read_run(runs[1]).runs
     other = replace(other, place=Place("rgb_default", "sparse", 0))
     _, row = texts_of(outcomes([compared_runs([other, second])], "run"))
     assert row["difference of return"] == ""

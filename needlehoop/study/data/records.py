@@ -273,15 +273,15 @@ def read_study(folder: Path) -> Study:
     return Study(folder, tuple(runs[place] for place in sorted(runs)), left_out)
 
 
-def read_run(folder: Path) -> tuple[Record, tuple[LeftOut, ...]]:
-    """One run, whatever its folder is called, and what of it was left out.
+def read_run(folder: Path) -> Study:
+    """One run alone, whatever its folder is called.
 
     Raises:
         ValueError: no run that can be read.
     """
     reading = _Reading(folder)
     try:
-        return reading.run(folder), tuple(reading.left_out)
+        return Study(folder, (reading.run(folder),), tuple(reading.left_out))
     except UnreadableError as error:
         raise ValueError(f"{folder}: {error}") from error
 

@@ -56,19 +56,15 @@ def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
     found: dict[Place, JobEnd] = {}
     left_out: list[LeftOut] = []
     # The newest comes last.
-    for path in sorted(root.glob(f"*/*/{OUTCOME}"), key=lambda one: (_changed(one), one)):
+    for when, path in sorted((one.lstat().st_mtime, one) for one in root.glob(f"*/*/{OUTCOME}")):
         try:
             note: _Note = checked(_Note, read_json(path))
         except UnreadableError as error:
             left_out.append(LeftOut(Path("..") / path.relative_to(root.parent), str(error)))
             continue
         if note.study == study.resolve().name:
-            found[Place(note.cameras, note.reward, note.seed)] = JobEnd(_changed(path), note.error)
+            found[Place(note.cameras, note.reward, note.seed)] = JobEnd(when, note.error)
     return found, left_out
-
-
-def _changed(path: Path) -> float:
-    return path.lstat().st_mtime
 
 
 def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:

@@ -29,7 +29,7 @@ Lines = Sequence[tuple[str, Sequence[Record], int]]
 
 
 class MissingDataError(ValueError):
-    """A study lacks what a figure shows; the message says what."""
+    """A study lacks what a figure shows; the message says what. Each figure may raise it."""
 
 
 def learning_curves(findings: StudyFindings) -> Figure:
@@ -37,9 +37,6 @@ def learning_curves(findings: StudyFindings) -> Figure:
 
     Few share a panel; many are parted into the paper's three lists, if it is of its task, and the
     rest.
-
-    Raises:
-        MissingDataError: no run has a learning curve.
     """
     drawn = {one.cameras: one for one in findings.ranked if any(map(has_curve, one.runs))}
     if not drawn:
@@ -88,9 +85,6 @@ def reward_comparison(findings: StudyFindings) -> Figure:
 
     Beside the returns stands how often training's sampled actions succeed, and how often the mean
     action does in evaluations: it can stop short where noise still gets there.
-
-    Raises:
-        MissingDataError: no camera set was trained with two rewards.
     """
     rivals = {
         result.cameras: [

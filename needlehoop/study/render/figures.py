@@ -39,11 +39,7 @@ _COLUMNS, _MOST_SETS = 4, 7
 
 
 def final_values(findings: StudyFindings) -> Figure:
-    """Camera sets by final return, with success beside it and the paper's return marked.
-
-    Raises:
-        MissingDataError: no run has a final value.
-    """
+    """Camera sets by final return, with success beside it and the paper's return marked."""
     results = findings.ranked
     if not results:
         raise MissingDataError("no final values")
@@ -80,11 +76,7 @@ def final_values(findings: StudyFindings) -> Figure:
 
 
 def success_and_cheats(findings: StudyFindings) -> Figure:
-    """How often every camera set succeeds with every reward, and how often it cheats.
-
-    Raises:
-        MissingDataError: no run says how often it succeeds.
-    """
+    """How often every camera set succeeds with every reward, and how often it cheats."""
     known = [
         (one.success, one.cheat, one)
         for one in findings.results
@@ -106,11 +98,7 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
 
 
 def stress_figure(findings: StudyFindings) -> Figure:
-    """A panel for each axis that costs some camera set anything, a line for each set.
-
-    Raises:
-        MissingDataError: no run was stressed.
-    """
+    """A panel for each axis that costs some camera set anything, a line for each set."""
     found = robustness(findings)
     if not found:
         raise MissingDataError("no stress test; make one with: needlehoop stress <run>")

@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-
-import numpy as np
+from statistics import median, mode
 
 from needlehoop.runs import files
 from needlehoop.study.data.records import Place, Record, Study
@@ -71,9 +70,8 @@ def standings(
         places = {Place(*pair, seed) for pair, seed in product(pairs, seeds)}
         expected = {place: {} for place in places | ends.keys()}
     rates = [rate for run in study.runs if (rate := _rate(run)) is not None]
-    usual = float(np.median(rates)) if rates else None
-    plans = Counter(run.planned_steps for run in study.runs)
-    plan = plans.most_common(1)[0][0] if plans else None
+    usual = median(rates) if rates else None
+    plan = mode(run.planned_steps for run in study.runs) if study.runs else None
     found = []
     for place, asked in sorted(expected.items()):
         run, end = runs.get(place), ends.get(place)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 from pathlib import Path
+from statistics import mode
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from needlehoop.study.stats.predictions import (
     predictions,
     scored,
 )
-from needlehoop.study.stats.run import TRAINING, Final, Measure, final
+from needlehoop.study.stats.run import RETURN, TRAINING, Final, Measure, final
 from needlehoop.study.stats.statistics import SeedEstimate, estimate, iqm, rate
 
 SEVERITY = 3
@@ -86,8 +87,8 @@ class StudyFindings:
     @property
     def main_reward(self) -> str:
         """The reward under which cameras are compared: the human one, or the commonest."""
-        counts = Counter(result.reward for result in self.results)
-        return HUMAN if HUMAN in counts or not counts else counts.most_common(1)[0][0]
+        rewards = [result.reward for result in self.results]
+        return HUMAN if HUMAN in rewards or not rewards else mode(rewards)
 
     @property
     def goal(self) -> str:
@@ -117,11 +118,6 @@ class StudyFindings:
         """The fewest seeds that a result has."""
         return min((result.value.seeds for result in self.results), default=0)
 
-    @property
-    def measured(self) -> dict[str, float]:
-        """Final returns by camera set, with the main reward."""
-        return {result.cameras: result.value.value for result in self.ranked}
-
     def by_set(self, measure: Measure) -> dict[str, list[float]]:
         """A number of each run with the main reward, by camera set, the best final return first.
 
@@ -138,7 +134,7 @@ class StudyFindings:
         """What predictions are held against: values by camera set, by what they are."""
         found: dict[str, Mapping[str, float]] = {}
         if self.study is not None:
-            found = {MEASURED: self.measured, TRAINING.name: self.middles(TRAINING)}
+            found = {MEASURED: self.middles(RETURN), TRAINING.name: self.middles(TRAINING)}
         if self.is_papers:
             found[PAPERS_MEASURED] = paper.measured()
         return found
