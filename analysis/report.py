@@ -9,7 +9,7 @@ from markdown_it import MarkdownIt
 
 from analysis.findings import ROOT, STUDIES, study
 from needlehoop.study.render.figures import draw
-from needlehoop.study.report.page import Part, inline, write_report
+from needlehoop.study.report.page import inline, write_report
 
 OUT = ROOT / "results" / "report.html"
 
@@ -35,7 +35,7 @@ def as_html(page: Path, beside: Path) -> str:
 def main() -> None:
     """Write the page."""
     figures = OUT.parent / "figures"
-    parts = [Part(study(name), draw(study(name), figures / name)) for name in STUDIES]
+    parts = [(study(name), draw(study(name), figures / name)) for name in STUDIES]
     opening = as_html(ROOT / "docs" / "findings.md", OUT.parent)
     write_report(parts, OUT, "python -m analysis.report", opening)
     print(OUT)

@@ -53,7 +53,7 @@ def plot(options: argparse.Namespace) -> None:
 def report(options: argparse.Namespace) -> None:
     """Write a study's report: one HTML page with everything in it."""
     from needlehoop.study.render.figures import draw
-    from needlehoop.study.report.page import Part, write_report
+    from needlehoop.study.report.page import write_report
 
     opened = [_open(study, options.out) for study in _named(options)]
     if len(opened) == 1:
@@ -67,7 +67,7 @@ def report(options: argparse.Namespace) -> None:
     for findings, _ in opened:
         _draw_cameras(findings)
         figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
-        parts.append(Part(findings, draw(findings, figures)))
+        parts.append((findings, draw(findings, figures)))
     page = out / "report.html"
     write_report(parts, page, f"needlehoop report {' '.join(options.study)}")
     print(page)

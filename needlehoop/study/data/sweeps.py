@@ -36,24 +36,15 @@ class _Note:
     error: str | None = None
 
 
-@dataclass(frozen=True)
-class JobEnd:
-    """How a sweep's last try at a run ended."""
-
-    when: float
-    """Unix time, s."""
-    error: str | None
-    """Why it failed; ``None`` if it did not."""
-
-
-def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
+def read_job_ends(study: Path) -> tuple[dict[Place, tuple[float, str | None]], list[LeftOut]]:
     """The newest end of each run that sweeps have tried for a study, which may have no folder yet.
 
     Returns:
-        Ends by run, and the notes that cannot be read.
+        By run, when it ended (Unix time, s) and why it failed, if it did; then the notes that
+        cannot be read.
     """
     root = study.resolve().parent / SWEEPS
-    found: dict[Place, JobEnd] = {}
+    found: dict[Place, tuple[float, str | None]] = {}
     left_out: list[LeftOut] = []
     # The newest comes last.
     for when, path in sorted((one.lstat().st_mtime, one) for one in root.glob(f"*/*/{OUTCOME}")):
@@ -63,7 +54,7 @@ def read_job_ends(study: Path) -> tuple[dict[Place, JobEnd], list[LeftOut]]:
             left_out.append(LeftOut(Path("..") / path.relative_to(root.parent), str(error)))
             continue
         if note.study == study.resolve().name:
-            found[Place(note.cameras, note.reward, note.seed)] = JobEnd(when, note.error)
+            found[Place(note.cameras, note.reward, note.seed)] = when, note.error
     return found, left_out
 
 

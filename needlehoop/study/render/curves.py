@@ -86,14 +86,10 @@ def reward_comparison(findings: StudyFindings) -> Figure:
     Beside the returns stands how often training's sampled actions succeed, and how often the mean
     action does in evaluations: it can stop short where noise still gets there.
     """
-    rivals = {
-        result.cameras: [
-            one
-            for one in sorted(findings.results, key=lambda one: reward_order(one.reward))
-            if one.cameras == result.cameras and any(map(has_curve, one.runs))
-        ]
-        for result in findings.ranked
-    }
+    known = [one for one in findings.results if any(map(has_curve, one.runs))]
+    known.sort(key=lambda one: reward_order(one.reward))
+    names = [result.cameras for result in findings.ranked]
+    rivals = {cameras: [one for one in known if one.cameras == cameras] for cameras in names}
     panels = {cameras: own for cameras, own in rivals.items() if len(own) > 1}
     if not panels:
         raise MissingDataError("no camera set with learning curves for two rewards")
@@ -121,10 +117,9 @@ def reward_comparison(findings: StudyFindings) -> Figure:
         Line2D([], [], color=colour, linestyle=dash, linewidth=1.2)
         for colour, dash in map(_stroke, range(len(colours)))
     ]
-    names = [short(reward_label(reward)) for reward in colours]
     figure.legend(
-        drawn, names, loc="outside upper center", ncols=2, frameon=False, fontsize=6.5,
-        handlelength=2.6, columnspacing=1.2,
+        drawn, [short(reward_label(reward)) for reward in colours], loc="outside upper center",
+        ncols=2, frameon=False, fontsize=6.5, handlelength=2.6, columnspacing=1.2,
     )  # fmt: skip
     return figure
 

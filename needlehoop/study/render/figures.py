@@ -48,14 +48,13 @@ def final_values(findings: StudyFindings) -> Figure:
     figure, grid = new_figure(26 + _ROW * len(results), 1, columns, sharey=True)
     _rows(grid[0, 0], [result.cameras for result in results])
     _bars(grid[0, 0], [result.value for result in results], COLOURS[0], "{:.1f}", 1.0, 9.0)
-    grid[0, 0].set_xlabel("final return")
     if findings.study is None:
         grid[0, 0].set_title("As published in the paper")
     grid[0, 0].xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
     *_, most = seeds = sorted({result.value.seeds for result in results})
-    if most < ENOUGH:
-        most_of = "at most " if len(seeds) > 1 else ""
-        grid[0, 0].set_xlabel(f"final return\n({most_of}{no_interval(most)})")
+    most_of = "at most " if len(seeds) > 1 else ""
+    why = f"\n({most_of}{no_interval(most)})" if most < ENOUGH else ""
+    grid[0, 0].set_xlabel(f"final return{why}")
     # The paper's numbers are of the human reward; on its own data they are the bars.
     if findings.study and findings.is_papers and findings.main_reward == HUMAN:
         known = paper.measured()
@@ -71,7 +70,6 @@ def final_values(findings: StudyFindings) -> Figure:
         _bars(grid[0, 1], successes, COLOURS[2], "{:.0f} %", 100.0, 1.0)
         grid[0, 1].set_xlabel("final success")
         grid[0, 1].set_xticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-        grid[0, 1].tick_params(axis="y", length=0)
     return figure
 
 
@@ -91,7 +89,6 @@ def success_and_cheats(findings: StudyFindings) -> Figure:
     heads = (findings.goal, "cheated")
     for axes, own, said, colour in zip(grid[0], columns, heads, COLOURS[:2], strict=True):
         _bars(axes, own, colour, "{:.0f} %", 100.0, 1.0)
-        axes.tick_params(axis="y", length=0)
         axes.set_title(said, color=colour)
         axes.set_xticks([0, 1], ["0", "100 %"])
     return figure
@@ -150,7 +147,6 @@ def stress_figure(findings: StudyFindings) -> Figure:
 def _rows(axes: Axes, names: Sequence[str]) -> None:
     axes.set_yticks(range(len(names)), [*map(short, names)])
     axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
 
 
 def _bars(
@@ -165,6 +161,7 @@ def _bars(
     lowest = min(0.0, *(_ends(one)[0] for one in estimates))
     highest = max(full, *(max(one.value, _ends(one)[1]) for one in estimates))
     axes.set_xlim(lowest, highest)
+    axes.tick_params(axis="y", length=0)
     for y, found in enumerate(estimates):
         said = form.format(unit * found.value)
         axes.text(1.07 * highest, y, said, va="center", fontsize=6, clip_on=False)

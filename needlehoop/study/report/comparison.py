@@ -61,23 +61,21 @@ class Comparison:
     @property
     def title(self) -> str:
         """Their cameras and rewards."""
-        cameras = " / ".join(dict.fromkeys(run.place.cameras for run in self.every))
-        return f"{cameras}, {' / '.join(dict.fromkeys(reward_label(r) for r in self._rewards))}"
+        cameras = dict.fromkeys(run.place.cameras for run in self.every)
+        rewards = dict.fromkeys(reward_label(run.place.reward) for run in self.every)
+        return f"{' / '.join(cameras)}, {' / '.join(rewards)}"
 
     @property
     def file(self) -> str:
         """The same, for the name of a file."""
         cameras = dict.fromkeys(run.place.cameras for run in self.every)
-        return f"{'_vs_'.join(cameras)}_{'_vs_'.join(self._rewards)}"
+        rewards = dict.fromkeys(run.place.reward for run in self.every)
+        return f"{'_vs_'.join(cameras)}_{'_vs_'.join(rewards)}"
 
     @property
     def steps(self) -> int:
         """Environment steps that all runs have."""
         return min(run.steps for run in self.every)
-
-    @property
-    def _rewards(self) -> list[str]:
-        return [*dict.fromkeys(run.place.reward for run in self.every)]
 
 
 def comparisons(studies: Sequence[Study]) -> list[Comparison]:

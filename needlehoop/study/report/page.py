@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -44,14 +43,6 @@ _NOTED = ("commit", "started", "wall_time", "python", "platform", "cpus", "gpu")
 """What the page shows of a run's manifest."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """A study of a page, or the paper, with its figures; the page holds copies."""
-
-    findings: StudyFindings
-    figures: Sequence[Drawn]
-
-
 def films_of(groups: Iterable[Sequence[Record]]) -> list[Path]:
     """The film of each group of runs that has one: its first."""
     filmed = map(filmed_run, groups)
@@ -63,23 +54,29 @@ def filmed_run(runs: Sequence[Record]) -> Record | None:
     return next((run for run in runs if run.video is not None), None)
 
 
-def write_report(parts: Sequence[Part], out: Path, command: str, opening: str = "") -> None:
+def write_report(
+    parts: Sequence[tuple[StudyFindings, Sequence[Drawn]]],
+    out: Path,
+    command: str,
+    opening: str = "",
+) -> None:
     """Write the page.
 
     Args:
-        parts: one study, or several, between which the page has a switch; all beside each other.
+        parts: a study, or the paper, with its figures, of which the page holds copies; between
+            several the page has a switch.
         out: an HTML file. Films for which it has no room are linked to from its folder; the best
             and the worst of each ranking come first.
         command: that makes this page.
         opening: HTML that stands before the first study.
     """
-    title = f"Studies {', '.join(part.findings.title for part in parts)}"
+    told = [_shown(*part, alone=len(parts) == 1) for part in parts]
+    title = f"Studies {', '.join(findings.title for findings, _ in parts)}"
     if len(parts) == 1:
-        study = parts[0].findings.study
-        title = f"Study {parts[0].findings.title}" if study else "The paper's published numbers"
-    told = [_shown(part, alone=len(parts) == 1) for part in parts]
+        ((findings, _),) = parts
+        title = f"Study {findings.title}" if findings.study else "The paper's published numbers"
     wanted = []
-    for ranking in (own for part in parts for own in part.findings.by_reward.values()):
+    for ranking in (own for findings, _ in parts for own in findings.by_reward.values()):
         # The best and the worst first, the middle last.
         order = sorted(range(len(ranking)), key=lambda i: min(i, len(ranking) - 1 - i))
         wanted.append(films_of(ranking[number].runs for number in order))
@@ -177,10 +174,10 @@ def _tiles(study: Study) -> tuple[dict[str, str], list[str]]:
     return found, problems
 
 
-def _shown(part: Part, alone: bool) -> dict[str, Any]:
+def _shown(findings: StudyFindings, figures: Sequence[Drawn], alone: bool) -> dict[str, Any]:
     """What the template shows of a study."""
-    findings, study = part.findings, part.findings.study
-    ahead = [figure for figure in part.figures if figure.name in _FIRST and figure.files]
+    study = findings.study
+    ahead = [figure for figure in figures if figure.name in _FIRST and figure.files]
     tiles, problems = _tiles(study) if study else ({}, [])
     speakers = []
     if study and findings.answers and findings.answers.rankings:
@@ -197,7 +194,7 @@ def _shown(part: Part, alone: bool) -> dict[str, Any]:
         "tiles": tiles,
         "problems": problems,
         "first": ahead,
-        "figures": [figure for figure in part.figures if figure not in ahead],
+        "figures": [figure for figure in figures if figure not in ahead],
         "tables": all_tables(findings),
         "speakers": speakers,
         "common": sorted(common),

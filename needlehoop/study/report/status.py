@@ -11,7 +11,6 @@ from statistics import median, mode
 
 from needlehoop.runs import files
 from needlehoop.study.data.records import Place, Record, Study
-from needlehoop.study.data.sweeps import JobEnd
 from needlehoop.study.render.table import Column, Row, Table
 
 STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = "done", "running", "stopped", "failed", "missing"
@@ -46,7 +45,7 @@ class Standing:
 
 def standings(
     study: Study,
-    ends: Mapping[Place, JobEnd],
+    ends: Mapping[Place, tuple[float, str | None]],
     expected: Mapping[Place, Mapping[str, str]] | None = None,
 ) -> list[Standing]:
     """The state of each run, in the order of places.
@@ -57,7 +56,7 @@ def standings(
 
     Args:
         study: as read from its folder.
-        ends: of the jobs of sweeps, by run.
+        ends: of the jobs of sweeps, as ``read_job_ends`` gives them.
         expected: the runs that are asked for, with the settings that they are to have. By default,
             with any: every pair of cameras and reward in the study with every seed that any has,
             and those that sweeps have tried.
@@ -74,8 +73,7 @@ def standings(
     plan = mode(run.planned_steps for run in study.runs) if study.runs else None
     found = []
     for place, asked in sorted(expected.items()):
-        run, end = runs.get(place), ends.get(place)
-        error = end.error if end else None
+        run, (ended, error) = runs.get(place), ends.get(place, (0.0, None))
         other = _other(run, asked) if run else None
         if run is None or other:
             steps = int(asked["steps"]) if "steps" in asked else plan
@@ -84,7 +82,7 @@ def standings(
             found.append(Standing(place, state, 0, steps, None, left, None, other or error))
             continue
         seen, rate = _last_sign(run), _rate(run)
-        if end is None or end.when < seen or run.finished:
+        if ended < seen or run.finished:
             error = None
         state, pace = FAILED if error else _state(run, now - seen, rate), rate or usual
         rest = 0 if state == DONE else max(run.planned_steps - run.steps, 0)

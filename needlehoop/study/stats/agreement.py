@@ -44,12 +44,10 @@ class Agreement:
 
     @property
     def top_hit(self) -> bool:
-        """Whether the best was found, in every list."""
         return self.top_hits == self.lists
 
     @property
     def bottom_hit(self) -> bool:
-        """Whether the worst was found, in every list."""
         return self.bottom_hits == self.lists
 
 

@@ -31,8 +31,6 @@ class Final:
     shares: Mapping[str, float]
     """Shares of episodes, by the task's columns: success, cheat, and each fact."""
     episodes: int
-    steps: int
-    """Steps of training when it was measured."""
     finished: bool
     """Whether the run's training was over."""
     area: float | None
@@ -63,7 +61,6 @@ class Measure:
     of: Callable[[Final], float | None]
     unit: str = ""
     digits: int = 2
-    """With which it is shown."""
 
 
 RETURN = Measure("return", lambda found: found.value)
@@ -97,12 +94,12 @@ def final(run: Record) -> Final | None:
     rows, last = run.evaluations, run.evaluation
     newest = 0 if rows is None else int(rows["step"][-1])
     if last is not None and (run.finished or _trained(run) >= newest):
-        said, steps, finished = last, _trained(run), run.finished
+        said, finished = last, run.finished
     elif rows is not None:
         tail = rows["step"] > newest * (1.0 - _TAIL)
         episodes = rows["episodes"][tail]
         said = {name: np.average(own[tail], weights=episodes) for name, own in rows.items()}
-        said["episodes"], steps, finished = episodes.sum(), newest, False
+        said["episodes"], finished = episodes.sum(), False
     else:
         return None
     tried = run.finished and rows is not None and last is not None
@@ -114,7 +111,6 @@ def final(run: Record) -> Final | None:
         success_area=_over_training(run, "success"),
         best=max(success for _, success in evaluations(run)) if tried else None,
         episodes=int(said["episodes"]),
-        steps=steps,
         finished=finished,
     )
 
