@@ -51,7 +51,6 @@ class Answers:
     """All that a model said about cameras."""
 
     source: str
-    """Who said it."""
     questions: tuple[Answer, ...] = ()
     rankings: tuple[Ranking, ...] = ()
 

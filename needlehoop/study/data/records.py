@@ -137,7 +137,6 @@ class Record:
 
     @property
     def settings(self) -> dict[str, str]:
-        """Its settings as they are typed on the command line, by names such as ``algo.gamma``."""
         return typed_settings(self.config)
 
     @property

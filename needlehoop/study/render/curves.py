@@ -197,7 +197,6 @@ def _draw_line(
 
 
 def _stroke(number: int) -> tuple[str, Any]:
-    """Colour and dashes of a line."""
     return COLOURS[number % len(COLOURS)], DASHES[number % len(DASHES)]
 
 

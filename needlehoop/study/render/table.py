@@ -52,13 +52,11 @@ class Column:
 
     @classmethod
     def of(cls, measure: Measure) -> Column:
-        """Numbers of runs."""
         form = f".{measure.digits}f"
         return cls(measure.name, measure.unit, form, 100.0 if measure.unit == "%" else 1.0)
 
     @property
     def heading(self) -> str:
-        """Name and unit."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
     def text(self, cell: Cell) -> str:
@@ -113,7 +111,6 @@ class Table:
 
     @property
     def header(self) -> tuple[str, ...]:
-        """The columns' headings."""
         return tuple(column.heading for column in self.columns)
 
     @property

@@ -55,7 +55,6 @@ class Comparison:
 
     @property
     def every(self) -> list[Record]:
-        """All of them."""
         return [run for runs in self.runs.values() for run in runs]
 
     @property

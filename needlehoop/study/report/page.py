@@ -91,11 +91,9 @@ def write_page(template: str, out: Path, wanted: Sequence[Sequence[Path]], **val
         out: an HTML file.
         wanted: films of each of its parts, the most wanted first.
     """
+    loader = PackageLoader("needlehoop.study.report", "html")
     environment = Environment(
-        loader=PackageLoader("needlehoop.study.report", "html"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
     )
     environment.globals |= {
         "fails_in": fails_in,

@@ -147,7 +147,6 @@ def lists_of(answers: Answers | None, papers: bool = True) -> dict[str, tuple[st
 
 
 def said(who: str, answers: Answers) -> Prediction:
-    """The rankings of a model."""
     return Prediction(
         who,
         {

@@ -32,7 +32,6 @@ class Final:
     """Shares of episodes, by the task's columns: success, cheat, and each fact."""
     episodes: int
     finished: bool
-    """Whether the run's training was over."""
     area: float | None
     """Mean return over all of training: the area under its curve, by steps. ``None`` where
     training is not over, or has left no curve."""

@@ -25,7 +25,6 @@ ENOUGH = 3
 """Seeds below which there is no interval: that of two would be their minimum and maximum."""
 
 OVER_SEEDS, OVER_EPISODES = "over seeds", "over episodes"
-"""What an interval is over."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,6 @@ class SeedEstimate(Estimated):
 
     @property
     def interval_or_why(self) -> Interval | str:
-        """The interval, or why there is none."""
         return self.interval or no_interval(self.seeds)
 
 
