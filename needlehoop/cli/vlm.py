@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
 SUMMARY = "Ask a vision-language model about cameras and rewards; check reward programs."
 
-_PROGRAM = "FILE, flavour, study, recording, sample, unit"
-"""The words of ``check`` that choose the program."""
-
 
 @command(KEYS, config="vlm_question", goes_on=True)
 def vlm_question(options: argparse.Namespace) -> None:
@@ -171,12 +168,12 @@ def _open(values: dict[str, Any]) -> Inquiry:
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
     """Print where the answers are, what they cost, and what the whole transcript cost."""
-    from needlehoop.vlm.conversation import in_words, papers_totals
+    from needlehoop.vlm.conversation import in_words, papers_totals, totals_of
 
     for name in written:
         print(inquiry.folder / name)
-    print(f"this:       {in_words(inquiry.spent())}")
-    print(f"transcript: {in_words(inquiry.totals()['all'])}")
+    print(f"this:       {in_words(totals_of(inquiry.record.used)['all'])}")
+    print(f"transcript: {in_words(totals_of(inquiry.record.exchanges)['all'])}")
     print(f"the paper:  {papers_totals()}")
 
 
@@ -201,7 +198,8 @@ def vlm_check(options: argparse.Namespace) -> int:
     for word in words:
         if re.match(r"reward\b", word):
             raise ValueError(
-                f"{word}: the program is judged, no other reward; choose from its {_PROGRAM}"
+                f"{word}: the program is judged, no other reward; choose from its FILE, flavour,"
+                " study, recording, sample, unit"
             )
     values = composing.compose(words, "check")
     from needlehoop.envs.settings import settings_from

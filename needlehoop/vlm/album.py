@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image, ImageOps
+from pydantic import TypeAdapter
 
 from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
@@ -22,15 +23,11 @@ from needlehoop.vlm import description
 from needlehoop.vlm.messages import PICTURE, Part, Png
 from needlehoop.vlm.record import Record
 
-PICTURES = "pictures.json"
 SEEN = "seen"
 """The stages of ``_seen`` again, side by side, at the agent's own resolution."""
 
 _GAP = 48
 """The gap between two pictures in one is their size divided by this."""
-
-ABOUT = "about.txt"
-"""The file beside the pictures that may say what the task is."""
 
 _KINDS = (".png", ".jpg", ".jpeg")
 
@@ -95,7 +92,6 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record. If it has none yet, they are drawn and saved.
 
     Args:
-        record: where they are kept.
         settings: the scene; its own cameras are ignored.
         size: pixels of a picture's side.
 
@@ -107,15 +103,15 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         raise ValueError(
             "disturb: a model is told that its pictures are free of noise; choose disturb=none"
         )
-    path, scene = record.folder / PICTURES, _scene(settings, size)
+    path, scene = record.folder / "pictures.json", _scene(settings, size)
     if not path.exists():
         pictures = _take(settings, size)
         hashes = {
             stage: {camera: record.save(picture) for camera, picture in shown.items()}
             for stage, shown in pictures.items()
         }
-        text = json.dumps(asdict(_Index(scene, hashes)), indent=2)
-        Run(record.folder).write(PICTURES, text + "\n")
+        text = json.dumps({"scene": scene, "pictures": hashes}, indent=2)
+        Run(record.folder).write("pictures.json", text + "\n")
         return Album(pictures, settings.image_size)
     try:
         kept: _Index = strict.structure(read_json(path), _Index)
@@ -138,28 +134,18 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
 
 def _scene(settings: Settings, size: int) -> dict[str, Any]:
     """Everything that the pictures depend on, as plain JSON values."""
-    s = settings
-    values = {
-        "task": asdict(s.task),
-        "episode": asdict(s.episode),
-        "psm": s.psm,
-        "views": {name: asdict(view) for name, view in s.views.items()},
-        "renderings": {name: asdict(rendering) for name, rendering in s.renderings.items()},
-        "seed": s.seed,
-        "quality": s.quality,
-        "image_size": s.image_size,
-        "size": size,
-    }
-    return json.loads(json.dumps(values))
+    of = ("task", "episode", "psm", "views", "renderings", "seed", "quality", "image_size")
+    values = {**{name: getattr(settings, name) for name in of}, "size": size}
+    return TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
 
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     """Pictures by stage and camera."""
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
-    small = replace(settings, cams=cameras, num_envs=1)
-    kinds = {camera.name: settings.renderings[camera.rendering] for camera in small.cameras}
+    alone = replace(settings, cams=cameras, num_envs=1)
+    kinds = {camera.name: settings.renderings[camera.rendering] for camera in alone.cameras}
     shown = [*description.stages_of(settings.definition)]
-    taken, own = stages(replace(small, image_size=size), *shown), stages(small, *_seen(shown))
+    taken, own = stages(replace(alone, image_size=size), *shown), stages(alone, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))
 
@@ -167,18 +153,15 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
         side_by_side = _side_by_side(*(all_channels(image, kinds[camera]) for image in images))
         return Png.of(Image.fromarray(side_by_side))
 
-    return {
+    found = {
         stage: {camera: picture(camera, taken[stage][camera]) for camera in cameras}
         for stage in shown
-    } | {
-        SEEN: {
-            camera: picture(
-                camera,
-                *(own[stage][camera].repeat(times, 1).repeat(times, 2) for stage in _seen(shown)),
-            )
-            for camera in cameras
-        }
     }
+    found[SEEN] = {}
+    for camera in cameras:
+        small = (own[stage][camera].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
+        found[SEEN][camera] = picture(camera, *small)
+    return found
 
 
 def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
@@ -200,12 +183,9 @@ def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
 
 
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
-    """The pictures by their files' names, no larger than ``size`` pixels, and what the task is.
+    """The pictures by their files' names, and what the task is: ``about``, or else ``about.txt``.
 
-    Args:
-        folder: of the pictures.
-        about: what the task is; ``None``: what ``about.txt`` says, if it is there.
-        size: of the longer side.
+    ``size``: of a picture's longer side, pixels, at most.
 
     Raises:
         ValueError: no folder, fewer than two pictures, two of one name, or one that is damaged.
@@ -218,7 +198,7 @@ def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, P
             f"pictures: {folder} must have two or more pictures ({', '.join(_KINDS)}) of different"
             f" names; it has: {', '.join(file.name for file in files) or 'none'}"
         )
-    pictures, file = {}, folder / ABOUT
+    pictures, file = {}, folder / "about.txt"
     try:
         if about is None and file.exists():
             about = read_bytes(file).decode()

@@ -46,8 +46,8 @@ class Card:
     paid: float
     stopped: Mapping[str, float]
     gates: Gates
-    reasons: tuple[str, ...]
-    flags: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -56,8 +56,11 @@ class Card:
 
     def as_dict(self) -> dict[str, Any]:
         """The card as plain values for JSON; a figure that is not finite is ``None``."""
-        plain = {"passed": self.passed, **asdict(self)}
-        return {name: _plain(value) for name, value in plain.items()}
+        plain: dict[str, Any] = {"passed": self.passed, **asdict(self)}
+        for name, value in plain.items():
+            if isinstance(value, float) and not isfinite(value):
+                plain[name] = None
+        return plain
 
     def __str__(self) -> str:
         g, lines = self.gates, [f"terms        {', '.join(self.terms)}"]
@@ -99,11 +102,9 @@ def card(
     gates: Gates,
     trajectories: Trajectories | None = None,
 ) -> Card:
-    """Put a program through the gates.
+    """Put a program through the gates; cameras, reward and number of environments do not matter.
 
-    Trajectories are recorded in an environment of the settings, whose cameras, reward and number
-    of environments do not matter; or they are those of an earlier ``collect``, which takes a
-    second or two.
+    ``trajectories``: those of an earlier ``collect``, which takes a second or two.
     """
     seen = collect(settings, gates) if trajectories is None else trajectories
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
@@ -135,8 +136,6 @@ def card(
         paid=float(paid.double().mean()),
         stopped={how: float(gained(*ends).mean()) for how, ends in seen.stopped.items()},
         gates=gates,
-        reasons=(),
-        flags=(),
     )
     reasons, flags = _judge(found, settings.definition.cheating)
     return replace(found, reasons=tuple(reasons), flags=tuple(flags))
@@ -195,9 +194,3 @@ def _extent(program: Program, signals: Signals) -> tuple[int, float, float]:
     total = potential(terms)
     finite = total[torch.isfinite(total)]
     return (bad, float(finite.min()), float(finite.max())) if len(finite) else (bad, nan, nan)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not isfinite(value):
-        return None
-    return list(value) if isinstance(value, tuple) else value

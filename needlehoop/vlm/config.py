@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share
+from needlehoop.config.strict import Amount, OneOf, Positive, Range, Real, Seed, Share, check_names
 from needlehoop.runs.files import check_folder, check_name
 from needlehoop.runs.shipped import RECORDINGS
 
 Samples = Annotated[int, Range(1, 10_000)]
 """How many conversations, each of which begins afresh."""
-
 
 Weight = Annotated[str, OneOf("flag", "refuse")]
 """What failing a gate does to a program."""
@@ -93,9 +92,6 @@ class Gates:
 
 TRANSCRIPT = "transcript.jsonl"
 
-DEFAULT = "claude"
-"""The shipped recording that is replayed if no other is named."""
-
 
 def transcripts() -> dict[str, Path]:
     """The shipped recordings that can be replayed, by name."""
@@ -113,15 +109,15 @@ class ReplayConfig:
     kind: str
     recording: str | None
     """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own where
-    it has one, else ``DEFAULT``."""
+    it has one, else ``claude``."""
     told: Told = "full"
 
     def folder(self, own: Path) -> Path:
         """The folder of the answers; ``own`` is the study's."""
         shipped = transcripts()
         if self.recording is None:
-            return own if (own / TRANSCRIPT).exists() else shipped[DEFAULT]
-        return shipped[self.recording] if self.recording in shipped else Path(self.recording)
+            return own if (own / TRANSCRIPT).exists() else shipped["claude"]
+        return shipped.get(self.recording, Path(self.recording))
 
 
 @dataclass(frozen=True)
@@ -162,11 +158,7 @@ class LiveConfig:
         return {name: value for name, value in self.sampling.items() if value is not None}
 
     def read_key(self) -> str | None:
-        """The key.
-
-        Raises:
-            ValueError: its variable is not set.
-        """
+        """The key; ``ValueError`` if its variable is not set."""
         if self.key is None:
             return None
         value = os.environ.get(self.key, "").strip()
@@ -203,17 +195,14 @@ class ManualConfig:
 AskingConfig = LiveConfig | ManualConfig
 """The settings of a provider that gives new answers."""
 
-KINDS: dict[str, type[ReplayConfig | LiveConfig | ManualConfig]] = {
-    "replay": ReplayConfig,
-    "gemini": LiveConfig,
-    "openai": LiveConfig,
-    "manual": ManualConfig,
-}
-"""The type of settings of each ``vlm.kind``."""
 
-
-def config_of(kind: str) -> type[ReplayConfig | LiveConfig | ManualConfig]:
-    """The type of a kind's settings; ``ValueError`` for an unknown kind."""
-    if kind not in KINDS:
-        raise ValueError(f"vlm.kind: {kind!r} is unknown; choose from {', '.join(KINDS)}")
-    return KINDS[kind]
+def config_of(kind: str) -> type[ReplayConfig | AskingConfig]:
+    """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
+    kinds = {
+        "replay": ReplayConfig,
+        "gemini": LiveConfig,
+        "openai": LiveConfig,
+        "manual": ManualConfig,
+    }
+    check_names("vlm.kind", (kind,), tuple(kinds))
+    return kinds[kind]

@@ -65,12 +65,7 @@ class Conversation:
         form: type[F],
         judge: Callable[[F], Verdict] = lambda _: Verdict(None),
     ) -> F:
-        """Ask a question until its answer can be used.
-
-        Args:
-            parts: text and pictures.
-            form: the answer's form.
-            judge: of an answer of the right form.
+        """Ask a question until its answer has the form, and the judge has nothing against it.
 
         Raises:
             NoAnswerError: the attempts are used up.
@@ -85,8 +80,7 @@ class Conversation:
             answer = None
             try:
                 if exchange.outcome == "truncated":
-                    cut = "it was cut off at the limit of length; answer more briefly"
-                    verdict = Verdict(cut)
+                    verdict = Verdict("it was cut off at the limit of length; answer more briefly")
                 else:
                     answer = form.model_validate_json(exchange.answer)
                     verdict = judge(answer)

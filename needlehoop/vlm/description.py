@@ -24,17 +24,12 @@ from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
 
 _GENERAL = Path(__file__).parent / "prompts"
-
 _INTO = ("scene", "signals")
 """Texts of a task that general ones take in."""
 
 
 def telling_of(task: Task) -> Telling:
-    """How a task is told.
-
-    Raises:
-        ValueError: it is told to no model.
-    """
+    """How a task is told; ``ValueError`` if it is told to no model."""
     if task.telling is None:
         raise ValueError(f"task {task.name}: no model can be asked about it; it has no telling")
     return task.telling
@@ -46,10 +41,7 @@ def fill(name: str, task: Task | None = None, /, **values: object) -> str:
     Args:
         name: of a general prompt, or of a task's own.
         task: whose words and texts are put in; ``None`` for a prompt that takes none.
-        values: what fills the gaps; there may be more.
-
-    Raises:
-        ValueError: a gap has no value.
+        values: what fills the gaps; there may be more. ``ValueError`` if one is missing.
     """
     template = Template((_read(_GENERAL) if task is None else texts(task))[name])
     if missing := sorted(set(template.get_identifiers()) - set(values)):
@@ -102,18 +94,10 @@ def edition_of(task: Task) -> str:
     return digest.hexdigest()
 
 
-_RESULT = (
-    "The program's value is what it last assigns to the variable reward. Assigned names may not be"
-    " those of signals or functions."
-)
-
-
 def scene(settings: Settings, told: str = "full") -> str:
     """What stands where, what the task is, and what an agent can do.
 
-    Args:
-        settings: the scene.
-        told: ``full``; ``names``: the signals' names and ranges in its place; or ``nothing``.
+    ``told``: ``full``; ``names``: the signals' names and ranges in its place; or ``nothing``.
     """
     if told == "full":
         return fill(
@@ -216,7 +200,8 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
             colours += f"; {remark}"
     if rendering.depth == "none":
         return colours
-    near, far = _depths(views)
+    near = _lengths({name: view.near for name, view in views.items()})
+    far = _lengths({name: view.far for name, view in views.items()})
     if rendering.depth == "shade":
         return (
             f"{colours}; the colours darken evenly with the distance along the line of sight, from"
@@ -234,23 +219,22 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
     )
 
 
-def _depths(views: Mapping[str, View]) -> tuple[str, str]:
-    """The distances at which greys begin and end, in words."""
-
-    def said(ends: Mapping[str, float]) -> str:
-        lengths = {name: f"{1000 * end:g} mm" for name, end in ends.items()}
-        if len(set(lengths.values())) == 1:
-            return next(iter(lengths.values()))
-        return ", ".join(f"{length} ({name})" for name, length in lengths.items())
-
-    near = {name: view.near for name, view in views.items()}
-    return said(near), said({name: view.far for name, view in views.items()})
+def _lengths(metres: Mapping[str, float]) -> str:
+    """Lengths by name, in words; one where all are the same."""
+    lengths = {name: f"{1000 * length:g} mm" for name, length in metres.items()}
+    if len(set(lengths.values())) == 1:
+        return next(iter(lengths.values()))
+    return ", ".join(f"{length} ({name})" for name, length in lengths.items())
 
 
 def language() -> str:
     """The rules of reward programs."""
     lines = "\n".join(f"- {row.signature}: {row.meaning}" for row in FUNCTIONS.values())
-    return fill("language", functions=lines, result=_RESULT, exponent=MAX_EXPONENT)
+    result = (
+        "The program's value is what it last assigns to the variable reward. Assigned names may not"
+        " be those of signals or functions."
+    )
+    return fill("language", functions=lines, result=result, exponent=MAX_EXPONENT)
 
 
 def bullets(entries: Mapping[str, str]) -> str:

@@ -42,22 +42,12 @@ from needlehoop.vlm.writing import (
     write_program,
 )
 
-TOTALS = "totals.csv"
-
-FULL = "full"
-"""Told all of the task, as the questions on cameras are."""
-
 
 class Inquiry(AbstractContextManager):
     """Asks a model for one thing and writes down its answers.
 
     All that asks raises ``NoAnswerError`` if no answer can be used within the attempts, and
     ``RefusalError`` if the model would not answer.
-
-    Args:
-        settings: the scene.
-        config: where answers are kept, and how often a question is repeated.
-        vlm: who answers.
 
     Raises:
         ValueError: a task that is told to no model, no key, no recording, or a recording of
@@ -67,6 +57,8 @@ class Inquiry(AbstractContextManager):
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
         asked = description.edition_of(settings.definition)
         self._settings, self._config, self._told = settings, config, vlm.told
+        self.folder = config.folder
+        """Where results are written."""
         self._files = Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if isinstance(vlm, ReplayConfig):
@@ -82,29 +74,16 @@ class Inquiry(AbstractContextManager):
 
     def __exit__(self, *_: object) -> None:
         self.record.close()
-        if self._files.folder.exists():
+        if self.folder.exists():
             # Also after a failure, because that cost something too.
-            self._files.replace(TOTALS, totals_csv(self.totals()))
-
-    @property
-    def folder(self) -> Path:
-        """Where results are written."""
-        return self._files.folder
-
-    def totals(self) -> dict[str, dict[str, int]]:
-        """What the transcript cost so far, as in ``totals_of``."""
-        return totals_of(self.record.exchanges)
-
-    def spent(self) -> dict[str, int]:
-        """What this inquiry cost so far."""
-        return totals_of(self.record.used)["all"]
+            self._files.replace("totals.csv", totals_csv(totals_of(self.record.exchanges)))
 
     def question(self, questions: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
-        if self._told != FULL:
+        if self._told != "full":
             raise ValueError(
                 f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
-                f" the task, so they are asked with {FULL}"
+                " the task, so they are asked with full"
             )
         questions.check(self._settings)
         album = self._album()
@@ -138,17 +117,17 @@ class Inquiry(AbstractContextManager):
         conversation, answers = self._begin("question"), defaultdict(list)
         for number, part, sets in lists.asked():
             before: Sequence[Part] = ()
-            name = f"rank/{part}" if part > 1 else "rank"
+            again = f"/{part}" if part > 1 else ""
             if how:
-                conversation = self._begin(f"rank{how}/{number}{f'/{part}' if part > 1 else ''}")
+                conversation = self._begin(f"rank{how}/{number}{again}")
                 own = seen_by(settings, sets)[1] if lists.sets else settings
                 words = lists.words or not lists.sets
                 before = opening(own, album, sets, told, scene, words)
             elif (number, part) == (1, 1):
                 self._question(conversation, album, questions)
-                conversation.name = name
+                conversation.name = "rank"
             elif number == 1:
-                conversation = self._begin(name)
+                conversation = self._begin(f"rank{again}")
                 question(conversation, settings, album, questions)
             answers[number].append(order(conversation, sets, before))
         if lists.sets:
@@ -163,10 +142,8 @@ class Inquiry(AbstractContextManager):
     ) -> dict[str, Any]:
         """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
 
-        Args:
-            pictures: by the camera's name.
-            about: what the task is; may be empty.
-            lists: ``group`` and ``rounds``.
+        ``about`` says what the task is, and may be empty. Of ``lists``, ``group`` and ``rounds``
+        are used.
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
         names, how = tuple(pictures), (lists.group, lists.rounds)
@@ -184,7 +161,7 @@ class Inquiry(AbstractContextManager):
 
     def ranked(self, lists: Lists) -> str:
         """What names of files and conversations say of how lists are ranked."""
-        told = "" if self._told == FULL else f"_{self._told}"
+        told = "" if self._told == "full" else f"_{self._told}"
         if lists.sets:
             return f"_sets{'' if lists.words else '_wordless'}{told}"
         return told or ("_afresh" if lists.afresh else "")
@@ -203,11 +180,9 @@ class Inquiry(AbstractContextManager):
 
         Args:
             flavour: ``text`` or ``image``.
-            rules: the judge of programs.
             samples: how many programs, each from a conversation of its own.
             trained: a run whose program is to be made better. The answer becomes the next free
-                sample, and ``<sample>.descent.json`` names the runs and programs that it descends
-                from, the latest last.
+                sample, with a note of what it descends from beside it.
 
         Returns:
             The files of the accepted programs.
@@ -218,8 +193,8 @@ class Inquiry(AbstractContextManager):
         told, settings, cameras = self._told, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        if trained is not None and told != FULL:
-            raise ValueError(f"vlm.told: a program is revised with {FULL}")
+        if trained is not None and told != "full":
+            raise ValueError("vlm.told: a program is revised with full")
         if told == "nothing" and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
@@ -230,12 +205,12 @@ class Inquiry(AbstractContextManager):
         first = guess_prompt(settings, album) if told == "nothing" and album else []
         if trained is None:
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
-            name += "" if told == FULL else f"/{told}"
+            name += "" if told == "full" else f"/{told}"
             self._clear(name)
-            asked = {n: f"{name}/{n}" if n > FIRST else name for n in _numbers(samples)}
+            asked = {n: f"{name}/{n}" if n > FIRST else name for n in range(FIRST, FIRST + samples)}
         else:
             prompt = trained.prompt(prompt)
-            free = next(n for n in count(FIRST) if not self._has_reward(flavour, n))
+            free = next(n for n in count(FIRST) if not self.has_rewards(flavour, n))
             asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
         failed, paths = [], []
         for sample, name in asked.items():
@@ -260,10 +235,8 @@ class Inquiry(AbstractContextManager):
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
         """Whether all samples of a reward for the settings' cameras exist."""
-        return all(self._has_reward(flavour, number) for number in _numbers(samples))
-
-    def _has_reward(self, flavour: str, sample: int) -> bool:
-        return (self.folder / self._reward_file(flavour, sample)).exists()
+        files = (self._reward_file(flavour, n) for n in range(FIRST, FIRST + samples))
+        return all((self.folder / file).exists() for file in files)
 
     def _reward_file(self, flavour: str, sample: int) -> Path:
         """Within the folder of results."""
@@ -290,10 +263,6 @@ class Inquiry(AbstractContextManager):
     def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""
         models = dict.fromkeys(f"{e.provider} {e.answered_by}" for e in self.record.used)
-        whole = {**found, "models": [*models], "totals": self.spent()}
+        whole = {**found, "models": [*models], "totals": totals_of(self.record.used)["all"]}
         self._files.write(name, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
         return whole
-
-
-def _numbers(samples: int) -> range:
-    return range(FIRST, FIRST + samples)

@@ -22,16 +22,8 @@ from needlehoop.tasks.contract import Task
 from needlehoop.tasks.psm import JOINT_SIGNALS
 from needlehoop.vlm.config import Gates
 
-_REACH = 0.3
-"""Random points lie within this distance of the origin along each axis, m."""
-_TURN = 3.2
-"""Random angles lie within this of 0, rad."""
-
 CHEAT = "cheat"
 """The controller that only looks as if it did the task; not every task has one."""
-
-_JUDGED_BY = ("expert", CHEAT, "random")
-"""Controllers on whose episodes programs are judged, where the task has them."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     simulation, goal = build(blind)[0], blind.definition.goal
     flights = {
         who: _fly(simulation, gates.seed, controller(who, blind), goal)
-        for who in _JUDGED_BY
+        for who in ("expert", CHEAT, "random")
         if who in controllers(blind)
     }
     moments = torch.cat([flight.signals[flight.until(goal)] for flight in flights.values()])
@@ -191,16 +183,12 @@ def _short(act: Controller, first: Tensor, opens: int | None) -> Controller:
     return short
 
 
-_RANGED = 8
-"""Episodes of each controller over which the ranges of signals are told."""
-
-
 def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     """The least and the most of each signal, number by number.
 
-    Over whole episodes of the task's teacher and of a random policy.
+    Over 8 whole episodes of the task's teacher, and 8 of a random policy.
     """
-    s = _blind(settings, _RANGED)
+    s = _blind(settings, 8)
     simulation, _ = build(s)
     moments = [
         _fly(simulation, s.seed, controller(who, s)).signals
@@ -217,9 +205,9 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
 def random_signals(task: Task, count: int, seed: int) -> Signals:
     """``count`` moments with signals drawn one by one. Their combination is often impossible.
 
-    Points within ±0.3 m, unit quaternions and axes, angles within ±3.2 rad, insertion within
-    0 to 0.24 m, shares of 0 to 1, facts true or false. In every eighth moment all points
-    coincide, to find programs that divide by a distance.
+    Points within ±0.3 m along each axis, unit quaternions and axes, angles within ±3.2 rad,
+    insertion within 0 to 0.24 m, shares of 0 to 1, facts true or false. In every eighth moment all
+    points coincide, to find programs that divide by a distance.
     """
     generator = torch.Generator().manual_seed(seed)
 
@@ -233,9 +221,9 @@ def random_signals(task: Task, count: int, seed: int) -> Signals:
         if signal.unit == "bool":
             fields[name] = share < 0.5
         elif signal.unit == "m":
-            fields[name] = _REACH * either_way
+            fields[name] = 0.3 * either_way
         elif signal.unit != "1":
-            fields[name] = _TURN * either_way
+            fields[name] = 3.2 * either_way
         elif signal.shape:
             fields[name] = either_way / torch.linalg.vector_norm(either_way, dim=-1, keepdim=True)
         else:

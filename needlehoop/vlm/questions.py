@@ -48,7 +48,7 @@ class Lists:
     samples: Samples
     """Conversations in which the lists are ranked."""
     afresh: bool
-    """Rank each list in a conversation of its own, not after the questions on cameras."""
+    """In a conversation for each list, not after the questions on cameras."""
     sets: tuple[tuple[str, ...], ...] = ()
     """In place of the lists: lists of any length, ranked a few sets at a time."""
     words: bool = True
@@ -92,13 +92,7 @@ class Lists:
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
 ) -> dict[str, Any]:
-    """Put all questions, in one conversation; answers by question, as plain values.
-
-    Args:
-        conversation: a new one.
-        settings: the scene.
-        album: its pictures.
-        questions: what to show and to offer.
+    """Put all questions, in one new conversation; answers by question, as plain values.
 
     Raises:
         NoAnswerError: no usable answer to a question within its attempts.
@@ -124,9 +118,7 @@ def question(
         for fact in questioned(task)
     }
     told, ways = description.bullets(questions.layouts), list(questions.layouts)
-    layouts = conversation.ask(
-        [fill("layouts", layouts=told, sure=_how_sure(ways))], ranking(ways)
-    ).model_dump()
+    layouts = _ranked(conversation, ways, "layouts", layouts=told)
     placements = {
         str(count): order(conversation, sets)
         for count in (1, 2)
@@ -167,13 +159,8 @@ def opening(
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    Args:
-        settings: the scene.
-        album: its pictures.
-        sets: the list.
-        told: how much is told: ``full``, ``names`` or ``nothing``.
-        scene: as ``description.scene`` tells it; with ``names`` that takes a while.
-        words: whether cameras come with their places in words.
+    ``scene`` is as ``description.scene`` tells it, which takes a while with ``names``. ``words``:
+    whether cameras come with their places in words.
     """
     cameras, _ = seen_by(settings, sets)
     kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
@@ -190,32 +177,33 @@ def opening(
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:
     """Rank sets, after ``before`` or after all that was answered; errors as in ``question``."""
     basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
-    prompt = fill(
-        "rank", combinations=_listed(sets), basis=f"Use what you {basis}.", sure=_how_sure(sets)
-    )
-    return conversation.ask([*before, prompt], ranking(sets)).model_dump()
+    said = f"Use what you {basis}."
+    return _ranked(conversation, sets, "rank", before, combinations=_listed(sets), basis=said)
 
 
 def order_pictures(
     conversation: Conversation, pictures: Mapping[str, Png], about: str, names: Sequence[str]
 ) -> Ranked:
-    """Rank cameras by a picture of each; errors as in ``question``.
+    """Rank cameras by a picture of each, by name; errors as in ``question``.
 
-    Args:
-        conversation: a new one.
-        pictures: by the camera's name.
-        about: what the task is; may be empty.
-        names: of the cameras.
+    ``about`` says what the task is, and may be empty.
     """
     shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
     told = about or "You are not told what the task is."
-    prompt = fill("rank_pictures", told=told, cameras=_listed(names), sure=_how_sure(names))
-    return conversation.ask([*shown, prompt], ranking(names)).model_dump()
+    return _ranked(conversation, names, "rank_pictures", shown, told=told, cameras=_listed(names))
 
 
 def _listed(names: Sequence[str]) -> str:
     return "\n".join(f"- {name}" for name in names)
 
 
-def _how_sure(ranked: Sequence[str]) -> str:
-    return fill("sure", pairs=len(ranked) - 1)
+def _ranked(
+    conversation: Conversation,
+    names: Sequence[str],
+    prompt: str,
+    before: Sequence[Part] = (),
+    **values: str,
+) -> Ranked:
+    """A ranking of names, asked for with a prompt, and how sure its places are."""
+    text = fill(prompt, sure=fill("sure", pairs=len(names) - 1), **values)
+    return conversation.ask([*before, text], ranking(names)).model_dump()

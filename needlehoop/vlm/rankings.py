@@ -14,20 +14,16 @@ from scipy.stats import kendalltau
 from needlehoop.runs.files import csv_text
 
 Ranked = dict[str, Any]
-"""An answer: the ``places``, best first, and how ``sure`` they are; see ``forms.ranking``."""
+"""An answer, as ``conversation.ranking``: ``places``, best first, and how ``sure`` they are."""
 
 _SEED = 0
 """Of the groups."""
 
-_PASSES = 500
-
 
 def of_samples(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, Any]:
-    """Several rankings of one list.
+    """Several rankings of one list, its ``combinations``, and how far they agree.
 
-    Returns:
-        Its ``combinations``; by sample, the ``rankings``, each the names as ``name`` and
-        ``reason``, best first, and how ``sure`` each place is; how far they agree.
+    By sample: ``rankings``, each the names as ``name`` and ``reason``, best first, and ``sure``.
     """
     return {
         "combinations": list(names),
@@ -46,10 +42,8 @@ def of_groups(
 
     Each answer says for every two of its names which is better, or neither (a tie) where the model
     is sure of nothing between them (0.5). Bradley-Terry strengths are fitted to all of these.
-
-    Returns:
-        As ``of_samples``; and the ``scheme``, ``strengths`` by name and the ``questions``, as
-        asked and answered.
+    Beside what ``of_samples`` has are the ``scheme``, the ``strengths`` by name, and the
+    ``questions`` as asked and answered.
     """
     found = strengths(names, answers)
     order = sorted(names, key=lambda name: (-found[name], names.index(name)))
@@ -97,7 +91,7 @@ def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, floa
             wins[order[first], order[second]] += 0.5 if tied else 1.0
             wins[order[second], order[first]] += 0.5 if tied else 0.0
     found = np.ones(len(names))
-    for _ in range(_PASSES):
+    for _ in range(500):
         met = (wins + wins.T) / (found[:, None] + found)
         found = (0.5 + wins.sum(1)) / (1 / (found + 1.0) + met.sum(1))
         found /= found.mean()
@@ -105,14 +99,9 @@ def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, floa
 
 
 def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
-    """How far repeated rankings of one list agree; ``None`` for fewer than two.
+    """How far orders of one list, the best first, agree; ``None`` for fewer than two.
 
-    Args:
-        orders: permutations of one list, the best first.
-
-    Returns:
-        ``tau_b``: Kendall's, mean over all pairs of rankings. ``same_top``: share of the rankings
-        that have the commonest first place.
+    ``tau_b``: Kendall's, mean over all pairs. ``same_top``: share with the commonest first place.
     """
     if len(orders) < 2:
         return None

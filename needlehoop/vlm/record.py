@@ -89,9 +89,8 @@ class RefusalError(RuntimeError):
 class Record:
     """Answers a request from the record, else asks a provider and records the reply.
 
-    The same request, made again, gets the next of its recorded answers. So an interrupted
-    session continues where it stopped and pays for nothing twice. A session that is recorded
-    completely needs no provider.
+    The same request, made again, gets the next of its recorded answers. So an interrupted session
+    continues where it stopped and pays for nothing twice.
 
     Args:
         folder: of ``transcript.jsonl``, with one JSON line per exchange, and ``images/``. It is
@@ -121,10 +120,7 @@ class Record:
     def ask(self, request: Request, conversation: str) -> Exchange:
         """A usable answer; ``conversation`` is a name for the record.
 
-        Raises:
-            RefusalError: the model would not answer, or its answer is empty.
-            MissError: nothing is recorded, and there is no provider.
-            ProviderError: the provider could not be made to reply.
+        Raises ``RefusalError``; ``MissError`` without a provider, ``ProviderError`` with one.
         """
         exchange = self._recall(request) or self._put(request, conversation)
         if not exchange.usable:
@@ -149,11 +145,7 @@ class Record:
         return path.stem
 
     def picture(self, sha256: str) -> Png:
-        """A saved picture.
-
-        Raises:
-            ValueError: it is not there, or its content does not have that hash.
-        """
+        """A saved picture; ``ValueError`` if it is not there, or has another hash."""
         path = self.folder / IMAGES / f"{sha256}.png"
         if not path.is_file():
             raise ValueError(f"{path}: missing; it belongs to the record")
@@ -170,13 +162,9 @@ class Record:
             self.exchanges, self.torn = kept, None
 
     def edition(self) -> Mapping[str, str | None]:
-        """The ``commit`` and ``sha256`` of the prompts that were last asked here.
+        """The ``sha256`` and ``commit`` (``None`` outside git) of the prompts last asked here.
 
-        The hash tells editions apart; the commit does not, because most commits change no prompt.
-        It is ``None`` outside git. All is empty where there is no note.
-
-        Raises:
-            ValueError: the note is damaged.
+        Empty where there is no note; ``ValueError`` where it is damaged.
         """
         path = self.folder / EDITION
         try:
@@ -211,7 +199,7 @@ class Record:
         return [e for e in self.exchanges if e.outcome != "failed"]
 
     def _put(self, request: Request, conversation: str) -> Exchange:
-        """Ask the provider; a failure is recorded too."""
+        """Ask the provider. Its reply, or a failure, is recorded with all new pictures."""
         if self._provider is None:
             raise MissError(f"{self.path}: {self._miss(request)}")
         began, started, failure = time.gmtime(), time.monotonic(), None
@@ -229,16 +217,6 @@ class Record:
             seconds=round(time.monotonic() - started, 3),
             time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
         )
-        self._add(exchange, request)
-        if failure is not None:
-            raise failure
-        return exchange
-
-    def _add(self, exchange: Exchange, request: Request) -> None:
-        """Append an exchange, save its new pictures, and note the prompts.
-
-        The note of an earlier edition is kept under a number.
-        """
         for picture in request.pictures:
             self.save(picture)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -251,8 +229,12 @@ class Record:
             os.fsync(file.fileno())
         self.exchanges.append(exchange)
         if self._prompts is not None and self.edition().get("sha256") != self._prompts:
+            # The note of an earlier edition is kept under a number.
             text = json.dumps({"commit": commit(), "sha256": self._prompts}, indent=2)
             Run(self.folder).write(EDITION, text + "\n")
+        if failure is not None:
+            raise failure
+        return exchange
 
     def _read(self) -> Iterator[Exchange]:
         if not self.path.exists():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,7 +50,7 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
         try:
             program = compile_program(source, table)
         except ProgramError as error:
-            return Verdict(str(error), {})
+            return Verdict(str(error))
         found = card(program, settings, gates, trajectories)
         # Naming the cheat, or where the teacher stopped, would tell the model what success is.
         named = {settings.definition.cheating: "an episode that fails at the task"}
@@ -70,8 +70,6 @@ def write_program(
 
     Args:
         conversation: a new one.
-        rules: the judge.
-        prompt: of ``reward_prompt``.
         first: a question that comes before: what the task is taken to be.
 
     Raises:
@@ -118,9 +116,6 @@ def reward_prompt(
     """The text that asks for a program and, for ``image``, the cameras' start pictures.
 
     Args:
-        settings: the scene, and the cameras to show.
-        rules: the range of values.
-        flavour: ``text`` or ``image``.
         album: needed for ``image``.
         told: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
             the same after ``guess_prompt``, which has the pictures.
@@ -220,20 +215,18 @@ class Trained:
 
 
 def read_run(folder: Path, size: int) -> Trained:
-    """What a run's files say of its training.
-
-    Args:
-        folder: of the run.
-        size: of a still's longer side, pixels, at most.
+    """What a run's files say of its training; ``size``: a still's longer side, pixels, at most.
 
     Raises:
         ValueError: no run, one that was not paid by a program, or damaged files.
     """
-    reward = Run.open(folder).config().get("reward")
-    program = reward.get("program") if isinstance(reward, Mapping) else None
-    kind = reward.get("kind") if isinstance(reward, Mapping) else None
-    if not isinstance(program, Mapping) or kind not in KINDS:
-        raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
+    match Run.open(folder).config().get("reward"):
+        case {"kind": kind, "program": {"text": str(text), "origin": str(origin)}} if kind in KINDS:
+            pass
+        case _:
+            raise ValueError(
+                f"revise: {folder} was trained on no program, so there is none to revise"
+            )
     try:
         rows, _ = read_rows(folder / METRICS, _RANGES, folder)
     except UnreadableError as error:
@@ -241,8 +234,8 @@ def read_run(folder: Path, size: int) -> Trained:
     film = folder / VIDEO
     return Trained(
         str(folder),
-        program["text"],
-        program["origin"],
+        text,
+        origin,
         _curves(rows),
         int(rows["step"][-1]),
         _stills(film, size) if film.is_file() else (),

@@ -12,10 +12,7 @@ from pathlib import Path
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
 from needlehoop.vlm.config import ManualConfig
-from needlehoop.vlm.messages import Png, Reply, Request, UnansweredError
-
-ASKED, ANSWERED = "asked", "answered"
-"""Folders of questions: the one that waits for its answer, and those that are answered."""
+from needlehoop.vlm.messages import Part, Reply, Request, UnansweredError
 
 ANSWERS = ("answer.json", "answer.md", "answer.txt")
 """Names that an answer's file may have."""
@@ -45,7 +42,7 @@ class Manual:
             UnansweredError: the time to wait is over.
         """
         self.close()
-        place = self._folder / ASKED / request.sha256[:16]
+        place = self._folder / "asked" / request.sha256[:16]
         if not (place / "request.md").exists():
             write_request(request, place)
         answer = find_json(self._wait(place))
@@ -55,7 +52,7 @@ class Manual:
     def close(self) -> None:
         """Move the last answered question away. If it is asked again, it is a new question."""
         if self._done is not None:
-            done = self._folder / ANSWERED
+            done = self._folder / "answered"
             done.mkdir(parents=True, exist_ok=True)
             free = next(n for n in count(1) if not any(done.glob(f"{n:03d}_*")))
             self._done.rename(done / f"{free:03d}_{self._done.name}")
@@ -98,19 +95,19 @@ def write_request(request: Request, place: Path) -> None:
     The folder is made here; ``request.md`` is written last.
     """
     place.mkdir(parents=True, exist_ok=True)
-    for number, picture in enumerate(request.pictures, 1):
-        write_whole(place / f"{number:02d}.png", picture.png)
-    schema = json.dumps(request.schema, indent=2, ensure_ascii=False)
-    write_whole(place / "schema.json", schema + "\n")
     # The pictures of all turns are numbered through.
     numbers = count(1)
-    turns = [
-        [
-            f"[picture {next(numbers):02d}.png]\n" if isinstance(part, Png) else f"{part}\n"
-            for part in message.parts
-        ]
-        for message in request.messages
-    ]
+
+    def put(part: Part) -> str:
+        if isinstance(part, str):
+            return f"{part}\n"
+        name = f"{next(numbers):02d}.png"
+        write_whole(place / name, part.png)
+        return f"[picture {name}]\n"
+
+    turns = [[put(part) for part in message.parts] for message in request.messages]
+    schema = json.dumps(request.schema, indent=2, ensure_ascii=False)
+    write_whole(place / "schema.json", schema + "\n")
     lines = [_GUIDE, "---\n"]
     if len(turns) > 1:
         remember = "What was said before is needed where the model does not remember it.\n"

@@ -20,15 +20,10 @@ from urllib3.exceptions import HTTPError, ProtocolError, ReadTimeoutError
 from needlehoop.config.strict import check_names
 from needlehoop.runs.reading import UnreadableError, parse_json, printable
 from needlehoop.vlm.config import LiveConfig
-from needlehoop.vlm.messages import Part, Png, ProviderError, Reply, Request, mistakes
+from needlehoop.vlm.messages import Part, ProviderError, Reply, Request, mistakes
 
 LARGEST = 1_000_000
 """Bytes of a reply, at most; a usual one has about 5,000. Reading stops there."""
-
-_LONGEST_ERROR = 300
-"""Characters of a server's error that are passed on."""
-
-_ARRIVED = 200
 
 _GEMINI_SAMPLING = (
     *("temperature", "top_p", "top_k", "seed", "max_output_tokens", "thinking_config"),
@@ -57,12 +52,14 @@ class Server:
         c, attempts = self._config, ()
         while True:
             try:
-                return replace(self._post(request), attempts=(*attempts, _ARRIVED))
+                return replace(self._post(request), attempts=(*attempts, 200))
             except ProviderError as error:
                 attempts = (*attempts, error.status)
                 if not error.passing or len(attempts) == c.tries:
                     tried = f" (tried {len(attempts)} times)" if len(attempts) > 1 else ""
-                    said = f"vlm={c.kind} ({c.model}): {error.status}: {self._in_a_line(error)}"
+                    # In a line, without the key and without control characters.
+                    what = printable(re.sub(r"\s+", " ", self._strike(str(error)))).strip()
+                    said = f"vlm={c.kind} ({c.model}): {error.status}: {what[:300]}"
                     # Not chained: the other error may repeat the key.
                     raise ProviderError(said + tried, error.status, attempts) from None
             sleep(min(c.longest_wait, c.first_wait * 2 ** (len(attempts) - 1)))
@@ -97,7 +94,7 @@ class Server:
                 found = self._body(response, until)
         except (requests.RequestException, HTTPError) as error:
             raise self._no_reply(error) from error
-        if response.status_code != _ARRIVED:
+        if response.status_code != 200:
             raise ProviderError(_refusal(response, found), response.status_code)
         try:
             return protocol.model_validate_json(self._strike(found.decode())).reply(config.model)
@@ -136,11 +133,6 @@ class Server:
             return text
         spelt = (rf"\\*(?:{re.escape(letter)}|(?i:u{ord(letter):04x}))" for letter in self._key)
         return re.sub("".join(spelt), "***", text)
-
-    def _in_a_line(self, error: ProviderError) -> str:
-        """Without the key and without control characters."""
-        said = printable(re.sub(r"\s+", " ", self._strike(str(error))))
-        return said.strip()[:_LONGEST_ERROR]
 
 
 def _refusal(response: requests.Response, body: bytes) -> str:
@@ -197,7 +189,7 @@ class _OpenAi(_Wanted):
         def piece(part: Part) -> dict[str, Any]:
             if isinstance(part, str):
                 return {"type": "text", "text": part}
-            url = f"data:image/png;base64,{_in_letters(part)}"
+            url = f"data:image/png;base64,{base64.b64encode(part.png).decode()}"
             return {"type": "image_url", "image_url": {"url": url}}
 
         messages = [
@@ -250,7 +242,8 @@ class _Gemini(_Wanted):
         def piece(part: Part) -> dict[str, Any]:
             if isinstance(part, str):
                 return {"text": part}
-            return {"inlineData": {"mimeType": "image/png", "data": _in_letters(part)}}
+            data = base64.b64encode(part.png).decode()
+            return {"inlineData": {"mimeType": "image/png", "data": data}}
 
         contents = [
             {
@@ -281,10 +274,6 @@ class _Gemini(_Wanted):
 
 
 _PROTOCOLS = {"gemini": _Gemini, "openai": _OpenAi}
-
-
-def _in_letters(picture: Png) -> str:
-    return base64.b64encode(picture.png).decode()
 
 
 def _outcome(
