@@ -26,9 +26,6 @@ from needlehoop.vlm.record import Record
 SEEN = "seen"
 """The stages of ``_seen`` again, side by side, at the agent's own resolution."""
 
-_GAP = 48
-"""The gap between two pictures in one is their size divided by this."""
-
 _KINDS = (".png", ".jpg", ".jpeg")
 
 
@@ -177,8 +174,8 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
 
 
 def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
-    """Pictures ``(h, w, 3)`` with white gaps between them."""
-    gap = np.full((len(first), max(1, len(first) // _GAP), 3), 255, np.uint8)
+    """Pictures ``(h, w, 3)`` with white gaps between them, a 48th of their height wide."""
+    gap = np.full((len(first), max(1, len(first) // 48), 3), 255, np.uint8)
     return np.concatenate([first, *(part for other in others for part in (gap, other))], axis=1)
 
 

@@ -22,14 +22,12 @@ Weight = Annotated[str, OneOf("flag", "refuse")]
 
 @dataclass(frozen=True)
 class InquiryConfig:
-    """Values in ``conf/ask.yaml``."""
+    """Values in ``conf/ask.yaml``, which explains them."""
 
     results: str
     study: str
     size: Annotated[int, Range(16, 4096)]
-    """Pixels of the pictures that the model is shown."""
     attempts: Annotated[int, Range(1, 1000)]
-    """Answers to one question, at most."""
     overwrite: bool
 
     def __post_init__(self) -> None:
@@ -44,7 +42,7 @@ class InquiryConfig:
 
 @dataclass(frozen=True)
 class Gates:
-    """Tests of a reward program before anybody trains on it; values in ``conf/gates``.
+    """Tests of a reward program before anybody trains on it; ``conf/gates`` explains the values.
 
     A program that fails a gate is refused. The cheat audit and stopping short only flag a program,
     unless ``audit`` or ``stop`` is ``refuse``: most honest rewards cannot tell a good cheat, and a
@@ -59,26 +57,18 @@ class Gates:
     low: Real
     high: Real
     bonus: Amount
-    """How much a value may exceed ``high``."""
     range: Annotated[str, OneOf("refuse", "clip")]
-    """What happens to values outside: ``refuse`` the program, or ``clip`` them."""
     tolerance: Amount
     margin: Real
-    """The least that the expert's final value must exceed a random policy's by."""
     audit: Weight
     audit_margin: Real
-    """The least that the expert's final value must exceed the cheat's by."""
     stop: Weight
     stop_margin: Real
-    """The least that a finished episode's final value must exceed that of one stopped short by."""
     stop_episodes: Annotated[int, Range(1, 100_000)]
     """Episodes of the teacher stopped short, for each way of doing so."""
     random_episodes: Annotated[int, Range(1, 100_000)]
-    """Episodes of the random policy alone, to see how many of its steps are paid."""
     paid_by: Positive
-    """A step counts as paid if it changes the value by this much."""
     paid: Share
-    """The least share of random steps that must be paid."""
 
     def __post_init__(self) -> None:
         if not self.low < self.top:
@@ -122,7 +112,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class LiveConfig:
-    """Values in ``conf/vlm/gemini.yaml`` and ``conf/vlm/openai.yaml``."""
+    """Values in ``conf/vlm/gemini.yaml``, which explains them, and ``conf/vlm/openai.yaml``."""
 
     kind: str
     model: str
@@ -131,12 +121,9 @@ class LiveConfig:
     base_url: str | None
     """The server's address; ``None`` is the provider's own."""
     sampling: Mapping[str, Any]
-    """Sent by name, except for ``None``."""
     timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
-    """Seconds that one try may take in all."""
     tries: Annotated[int, Range(1, 1000)]
     first_wait: Annotated[float, Range(0.0, 86_400.0)]
-    """Seconds before the second try; they double with each further one."""
     longest_wait: Annotated[float, Range(0.0, 86_400.0)]
     told: Told = "full"
 
@@ -172,14 +159,12 @@ class LiveConfig:
 
 @dataclass(frozen=True)
 class ManualConfig:
-    """Values in ``conf/vlm/manual.yaml``."""
+    """Values in ``conf/vlm/manual.yaml``, which explains them."""
 
     kind: str
     model: str
     wait: Annotated[float, Range(0.0, 1e9)] | None
-    """Seconds to wait for an answer; ``None`` waits for ever."""
     poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
-    """Seconds between two looks for it."""
     told: Told = "full"
 
     def __post_init__(self) -> None:

@@ -9,7 +9,6 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from needlehoop.runs.files import csv_text
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
@@ -99,12 +98,6 @@ class Conversation:
 
     def _say(self, role: str, *parts: Part) -> None:
         self._messages = (*self._messages, Message(role, parts))
-
-
-def totals_csv(found: Mapping[str, Mapping[str, int]]) -> str:
-    """``conversation`` and its totals, one row each; the last row, ``all``, is their sum."""
-    head = ("conversation", *found["all"])
-    return csv_text(head, [(name, *row.values()) for name, row in found.items()])
 
 
 def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:

@@ -18,7 +18,7 @@ from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
-from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_csv, totals_of
+from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_of
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.questions import (
@@ -76,7 +76,9 @@ class Inquiry(AbstractContextManager):
         self.record.close()
         if self.folder.exists():
             # Also after a failure, because that cost something too.
-            self._files.replace("totals.csv", totals_csv(totals_of(self.record.exchanges)))
+            found = totals_of(self.record.exchanges)
+            rows = [(name, *row.values()) for name, row in found.items()]
+            self._files.replace("totals.csv", csv_text(("conversation", *found["all"]), rows))
 
     def question(self, questions: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""

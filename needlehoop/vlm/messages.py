@@ -96,13 +96,6 @@ class Request:
         )
         return hashlib.sha256(text.encode()).hexdigest()
 
-    @property
-    def pictures(self) -> tuple[Png, ...]:
-        """All pictures, in order."""
-        return tuple(
-            part for message in self.messages for part in message.parts if isinstance(part, Png)
-        )
-
 
 @dataclass(frozen=True)
 class Reply:

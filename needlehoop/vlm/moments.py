@@ -50,10 +50,7 @@ class Trajectories:
 def collect(settings: Settings, gates: Gates) -> Trajectories:
     """Episodes of the expert, a random policy and the cheat, if any, and more of the random policy.
 
-    One episode in each of ``gates.episodes`` environments of ``gates.seed``, without cameras.
-
-    Raises:
-        ValueError: settings that the scripts cannot drive, by key.
+    ``ValueError`` for settings that the scripts cannot drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
     simulation, goal = build(blind)[0], blind.definition.goal
@@ -119,10 +116,6 @@ def _fly(
     return _Flight(torch.stack(signals), stacked, torch.stack(alive))
 
 
-_HELD = 20
-"""Steps that the teacher waits where it stopped short; by then all has come to rest."""
-
-
 def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signals]]:
     """Last moments of the teacher stopped short, and of the same episodes finished.
 
@@ -140,7 +133,8 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     for moment, first in _firsts(flight, task).items():
         for loosen in (False, True) if moment in loose else (False,):
             short = _short(act, first, opens if loosen else None)
-            stop = _fly(simulation, gates.seed, short, most=int(first.max()) + _HELD + 1)
+            # 20 steps after it stopped all has come to rest.
+            stop = _fly(simulation, gates.seed, short, most=int(first.max()) + 21)
             ended = (first >= 0) & (stop.alive & ~stop.facts[task.goal]).all(0)
             if bool(ended.any()):
                 whole, last = finished[ended].clone(), stop.signals[-1][ended].clone()

@@ -21,12 +21,10 @@ from needlehoop.vlm.rankings import Ranked, deal
 
 @dataclass(frozen=True)
 class Questions:
-    """Values in ``conf/vlm_question.yaml``."""
+    """Values in ``conf/vlm_question.yaml``, which explains them."""
 
     shown: tuple[str, ...]
-    """Renderings to show and to choose from; the first question shows the first one alone."""
     layouts: Mapping[str, str]
-    """Ways to place cameras, to be ranked: name and description."""
 
     def __post_init__(self) -> None:
         if len(self.shown) < 2 or len(set(self.shown)) < len(self.shown):
@@ -41,22 +39,16 @@ class Questions:
 
 @dataclass(frozen=True)
 class Lists:
-    """Values in ``conf/vlm_rank.yaml``."""
+    """Values in ``conf/vlm_rank.yaml``, which explains them."""
 
     lists: tuple[tuple[str, ...], ...]
-    """Lists of camera sets, such as ``dep_front+seg_side``; each list is ranked by itself."""
     samples: Samples
-    """Conversations in which the lists are ranked."""
     afresh: bool
-    """In a conversation for each list, not after the questions on cameras."""
     sets: tuple[tuple[str, ...], ...] = ()
-    """In place of the lists: lists of any length, ranked a few sets at a time."""
+    """In place of ``lists``; unlike these, of any length."""
     words: bool = True
-    """Whether ``sets`` come with the places of their cameras in words."""
     group: Annotated[int, Range(2, 20)] = 5
-    """Of ``sets``, how many one question asks about, at most."""
     rounds: Annotated[int, Range(1, 100)] = 4
-    """In how many questions each of ``sets`` is asked about, where there are more."""
 
     def __post_init__(self) -> None:
         if not self.lists:

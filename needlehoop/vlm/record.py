@@ -217,8 +217,10 @@ class Record:
             seconds=round(time.monotonic() - started, 3),
             time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
         )
-        for picture in request.pictures:
-            self.save(picture)
+        for message in request.messages:
+            for part in message.parts:
+                if isinstance(part, Png):
+                    self.save(part)
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.torn is not None:
             os.truncate(self.path, _bytes(self.path, RECORD).rfind(b"\n") + 1)
