@@ -86,11 +86,9 @@ class _Index:
 
 
 def open_album(record: Record, settings: Settings, size: int) -> Album:
-    """The pictures of a record. If it has none yet, they are drawn and saved.
+    """The pictures of a record, ``size`` pixels wide and high; drawn and saved if it has none.
 
-    Args:
-        settings: the scene; its own cameras are ignored.
-        size: pixels of a picture's side.
+    They are of all cameras, whatever ``settings.cams`` says.
 
     Raises:
         ValueError: disturbed cameras, the record shows another scene, or its index is damaged.

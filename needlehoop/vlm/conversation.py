@@ -44,16 +44,13 @@ class NoAnswerError(RuntimeError):
 class Conversation:
     """All that a model was asked and answered. Every request carries all of it.
 
-    Args:
-        record: who answers.
-        name: for the record.
-        attempts: answers to one question, at most.
+    ``attempts``: answers to one question, at most.
     """
 
     def __init__(self, record: Record, name: str, attempts: int):
         self._record, self._attempts = record, attempts
         self.name = name
-        """The name of the next requests. It changes when another command goes on from here."""
+        """Of the next requests, for the record. It changes when another command goes on here."""
         self._messages: tuple[Message, ...] = ()
         self.attempts: list[Attempt] = []
         """All answers so far."""

@@ -36,12 +36,10 @@ def telling_of(task: Task) -> Telling:
 
 
 def fill(name: str, task: Task | None = None, /, **values: object) -> str:
-    """The prompt ``<name>.txt`` with its ``$gaps`` filled.
+    """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled.
 
-    Args:
-        name: of a general prompt, or of a task's own.
-        task: whose words and texts are put in; ``None`` for a prompt that takes none.
-        values: what fills the gaps; there may be more. ``ValueError`` if one is missing.
+    A task's words and texts are put in; then the values, of which there may be more than gaps.
+    ``ValueError`` if one is missing.
     """
     template = Template((_read(_GENERAL) if task is None else texts(task))[name])
     if missing := sorted(set(template.get_identifiers()) - set(values)):
@@ -52,8 +50,7 @@ def fill(name: str, task: Task | None = None, /, **values: object) -> str:
 def texts(task: Task) -> dict[str, str]:
     """All prompts for a task by name, with ``$gaps``: the general ones, and its own.
 
-    Raises:
-        ValueError: a text of the task is missing, or is of no moment.
+    ``ValueError``: a text of the task is missing, or is of no moment.
     """
     telling = telling_of(task)
     own = _read(telling.texts)

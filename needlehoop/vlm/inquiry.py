@@ -175,19 +175,15 @@ class Inquiry(AbstractContextManager):
         samples: int = FIRST,
         trained: Trained | None = None,
     ) -> list[Path]:
-        """Ask for reward programs for the settings' cameras.
+        """Ask for reward programs for the settings' cameras; the files of the accepted ones.
 
         A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
         recorded answers to it, as in the paper. Attempts that failed are in files too.
 
         Args:
-            flavour: ``text`` or ``image``.
             samples: how many programs, each from a conversation of its own.
             trained: a run whose program is to be made better. The answer becomes the next free
                 sample, with a note of what it descends from beside it.
-
-        Returns:
-            The files of the accepted programs.
 
         Raises:
             ValueError: no cameras, too little told, or the programs exist already.
@@ -212,6 +208,7 @@ class Inquiry(AbstractContextManager):
             asked = {n: f"{name}/{n}" if n > FIRST else name for n in range(FIRST, FIRST + samples)}
         else:
             prompt = trained.prompt(prompt)
+            # The first n of which not all are there lacks its last.
             free = next(n for n in count(FIRST) if not self.has_rewards(flavour, n))
             asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
         failed, paths = [], []
@@ -241,7 +238,6 @@ class Inquiry(AbstractContextManager):
         return all((self.folder / file).exists() for file in files)
 
     def _reward_file(self, flavour: str, sample: int) -> Path:
-        """Within the folder of results."""
         return Path("rewards", "+".join(self._settings.cams), file_name(flavour, sample))
 
     def _begin(self, name: str) -> Conversation:

@@ -86,9 +86,7 @@ def question(
 ) -> dict[str, Any]:
     """Put all questions, in one new conversation; answers by question, as plain values.
 
-    Raises:
-        NoAnswerError: no usable answer to a question within its attempts.
-        RefusalError: the model would not answer.
+    Errors are as in ``Conversation.ask``.
     """
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
     of = {rendering: [f"{rendering}_{view}" for view in views] for rendering in shown}
@@ -167,7 +165,7 @@ def opening(
 
 
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:
-    """Rank sets, after ``before`` or after all that was answered; errors as in ``question``."""
+    """Rank sets, after ``before`` or after all that was answered."""
     basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
     said = f"Use what you {basis}."
     return _ranked(conversation, sets, "rank", before, combinations=_listed(sets), basis=said)
@@ -176,10 +174,7 @@ def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part
 def order_pictures(
     conversation: Conversation, pictures: Mapping[str, Png], about: str, names: Sequence[str]
 ) -> Ranked:
-    """Rank cameras by a picture of each, by name; errors as in ``question``.
-
-    ``about`` says what the task is, and may be empty.
-    """
+    """Rank cameras by a picture of each, by name; ``about``: what the task is; may be empty."""
     shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
     told = about or "You are not told what the task is."
     return _ranked(conversation, names, "rank_pictures", shown, told=told, cameras=_listed(names))
@@ -196,6 +191,6 @@ def _ranked(
     before: Sequence[Part] = (),
     **values: str,
 ) -> Ranked:
-    """A ranking of names, asked for with a prompt, and how sure its places are."""
+    """A ranking of names, asked for with a prompt; errors as in ``Conversation.ask``."""
     text = fill(prompt, sure=fill("sure", pairs=len(names) - 1), **values)
     return conversation.ask([*before, text], ranking(names)).model_dump()

@@ -66,15 +66,9 @@ def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
 def write_program(
     conversation: Conversation, rules: ProgramRules, prompt: list[Part], first: Sequence[Part] = ()
 ) -> str:
-    """Ask for a program until one is accepted; its source.
+    """Ask for a program until one is accepted; its source. Errors are as in ``Conversation.ask``.
 
-    Args:
-        conversation: a new one.
-        first: a question that comes before: what the task is taken to be.
-
-    Raises:
-        NoAnswerError: none was accepted within the conversation's attempts.
-        RefusalError: the model would not answer.
+    ``first``: a question that comes before: what the task is taken to be.
     """
 
     def judge(answer: ProgramAnswer) -> Verdict:
@@ -115,10 +109,8 @@ def reward_prompt(
 ) -> list[Part]:
     """The text that asks for a program and, for ``image``, the cameras' start pictures.
 
-    Args:
-        album: needed for ``image``.
-        told: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
-            the same after ``guess_prompt``, which has the pictures.
+    ``told``: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
+    the same after ``guess_prompt``, which has the pictures.
     """
     asked = {
         "lowest": f"{rules.lowest:g}",

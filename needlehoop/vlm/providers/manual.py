@@ -24,22 +24,16 @@ names it. Save what it answers in this folder: as answer.json, or all that it sa
 
 
 class Manual:
-    """Writes each request into a folder and waits for an answer beside it.
-
-    Args:
-        config: who answers, and how long to wait.
-        folder: of the study's record; the folders of questions are made in it.
-    """
+    """Writes each request into a folder of the study's record and waits for an answer there."""
 
     def __init__(self, config: ManualConfig, folder: Path):
         self._config, self._folder, self.who = config, folder, config.who
         self._done: Path | None = None
 
     def ask(self, request: Request) -> Reply:
-        """The answer, once its file is there. A request whose folder exists is not written again.
+        """The answer, once its file is there; ``UnansweredError`` when the time to wait is over.
 
-        Raises:
-            UnansweredError: the time to wait is over.
+        A request whose folder exists is not written again.
         """
         self.close()
         place = self._folder / "asked" / request.sha256[:16]

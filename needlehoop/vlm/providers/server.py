@@ -35,11 +35,7 @@ _GEMINI_SAMPLING = (
 class Server:
     """A model behind a server. Nothing else decides on retries.
 
-    Args:
-        config: whom to ask and how.
-
-    Raises:
-        ValueError: no key, or sampling settings that Gemini does not have.
+    ``ValueError`` for no key, or sampling settings that Gemini does not have.
     """
 
     def __init__(self, config: LiveConfig):
