@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.cli.command import JSON, KEYS, argument, command
+from needlehoop.cli.command import JSON, KEYS, argument, command, environment
 from needlehoop.runs.reading import printable
 
 if TYPE_CHECKING:
@@ -183,7 +183,6 @@ def vlm_check(options: argparse.Namespace) -> int:
 
     Exit status 1 where it is refused.
     """
-    from needlehoop.config import composing, strict
     from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
@@ -194,29 +193,24 @@ def vlm_check(options: argparse.Namespace) -> int:
     files = [word for word in options.overrides if "=" not in word]
     if len(files) > 1:
         raise ValueError(f"one file at a time; got {' '.join(files)}")
-    words = [word for word in options.overrides if "=" in word]
-    for word in words:
+    options.overrides = [word for word in options.overrides if "=" in word]
+    for word in options.overrides:
         if re.match(r"reward\b", word):
             raise ValueError(
                 f"{word}: the program is judged, no other reward; choose from its FILE, flavour,"
                 " study, recording, sample, unit"
             )
-    values = composing.compose(words, "check")
-    from needlehoop.envs.settings import settings_from
-
-    settings = settings_from(values)
-    gates = strict.as_type(values["gates"], Gates, "gates")
-    own = strict.read(
-        values, flavour=Flavour, study=str, results=str, recording=str | None, sample=Count
-    )
+    place = {"study": str, "results": str, "recording": str | None, "sample": Count}
+    which = {"flavour": Flavour, "unit": Positive | None, **place}
+    settings, own = environment(options, "check", gates=Gates, **which)
     check_name("study", own.study)
     if files:
         source = read(Path(files[0]))
     elif settings.cams or own.flavour == "text":
-        source = find(settings.cams, **vars(own))
+        source = find(settings.cams, own.flavour, own.study, own.results, own.recording, own.sample)
     else:
         raise ValueError("name a file, or the cameras whose program it is: cams=[…]")
-    source = scaled(source, strict.value(values, "unit", Positive | None), "unit")
+    source = scaled(source, own.unit, "unit")
     try:
         program = compile_program(source.text, settings.definition.signals)
     except ProgramError as error:
@@ -226,7 +220,7 @@ def vlm_check(options: argparse.Namespace) -> int:
         return 1
     from needlehoop.vlm.card import card
 
-    found = card(program, settings, gates)
+    found = card(program, settings, own.gates)
     if options.json:
         print(json.dumps({"origin": source.origin, **found.as_dict()}))
     else:

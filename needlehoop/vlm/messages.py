@@ -65,10 +65,7 @@ class Message:
 
 @dataclass(frozen=True)
 class Request:
-    """A conversation so far. The next turn is the model's.
-
-    ``schema`` is the JSON schema of its answer.
-    """
+    """A conversation so far; the next turn is the model's, an answer of the JSON ``schema``."""
 
     messages: tuple[Message, ...]
     schema: Mapping[str, Any]
@@ -103,8 +100,7 @@ class Reply:
 
     ``outcome`` is ``answered``, ``truncated`` (cut off at the limit of length), ``refused`` (by
     the model or by a filter) or ``empty``. ``detail`` is the reason in the provider's words.
-    ``answered_by`` is the model. Tokens are ``None`` if they were not reported. ``attempts`` are
-    the statuses of all tries, the last one included.
+    Tokens are ``None`` if they were not reported. ``attempts`` are the statuses of all tries.
     """
 
     outcome: str

@@ -167,7 +167,7 @@ class _Wanted(BaseModel):
 
 
 class _OpenAi(_Wanted):
-    """Chat completions: how a request is put, and a reply read."""
+    """Chat completions: how a request is put, and a reply's first answer read."""
 
     message: dict[str, Any] = Field(validation_alias=AliasPath("choices", 0, "message"))
     content: str | None = _at("choices", 0, "message", "content")
@@ -180,8 +180,6 @@ class _OpenAi(_Wanted):
 
     @staticmethod
     def request(config: LiveConfig, request: Request) -> Posted:
-        """What is posted."""
-
         def piece(part: Part) -> dict[str, Any]:
             if isinstance(part, str):
                 return {"type": "text", "text": part}
@@ -205,11 +203,10 @@ class _OpenAi(_Wanted):
         base = config.base_url or "https://api.openai.com/v1"
         return f"{base.rstrip('/')}/chat/completions", ("Authorization", "Bearer "), body
 
-    def reply(self, asked: str) -> Reply:
-        """The first answer; ``asked``: the model."""
+    def reply(self, model: str) -> Reply:
         refusal = self.refusal or (self.finish if self.finish == "content_filter" else None)
         said = _outcome(self.content or "", refusal, self.finish, self.finish == "length")
-        return Reply(*said, self.model or asked, self.tokens_in, self.tokens_out)
+        return Reply(*said, self.model or model, self.tokens_in, self.tokens_out)
 
 
 class _Piece(_Wanted):
@@ -218,7 +215,7 @@ class _Piece(_Wanted):
 
 
 class _Gemini(_Wanted):
-    """``generateContent``: how a request is put, and a reply read."""
+    """``generateContent``: how a request is put, and a reply's first answer read."""
 
     candidates: list[dict[str, Any]] | None = None
     content: dict[str, Any] | None = _at("candidates", 0, "content")
@@ -233,8 +230,6 @@ class _Gemini(_Wanted):
 
     @staticmethod
     def request(config: LiveConfig, request: Request) -> Posted:
-        """What is posted."""
-
         def piece(part: Part) -> dict[str, Any]:
             if isinstance(part, str):
                 return {"text": part}
@@ -258,15 +253,14 @@ class _Gemini(_Wanted):
         address = f"{base.rstrip('/')}/v1/{model}:generateContent"
         return address, ("x-goog-api-key", ""), body
 
-    def reply(self, asked: str) -> Reply:
-        """The first answer; ``asked``: the model."""
+    def reply(self, model: str) -> Reply:
         text = "".join(p.text for p in self.parts or () if p.text and not p.thought)
         is_cut = self.finish in ("MAX_TOKENS", "CONTINUATION")
         filtered = None if is_cut or self.finish == "STOP" else self.finish
         said = _outcome(text, self.blocked or filtered, self.finish, is_cut)
         # Thoughts are billed as output.
         out = None if self.tokens_out is None else self.tokens_out + (self.thoughts or 0)
-        return Reply(*said, self.model or asked, self.tokens_in, out)
+        return Reply(*said, self.model or model, self.tokens_in, out)
 
 
 _PROTOCOLS = {"gemini": _Gemini, "openai": _OpenAi}
