@@ -183,7 +183,7 @@ AskingConfig = LiveConfig | ManualConfig
 
 def config_of(kind: str) -> type[ReplayConfig | AskingConfig]:
     """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
-    kinds = {
+    kinds: dict[str, type[ReplayConfig | AskingConfig]] = {
         "replay": ReplayConfig,
         "gemini": LiveConfig,
         "openai": LiveConfig,
