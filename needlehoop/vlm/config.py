@@ -112,7 +112,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class LiveConfig:
-    """Values in ``conf/vlm/gemini.yaml``, which explains them, and ``conf/vlm/openai.yaml``."""
+    """Values in ``conf/vlm/gemini.yaml``, which explains them, and ``openai.yaml``; times in s."""
 
     kind: str
     model: str
@@ -159,7 +159,7 @@ class LiveConfig:
 
 @dataclass(frozen=True)
 class ManualConfig:
-    """Values in ``conf/vlm/manual.yaml``, which explains them."""
+    """Values in ``conf/vlm/manual.yaml``, which explains them; times in s."""
 
     kind: str
     model: str
