@@ -12,16 +12,13 @@ There are three ways to run them:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torchrl.data import Composite
 
-from needlehoop.config.strict import check_names
-from needlehoop.envs.observer import VECTORS
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
 
@@ -45,31 +42,26 @@ class Agent(nn.Module):
     """Policy and value function over a shared trunk.
 
     Args:
-        observed: the environment's observation spec, batch size ``(n,)``.
+        images: ``(c, h, w)`` by camera.
+        vectors: lengths of the other observations.
         actions: length of the action.
         dtype: of the convolutions.
 
     Raises:
-        ValueError: images that do not fit the encoder, or a fact that the environment lacks.
+        ValueError: images that do not fit the encoder.
     """
 
     def __init__(
         self,
-        observed: Composite,
+        images: Mapping[str, torch.Size],
+        vectors: Mapping[str, int],
         actions: int,
         encoder: EncoderConfig,
         heads: HeadConfig,
         dtype: torch.dtype,
     ):
         super().__init__()
-        keys = set(observed.keys())
-        pixels = observed["pixels"] if "pixels" in keys else Composite()
-        images = {str(name): spec.shape[1:] for name, spec in pixels.items()}
-        vectors = {name: observed[name].shape[-1] for name in VECTORS if name in keys}
         told = heads.told or ()
-        if told:
-            facts: Any = observed["facts"]
-            check_names("algo.network.told", told, [*facts.keys()])
         self.fold = Fold(encoder.stem)
         self.trunks = nn.ModuleList(
             Trunk(images, vectors, encoder, heads, dtype) for _ in range(1 if heads.shared else 2)

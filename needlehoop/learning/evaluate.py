@@ -17,14 +17,13 @@ from needlehoop.envs.observer import Observer
 from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent, load_weights
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.pictures.window import Window, play
-from needlehoop.rewards import NONE, reference_reward
+from needlehoop.rewards import reference_reward
 from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
 from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
@@ -170,9 +169,7 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
     is_last = policy == "last" and (checkpoint.exists() or not weights.exists())
     state = run.checkpoint().state if is_last else None
-    # Networks do not depend on the reward, and a stranger's may be code.
-    alone = replace(job.env, num_envs=1, reward=NONE)
-    agent = build_agent(job, TorchRLEnv(alone), device)
+    agent = build_agent(job, device)
     if state is None:
         read_weights(weights, agent.actor)
     else:

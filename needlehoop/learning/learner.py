@@ -19,6 +19,7 @@ from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.learning.job import DaggerConfig, Job, PpoConfig
 from needlehoop.learning.ppo import Ppo
+from needlehoop.learning.weights import Senses
 from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus
 
@@ -53,7 +54,7 @@ class Learner:
         torch.manual_seed(job.env.seed)
         # Cut episodes show every stage to PPO's first buffer. Imitation begins with whole ones.
         self.env = TorchRLEnv(job.env, stagger=isinstance(job.algo, PpoConfig))
-        self.agent = build_agent(job, self.env, self.device)
+        self.agent = build_agent(job, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
         self.workers = Workers(job.env.engine.threads or available_cpus())
@@ -183,8 +184,8 @@ def _fitting(what: str) -> Iterator[None]:
         raise ValueError(f"{what}: of another run, or another version: {said}") from error
 
 
-def build_agent(job: Job, env: TorchRLEnv, device: torch.device) -> Agent:
-    """An untrained agent for an environment of a job."""
-    dtype = convolution_dtype(job.precision, device)
-    actions = job.env.episode.action_size
-    return Agent(env.observation_spec, actions, job.encoder, job.network, dtype).to(device)
+def build_agent(job: Job, device: torch.device) -> Agent:
+    """An untrained agent of a job; needs no simulator."""
+    own, dtype = Senses.of(job), convolution_dtype(job.precision, device)
+    made = Agent(own.images, own.vectors, own.actions, own.encoder, own.network, dtype)
+    return made.to(device)

@@ -36,9 +36,7 @@ class Policy:
     def __init__(self, senses: Senses, actor: Actor, origin: str):
         self.origin = origin
         self._actor, self._device = actor.eval(), next(actor.parameters()).device
-        size = senses.image_size
-        self._images = {name: (c, size, size) for name, c in senses.channels.items()}
-        self._vectors = senses.vectors
+        self._images, self._vectors = senses.images, senses.vectors
 
     def __repr__(self) -> str:
         return f"Policy({self.origin})"
@@ -72,7 +70,7 @@ class Policy:
         return found
 
 
-def _image(name: str, value: Any, first: tuple[int, int, int]) -> Tensor:
+def _image(name: str, value: Any, first: torch.Size) -> Tensor:
     """Channels first."""
     image = _tensor(value)
     last = (*first[1:], first[0])
@@ -134,12 +132,10 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
         raise RuntimeError(
             f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
         ) from error
-    size = senses.image_size
-    images = {
-        name: torch.zeros(2, c, size, size, dtype=torch.uint8)
-        for name, c in senses.channels.items()
+    example = {
+        **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in senses.images.items()},
+        **{name: torch.zeros(2, length) for name, length in senses.vectors.items()},
     }
-    example = {**images, **{name: torch.zeros(2, n) for name, n in senses.vectors.items()}}
     batch = torch.export.Dim("n")
     # It would speak of torchvision and of its own parts.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -155,6 +151,6 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
             verbose=False,
         )
     assert program is not None
-    facts = {"cams": [*senses.channels], "image_size": size, "episode": senses.control}
+    facts = {"cams": [*senses.channels], "image_size": senses.image_size, "episode": senses.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()

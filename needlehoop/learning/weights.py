@@ -63,6 +63,12 @@ class Senses:
             if not name.isidentifier():
                 raise ValueError(f"senses: {name!r} is no name of a camera or vector")
 
+    @property
+    def images(self) -> dict[str, torch.Size]:
+        """The shape ``(c, h, w)`` of each camera's image."""
+        size = self.image_size
+        return {name: torch.Size((c, size, size)) for name, c in self.channels.items()}
+
     @classmethod
     def of(cls, job: Job) -> Senses:
         """Those of a job."""
@@ -84,10 +90,8 @@ def check_same(have: Senses, want: Senses, what: str) -> None:
 
 def build_actor(senses: Senses, device: torch.device) -> Actor:
     """An untrained policy; needs no simulator."""
-    heads, size = senses.network, senses.image_size
-    dtype = convolution_dtype(senses.precision, device)
-    images = {name: torch.Size((c, size, size)) for name, c in senses.channels.items()}
-    trunk = Trunk(images, senses.vectors, senses.encoder, heads, dtype)
+    heads, dtype = senses.network, convolution_dtype(senses.precision, device)
+    trunk = Trunk(senses.images, senses.vectors, senses.encoder, heads, dtype)
     head = Gaussian(heads.hidden, senses.actions, heads.sigma)
     return Actor(Fold(senses.encoder.stem), trunk, head)
 

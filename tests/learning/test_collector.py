@@ -30,7 +30,7 @@ def collected(request):
     job = typed_job(composing.compose([*SMALL, *request.param], "job"))
     torch.manual_seed(0)
     env = TorchRLEnv(job.env, stagger=True)
-    agent = build_agent(job, env, torch.device("cpu"))
+    agent = build_agent(job, torch.device("cpu"))
     workers = Workers(2)
     collector = Collector(env, ParallelAgent(agent, 3, workers), HORIZON, workers)
     pairs = [tuple(part.clone() for part in collector.collect()) for _ in range(2)]

@@ -1,7 +1,6 @@
 """Weights in a file, and a policy out of it."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from tensordict import TensorDict
 import needlehoop
 from needlehoop.cli.main import main
 from needlehoop.config import composing
-from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
 from needlehoop.learning.weights import Senses, write_weights
@@ -35,7 +33,7 @@ def trained(folder, *words, weights="float32"):
     job = typed_job(values)
     run = Run.create(folder, values, "", overwrite=False)
     torch.manual_seed(3)
-    agent = build_agent(job, TorchRLEnv(replace(job.env, num_envs=1)), torch.device("cpu"))
+    agent = build_agent(job, torch.device("cpu"))
     with torch.no_grad():
         for parameter in agent.parameters():
             parameter += 0.02 * torch.randn_like(parameter)

@@ -56,7 +56,9 @@ GIVEN = {**VALUES, "network": {**asdict(HEADS), "told": list(HEADS.told)}}
 
 def make_agent(seen: str = "signals", seed: int = 0, heads: HeadConfig = HEADS) -> Agent:
     torch.manual_seed(seed)
-    return Agent(SPECS[seen], 2, ENCODER, heads, torch.float32)
+    images = {"seg_a": torch.Size((3, 8, 8))} if seen == "pixels" else {}
+    vectors = {"signals": 4} if seen == "signals" else {}
+    return Agent(images, vectors, 2, ENCODER, heads, torch.float32)
 
 
 def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
