@@ -70,7 +70,8 @@ class Dagger(Trainer):
             rows = rows.to(frames.device)
             labels = frames[LABEL].index_select(0, rows)
             slopes, told = self._judge(self.running.forward(seen, rows), labels)
-            self._step(slopes)
+            self.running.backward(slopes)
+            self._optimizer.step(self.running.write)
             totals.update(told)
         self._end_update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]

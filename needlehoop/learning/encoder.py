@@ -14,9 +14,6 @@ from needlehoop.runs.files import check_name
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
 """What convolutions compute in, by name."""
 
-_STACKS = 12
-"""More would halve any image to nothing."""
-
 
 @dataclass(frozen=True)
 class EncoderConfig:
@@ -35,8 +32,9 @@ class EncoderConfig:
 
     def __post_init__(self) -> None:
         check_name("encoder.name", self.name)
-        if not 1 <= len(self.channels) <= _STACKS:
-            raise ValueError(f"encoder.channels: {self.channels} must be 1 to {_STACKS} stacks")
+        # More would halve any image to nothing.
+        if not 1 <= len(self.channels) <= 12:
+            raise ValueError(f"encoder.channels: {self.channels} must be 1 to 12 stacks")
 
     def check_fit(self, size: int) -> None:
         """Whether square images of ``size`` px divide by the stem and outlast the stacks.
@@ -169,15 +167,13 @@ def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
         ValueError: an unknown precision.
     """
     if precision == "auto":
-        return torch.bfloat16 if _has_bfloat16(device) else torch.float32
+        if device.type == "cuda":
+            has_bfloat16 = torch.cuda.is_bf16_supported(including_emulation=False)
+        else:
+            has_bfloat16 = torch.cpu._is_avx512_bf16_supported()
+        return torch.bfloat16 if has_bfloat16 else torch.float32
     if precision not in DTYPES:
         raise ValueError(
             f"precision: {precision!r} is unknown; choose from auto, {', '.join(DTYPES)}"
         )
     return DTYPES[precision]
-
-
-def _has_bfloat16(device: torch.device) -> bool:
-    if device.type == "cuda":
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    return torch.cpu._is_avx512_bf16_supported()

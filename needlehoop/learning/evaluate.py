@@ -29,9 +29,6 @@ from needlehoop.runs.run import Run
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
-_BATCH = 50
-
-
 SAMPLED = "success_sampled"
 """Success of the same agent on the same episodes, its actions drawn at random as in training."""
 
@@ -40,7 +37,6 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
     """Makes a policy the controller of any simulation it was made for.
 
     Args:
-        actor: on the device where it is to run.
         sampled: whether its actions are drawn, as in training; they are its mean otherwise.
     """
     device = next(actor.parameters()).device
@@ -48,9 +44,10 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
     def make(simulation: Simulation) -> Controller:
         observer, seed = Observer(simulation), simulation.settings.seed
         # Of each environment's own, so an episode does not depend on how many there are.
-        keys = [(env,) for env in (simulation.envs.tolist() if sampled else [])]
-        sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
-        noise = [*map(np.random.default_rng, sequences)]
+        noise = [
+            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(env,)))
+            for env in (simulation.envs.tolist() if sampled else [])
+        ]
 
         def act(signals: Signals) -> Tensor:
             seen = observer(signals)
@@ -70,14 +67,12 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
 def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = False) -> Outcome:
     """Run the first episode of ``episodes`` environments of the settings' seed.
 
-    Args:
-        settings: the environment that the agent was made for, with the evaluation's seed.
-        episodes: how many; episode ``i`` is the same however many there are.
+    Episode ``i`` is the same however many there are.
 
     Raises:
         ValueError: fewer than one episode.
     """
-    return run_batches(settings, episodes, _BATCH, acting(agent.actor, sampled))
+    return run_batches(settings, episodes, size=50, make=acting(agent.actor, sampled))
 
 
 def _flown(
@@ -99,7 +94,6 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
     """A video of the agent at work, with its own cameras' images beside the scene.
 
     Args:
-        job_env: the environment that the agent was made for.
         out: an ``.mp4`` file; written whole or not at all.
     """
     record(*_alone(job_env, agent, seed), episodes, out)
@@ -214,7 +208,9 @@ def report(task: Task, found: Mapping[str, Any]) -> str:
         lines.append(f"cheat        {_share(f, 'cheat')}")
     lines += [f"{fact.name:12} {f[fact.name]:.1%}" for fact in task.facts]
     lines.append(f"length       {f['steps']:.0f} steps")
-    return "\n".join([*lines, *([f"diverged     {f['diverged']:.1%}"] if f["diverged"] else [])])
+    if f["diverged"]:
+        lines.append(f"diverged     {f['diverged']:.1%}")
+    return "\n".join(lines)
 
 
 def _share(found: Mapping[str, Any], name: str) -> str:

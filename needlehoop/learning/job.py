@@ -26,8 +26,6 @@ from needlehoop.runs.files import (
     seen,
 )
 
-LOGGERS = ("csv", "tensorboard", "wandb")
-
 Horizon = Annotated[int, Range(1, 100_000)]
 Shards = Annotated[int, Range(1, 1024)]
 Rate = Annotated[float, Range(0.0, 10.0, above=True)]
@@ -158,7 +156,7 @@ class Job:
     ``both``."""
 
     def __post_init__(self) -> None:
-        check_names("logger", self.logger, LOGGERS)
+        check_names("logger", self.logger, ("csv", "tensorboard", "wandb"))
         told = self.algo.network.told
         if told is not None:
             check_names("algo.network.told", told, self.env.definition.all_facts)
@@ -209,15 +207,6 @@ class Job:
         return self.env.num_envs * self.algo.horizon if own is None else own
 
     @property
-    def buffer_bytes(self) -> int:
-        """Memory of the images that are learnt from, and the weights with Adam's moments."""
-        channels = sum(self.env.image_channels.values())
-        kept = self.algo.memory if isinstance(self.algo, DaggerConfig) else 0
-        images = max(self.buffer, kept) * channels * self.env.image_size**2
-        width = self.algo.network.hidden
-        return images + 16 * width**2 * (self.algo.network.layers + 1)
-
-    @property
     def updates(self) -> int:
         """Buffers to learn from."""
         return self.steps // self.buffer
@@ -236,16 +225,16 @@ class Job:
 
     @property
     def torch_device(self) -> torch.device:
-        """Where the learner runs.
-
-        Raises:
-            ValueError: a device that torch does not know or that is not there.
-        """
+        """Where the learner runs; errors as in ``pick_device``."""
         return pick_device(self.device)
 
 
 def pick_device(name: str) -> torch.device:
-    """``auto``, ``cpu``, ``cuda`` or ``cuda:<k>`` as a device; errors as in ``torch_device``."""
+    """``auto``, ``cpu``, ``cuda`` or ``cuda:<k>`` as a device.
+
+    Raises:
+        ValueError: a device that torch does not know or that is not there.
+    """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:

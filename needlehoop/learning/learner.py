@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,6 @@ from needlehoop.learning.weights import Senses
 from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus
 
-Turn = tuple[TensorDictBase, dict[str, float]]
-"""A buffer ``(num_envs, horizon)``, and what learning from it reports."""
-
 _MOST_DIVERGED = 0.01
 """Share of the episodes whose physics may diverge."""
 
@@ -34,7 +32,7 @@ class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        state: of an earlier learner of the same job, to go on from.
+        state: of an earlier learner of the job, to go on from.
         weights: of another run's agent, to begin with.
 
     Raises:
@@ -64,8 +62,9 @@ class Learner:
             own = (job.algo, job.env.seed, self.workers)
             self._collector: Any = LabellingCollector(self.env, self.trainer.running, *own)
         else:
-            kept = (0, 1.0) if job.init is None else (job.algo.warmup, job.algo.finetune)
-            self.trainer = Ppo(self.agent, job.algo, *shared, *kept)
+            # A new agent has nothing to lose.
+            new = replace(job.algo, warmup=0, finetune=1.0)
+            self.trainer = Ppo(self.agent, new if job.init is None else job.algo, *shared)
             steps = job.buffer // job.env.num_envs
             self._collector = Collector(self.env, self.trainer.running, steps, self.workers)
         self._ended = self._diverged = 0
@@ -83,11 +82,10 @@ class Learner:
         """Environment steps learnt from."""
         return self.done_updates * self.job.buffer
 
-    def __iter__(self) -> Iterator[Turn]:
+    def __iter__(self) -> Iterator[tuple[TensorDictBase, dict[str, float]]]:
         """Each buffer ``(num_envs, horizon)``, after it was learnt from, and what is reported.
 
-        ``seconds_collect`` and ``seconds_update`` are among what is reported. The buffer is valid
-        until the next one.
+        The buffer is valid until the next one.
 
         Raises:
             FloatingPointError: the physics diverges too often.
@@ -129,7 +127,7 @@ class Learner:
         return found
 
     def _go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from the ``state_dict`` of an earlier learner of the same job."""
+        """Go on from a ``state_dict``."""
         self.trainer.load_state_dict(state[_method_of(self.job)])
         if isinstance(self.trainer, Dagger):
             for done, actions in enumerate(state["lessons"]["flown"]):

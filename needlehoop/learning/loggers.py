@@ -17,12 +17,23 @@ class Logger:
     """Takes what the CSV files take; without a place to show it, those files are enough.
 
     Args:
-        board: a ``SummaryWriter``, for curves as TensorBoard's event files.
-        run: of wandb, for curves and the video.
+        values: the run's config.
+        folder: the run's.
+        steps: that it begins with; later points of an interrupted training are taken back.
+
+    Raises:
+        ValueError: as in ``check_installed``.
     """
 
-    def __init__(self, board: Any = None, run: Any = None):
-        self._board, self._run = board, run
+    def __init__(self, job: Job, values: Mapping[str, Any], folder: Path, steps: int):
+        check_installed(job)
+        self._board: Any = None
+        if TENSORBOARD in job.logger:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._board = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
+            print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
+        self._run: Any = _wandb_run(job, values, folder) if "wandb" in job.logger else None
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
         """A row of the table ``group``."""
@@ -50,26 +61,6 @@ class Logger:
             self._run.finish()
 
 
-def build_logger(job: Job, values: Mapping[str, Any], folder: Path, steps: int) -> Logger:
-    """What shows a run beside its own files.
-
-    Args:
-        folder: the run's.
-        steps: that it begins with; later points of an interrupted training are taken back.
-
-    Raises:
-        ValueError: as in ``check_installed``.
-    """
-    check_installed(job)
-    board = None
-    if TENSORBOARD in job.logger:
-        from torch.utils.tensorboard import SummaryWriter
-
-        board = SummaryWriter(str(folder / TENSORBOARD), purge_step=steps + 1)
-        print(f"tensorboard: see it with: tensorboard --logdir {folder / TENSORBOARD}")
-    return Logger(board, _wandb_run(job, values, folder) if "wandb" in job.logger else None)
-
-
 def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     """A run on Weights & Biases; offline where nobody is logged in or the service is away."""
     import wandb
@@ -85,11 +76,11 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
         "dir": str(folder),
     }
     # Its place is also its identity when it is resumed.
-    known: dict[str, Any] = {"resume": "allow", "id": job.place.replace("/", "-").replace("+", "-")}
+    place = job.place.replace("/", "-").replace("+", "-")
+    known: dict[str, Any] = {"resume": "allow", "id": place} if mode == "online" else {}
     try:
         settings = wandb.Settings(silent=True, init_timeout=30)
-        own: dict[str, Any] = known if mode == "online" else {}
-        run = wandb.init(mode=mode, settings=settings, **wanted, **own)
+        run = wandb.init(mode=mode, settings=settings, **wanted, **known)
     except (wandb.errors.CommError, wandb.errors.UsageError) as error:
         # The login is there but the service is not; the run must not wait for it.
         print(f"logger=wandb: {error}; going on offline")

@@ -120,10 +120,8 @@ class Value(nn.Module):
 
     def __init__(self, inner: int, told: int):
         super().__init__()
-        layers: list[nn.Module] = []
-        if told:
-            layers = [linear(inner + told, inner), nn.SiLU()]
-        self.layers = nn.Sequential(*layers, linear(inner, 1))
+        weighing = [linear(inner + told, inner), nn.SiLU()] if told else []
+        self.layers = nn.Sequential(*weighing, linear(inner, 1))
 
     def forward(self, hidden: Tensor, *facts: Tensor) -> Tensor:
         return self.layers(torch.cat((hidden, *(fact.float() for fact in facts)), -1))

@@ -48,41 +48,32 @@ class Policy:
         Raises:
             ValueError: something is missing, or of another shape or type; says what.
         """
-        given = self._named(observation)
+        keys = set(observation.keys())
+        pixels = observation["pixels"] if "pixels" in keys else observation
+        given = {name: pixels[name] for name in self._images if name in pixels.keys()}  # noqa: SIM118
+        given |= {name: observation[name] for name in self._vectors if name in keys}
+        needed = (*self._images, *self._vectors)
+        if missing := {*needed} - {*given}:
+            raise ValueError(
+                f"observation: {', '.join(sorted(missing))} missing; the policy sees"
+                f" {', '.join(needed)}"
+            )
         seen = [_image(name, given[name], shape) for name, shape in self._images.items()]
         seen += [_vector(name, given[name], n) for name, n in self._vectors.items()]
         found = self._actor(*(one.to(self._device) for one in seen)).clamp(-1.0, 1.0)
         first = next(iter(given.values()))
         return found.to(first.device) if isinstance(first, Tensor) else found.cpu().numpy()
 
-    def _named(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """What is needed of an observation, in the order of the networks."""
-        keys = set(observation.keys())
-        pixels = observation["pixels"] if "pixels" in keys else observation
-        found = {name: pixels[name] for name in self._images if name in pixels.keys()}  # noqa: SIM118
-        found |= {name: observation[name] for name in self._vectors if name in keys}
-        missing = {*self._images, *self._vectors} - {*found}
-        if missing:
-            needed = ", ".join((*self._images, *self._vectors))
-            raise ValueError(
-                f"observation: {', '.join(sorted(missing))} missing; the policy sees {needed}"
-            )
-        return found
-
 
 def _image(name: str, value: Any, first: torch.Size) -> Tensor:
     """Channels first."""
-    image = _tensor(value)
-    last = (*first[1:], first[0])
-    shape = tuple(image.shape[-3:])
-    if image.dtype != torch.uint8 or shape not in (first, last):
-        raise ValueError(
-            f"{name}: {image.dtype} {tuple(image.shape)}; expected uint8 (…, {_sides(first)}) or"
-            f" (…, {_sides(last)})"
-        )
+    image, last = _tensor(value), (*first[1:], first[0])
+    if image.dtype != torch.uint8 or image.shape[-3:] not in (first, last):
+        valid = " or ".join(f"(…, {', '.join(map(str, one))})" for one in (first, last))
+        raise ValueError(f"{name}: {image.dtype} {tuple(image.shape)}; expected uint8 {valid}")
     if first == last:
         raise ValueError(f"{name}: as many channels as rows; no telling which are which")
-    return image if shape == first else image.movedim(-1, -3)
+    return image if image.shape[-3:] == first else image.movedim(-1, -3)
 
 
 def _vector(name: str, value: Any, length: int) -> Tensor:
@@ -95,10 +86,6 @@ def _vector(name: str, value: Any, length: int) -> Tensor:
 def _tensor(value: Any) -> Tensor:
     # A copy of what may not be written to: torch would warn of it.
     return value if isinstance(value, Tensor) else torch.from_numpy(np.array(value))
-
-
-def _sides(shape: tuple[int, ...]) -> str:
-    return ", ".join(map(str, shape))
 
 
 class _Clamped(nn.Module):

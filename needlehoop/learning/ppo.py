@@ -22,10 +22,6 @@ from needlehoop.learning.trainer import Trainer
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
 
-_LEARNT_FROM = ("action", "action_log_prob", "state_value", "advantage", "value_target")
-
-_ESTIMATED_FROM = ("state_value", "next")
-
 _OUTPUTS = ("loc", "scale", "state_value_now")
 """Of the agent, as the loss knows them; ``state_value`` is the one it collected with."""
 
@@ -44,24 +40,12 @@ class Ppo(Trainer):
     """Learns from one buffer after the other.
 
     Args:
-        agent: policy and value function; updated in place. ``running`` is a copy to collect
-            with.
+        agent: updated in place. ``running`` is a copy to collect with.
+        config: while it warms up, the trunk that value function and policy share does not learn.
         updates: buffers until the schedules end.
-        warmup: buffers from which the value function alone learns, without the trunk that it
-            shares with the policy.
-        finetune: share of the learning rate, once the policy learns.
     """
 
-    def __init__(
-        self,
-        agent: Agent,
-        config: PpoConfig,
-        updates: int,
-        seed: int,
-        workers: Workers,
-        warmup: int = 0,
-        finetune: float = 1.0,
-    ):
+    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, workers: Workers):
         super().__init__(agent, config.shards, updates, seed, workers)
         self.config = config
         self._gae = GAE(
@@ -87,7 +71,6 @@ class Ppo(Trainer):
             loss_critic_type="l2",
             functional=False,
         ).to(next(agent.parameters()).device)
-        self._warmup, self._finetune = warmup, finetune
         policy_s = {id(weight) for weight in agent.actor.parameters()}
         self._policy_s = {i for i, w in enumerate(agent.parameters()) if id(w) in policy_s}
 
@@ -98,19 +81,21 @@ class Ppo(Trainer):
             batch: ``(num_envs, horizon)`` steps.
             after: what was seen after its cuts; both as ``Collector.collect`` returns them.
         """
-        if self.done_updates == self._warmup > 0:
+        if self.done_updates == self.config.warmup > 0:
             # Adam's of the warm-up has seen no gradient of the policy, and would leap at one.
             self._optimizer = self._new_optimizer()
         rate = self._schedule()
         self._estimate(batch, after)
-        steps = batch.select(*_LEARNT_FROM).reshape(-1)
+        learnt_from = ("action", "action_log_prob", "state_value", "advantage", "value_target")
+        steps = batch.select(*learnt_from).reshape(-1)
         seen = [batch[key].flatten(0, 1) for key in self.agent.seen_keys]
         totals, count = Counter[str](), 0
         for _ in range(self.config.epochs):
             order = torch.randperm(len(steps), generator=self._generator)
             for rows in order.split(self.config.minibatch):
                 slopes, told = self._judge(steps[rows], self.running.forward(seen, rows))
-                self._step(slopes)
+                self.running.backward(slopes)
+                self._optimizer.step(self._write)
                 totals.update(told)
                 count += 1
         self._end_update(batch)
@@ -124,7 +109,7 @@ class Ppo(Trainer):
 
     def _write(self, weight: int, rows: slice, out: Tensor) -> None:
         """A weight's gradient, for the optimiser; none of the policy's in the warm-up."""
-        if self.done_updates < self._warmup and weight in self._policy_s:
+        if self.done_updates < self.config.warmup and weight in self._policy_s:
             out.zero_()
         else:
             self.running.write(weight, rows, out)
@@ -143,7 +128,7 @@ class Ppo(Trainer):
     def _schedule(self) -> float:
         """Set learning rate and clipping; returns the former."""
         left = 1.0 - self.done_updates / self.updates
-        share = 1.0 if self.done_updates < self._warmup else self._finetune
+        share = 1.0 if self.done_updates < self.config.warmup else self.config.finetune
         rate = max(share * self.config.learning_rate * left, _LEARNING_RATE_END)
         self._optimizer.set_rate(rate)
         end = self.config.epsilon_end
@@ -167,7 +152,7 @@ class Ppo(Trainer):
         seen = self.agent.prepare(*(after[key] for key in self.agent.in_keys))
         _, _, following[cut] = self.running.outputs(seen)
         batch["next", "state_value"] = following
-        pieces = batch.select(*_ESTIMATED_FROM).reshape(-1, self.config.horizon)
+        pieces = batch.select("state_value", "next").reshape(-1, self.config.horizon)
         self._gae(pieces)
         for key in ("advantage", "value_target"):
             batch[key] = pieces[key].reshape(values.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,9 +18,6 @@ from needlehoop.learning.evaluate import wilson
 
 NONE, ALL = "none", "all"
 """Names of the conditions without a disturbance, and with every axis at once."""
-
-Levels = Mapping[str, Mapping[str, tuple[float, ...]]]
-"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +54,15 @@ def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
 
 
 def conditions(
-    levels: Levels, axes: Iterable[str], severities: Iterable[int], together: int = 3
+    levels: Mapping[str, Mapping[str, tuple[float, ...]]],
+    axes: Sequence[str],
+    severities: Iterable[int],
+    together: int,
 ) -> list[Condition]:
     """Undisturbed, each axis at each severity, and all of these axes at once.
 
     Args:
+        levels: amounts at severities 1, 2, … by axis, by group: ``conf/levels``.
         axes: as from ``chosen_axes``.
         together: severity of all at once.
 
@@ -71,15 +72,15 @@ def conditions(
     given = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
     for key in given.keys() ^ AXES.keys():
         raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
-    chosen, most = list(axes), len(given["camera.shift"])
+    most = len(given["camera.shift"])
     if any(len(row) != most for row in given.values()):
         raise ValueError("levels: every axis needs as many severities as the others")
     ordered = sorted(set(severities))
     for key, severity in (*(("severities", one) for one in ordered), ("together", together)):
         if not 1 <= severity <= most:
             raise ValueError(f"{key}: {severity} is not among 1 to {most}")
-    single = [Condition(k, s, {k: given[k][s - 1]}) for k in chosen for s in ordered]
-    both = Condition(ALL, together, {key: given[key][together - 1] for key in chosen})
+    single = [Condition(k, s, {k: given[k][s - 1]}) for k in axes for s in ordered]
+    both = Condition(ALL, together, {key: given[key][together - 1] for key in axes})
     return [Condition(NONE, 0, {}), *single, both]
 
 
@@ -88,7 +89,7 @@ def stress(
     make: MakeController,
     tried: list[Condition],
     episodes: int,
-    size: int = 100,
+    size: int,
 ) -> list[dict[str, Any]]:
     """What comes of a controller under each condition, a row each.
 
@@ -98,8 +99,7 @@ def stress(
     Args:
         settings: environment with the seed of the episodes; it is itself undisturbed.
         make: makes the controller, which has no memory of its own.
-        tried: the conditions.
-        episodes: of each.
+        episodes: of each condition.
         size: environments side by side.
     """
     total, task = episodes * len(tried), settings.definition
@@ -157,14 +157,14 @@ def _row(condition: Condition, found: Mapping[str, np.ndarray]) -> dict[str, Any
     }
 
 
-def summary(rows: list[dict[str, Any]], severity: int = 3) -> str:
-    """The rows in a few lines: undisturbed, the mean over axes, the worst of them."""
+def summary(rows: list[dict[str, Any]]) -> str:
+    """The rows in a few lines: undisturbed, at severity 3 the mean over axes and the worst."""
     by = {(row["axis"], row["severity"]): row for row in rows}
-    own = {axis: row for (axis, s), row in by.items() if s == severity and axis in AXES}
+    own = {axis: row for (axis, severity), row in by.items() if severity == 3 and axis in AXES}
     lines = [f"undisturbed  {by[NONE, 0]['success']:.1%}"]
     if own:
         mean = float(np.mean([row["success"] for row in own.values()]))
-        lines.append(f"severity {severity}   {mean:.1%} (mean over {len(own)} axes)")
+        lines.append(f"severity 3   {mean:.1%} (mean over {len(own)} axes)")
         worst = sorted(own.values(), key=lambda row: row["success"])[:3]
         told = ", ".join(f"{row['axis']} {row['success']:.0%}" for row in worst)
         lines.append(f"worst        {told}")

@@ -40,31 +40,18 @@ class Trainer:
         self.running = ParallelAgent(agent.computing(), parts, workers)
         self._workers = workers
         self._optimizer = self._new_optimizer()
-        # Each trunk has one of its own for each vector.
-        self._normalizers = [
-            (path.rpartition(".")[2], module)
-            for path, module in agent.named_modules()
-            if isinstance(module, Normalizer)
-        ]
         self._generator = torch.Generator().manual_seed(seed)
 
     def _new_optimizer(self) -> Optimizer:
         copies = list(self.running.agent.parameters())
         return Optimizer(list(self.agent.parameters()), copies, self._workers)
 
-    def _step(self, slopes: Sequence[Tensor]) -> None:
-        """One step of the optimiser, from the gradients by the agent's outputs."""
-        self.running.backward(slopes)
-        self._optimizer.step(self._write)
-
-    def _write(self, weight: int, rows: slice, out: Tensor) -> None:
-        """Write rows of a weight's gradient."""
-        self.running.write(weight, rows, out)
-
     def _end_update(self, buffer: TensorDictBase) -> None:
         """After the last minibatch of a buffer."""
-        for name, normalizer in self._normalizers:
-            normalizer.learn(buffer[name])
+        for path, module in self.agent.named_modules():
+            # Each trunk has one of its own for each vector, by its name.
+            if isinstance(module, Normalizer):
+                module.learn(buffer[path.rpartition(".")[2]])
         self.running.agent.follow(self.agent)
         self.done_updates += 1
 

@@ -1,8 +1,10 @@
 """``policy.safetensors``, ``best.safetensors``: a policy's weights and its run's config, in a file.
 
 It holds what an agent needs to act, and not what it learns with (value head, optimiser,
-environments). Nothing in it is unpickled. Only the keys of its config that ``Senses`` names are
-read.
+environments). Nothing in it is unpickled.
+
+Its metadata, of JSON: ``senses``, what the policy sees and does; ``config`` of its run; and of the
+best policy the ``evaluation`` that it was the best at.
 """
 
 from __future__ import annotations
@@ -29,12 +31,6 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
-
-_SENSES, _CONFIG, _EVALUATION = "senses", "config", "evaluation"
-"""Names in the file's metadata, of JSON: what the policy sees and does, the run's config, and for
-the best policy the evaluation that it was the best at."""
-
-Steps = Annotated[int, Range(0, 10**15)]
 
 _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64: ("I64",)}
 """Types of numbers that a file may hold, by the policy's own."""
@@ -113,8 +109,8 @@ def write_weights(
     """
     state = _as(getattr(torch, dtype), actor.state_dict())
     kept = {name: one.cpu().contiguous() for name, one in state.items()}
-    notes = {_SENSES: asdict(senses), _CONFIG: values}
-    notes |= {} if evaluation is None else {_EVALUATION: evaluation}
+    notes = {"senses": asdict(senses), "config": values}
+    notes |= {} if evaluation is None else {"evaluation": evaluation}
     write_whole(path, save(kept, {name: json.dumps(note) for name, note in notes.items()}))
 
 
@@ -124,8 +120,9 @@ def read_step(path: Path) -> int | None:
     Raises:
         ValueError: as in ``read_senses``.
     """
-    found = _note(path, _EVALUATION) or {}
-    return strict.structure(found.get("step"), Steps | None, f"{path}: step")
+    found = _note(path, "evaluation") or {}
+    kind = Annotated[int, Range(0, 10**15)] | None
+    return strict.structure(found.get("step"), kind, f"{path}: step")
 
 
 def read_senses(path: Path) -> Senses:
@@ -134,7 +131,7 @@ def read_senses(path: Path) -> Senses:
     Raises:
         ValueError: no such file, or a damaged or foreign one.
     """
-    values = _note(path, _SENSES)
+    values = _note(path, "senses")
     if values is None:
         raise ValueError(f"{path} holds no policy of needlehoop: it does not say what it sees")
     try:

@@ -22,7 +22,7 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
-from needlehoop.learning.loggers import Logger, build_logger
+from needlehoop.learning.loggers import Logger
 from needlehoop.learning.weights import Senses, write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.machine import interruption, peak_memory, terminable
@@ -173,7 +173,7 @@ def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[s
         job, run = session.job, session.run
         if run.manifest().get("finished"):
             return "done before", _achieved(run, objective)
-        with closing(build_logger(job, run.config(), run.folder, session.steps)) as logger:
+        with closing(Logger(job, run.config(), run.folder, session.steps)) as logger:
             if session.steps == job.updates * job.buffer:
                 end = "done"
             elif until is not None and until <= session.steps:

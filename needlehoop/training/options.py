@@ -9,12 +9,10 @@ from typing import Annotated, Any
 
 from needlehoop.config import strict
 from needlehoop.config.strict import OneOf, Range
-from needlehoop.learning.job import Job, typed_job
+from needlehoop.learning.job import DaggerConfig, Job, typed_job
 from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
-
-Steps = Annotated[int, Range(1, 10**15)]
 
 
 def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
@@ -32,7 +30,7 @@ def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
         resume=str | None,
         overwrite=bool,
         existing=Annotated[str, OneOf("auto", "stop", "resume")],
-        until=Steps | None,
+        until=Annotated[int, Range(1, 10**15)] | None,
         trust=bool,
         objective=str,
     )
@@ -69,7 +67,11 @@ def provider_config(values: Any) -> Any:
 
 def check_memory(job: Job) -> None:
     """Raises ``ValueError`` for a buffer of images that this machine cannot hold."""
-    needed = job.buffer_bytes
+    algo, kept = job.algo, job.algo.memory if isinstance(job.algo, DaggerConfig) else 0
+    pixels = sum(job.env.image_channels.values()) * job.env.image_size**2
+    # Beside the images, the weights with Adam's moments.
+    needed = max(job.buffer, kept) * pixels
+    needed += 16 * algo.network.hidden**2 * (algo.network.layers + 1)
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         raise ValueError(

@@ -12,7 +12,7 @@ from tiny_runs import PLACE as TINY_PLACE
 from tiny_runs import TINY, composed, run_composed, run_train
 
 from needlehoop.learning.job import checked_job
-from needlehoop.learning.loggers import build_logger
+from needlehoop.learning.loggers import Logger
 from needlehoop.runs.run import Run
 
 PLACE = "main/signals/sparse/seed0"
@@ -48,7 +48,7 @@ def stranger(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
 def build(folder: Path, *loggers: str, mode: str = "auto", steps: int = 0):
     values = composed(*TINY)
     values |= {"logger": list(loggers) or ["wandb"], "wandb": {**values["wandb"], "mode": mode}}
-    return build_logger(checked_job(values), values, folder, steps)
+    return Logger(checked_job(values), values, folder, steps)
 
 
 def offline_run(folder: Path) -> Path:
