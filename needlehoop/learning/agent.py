@@ -44,7 +44,6 @@ class Agent(nn.Module):
     Args:
         images: ``(c, h, w)`` by camera.
         vectors: lengths of the other observations.
-        actions: length of the action.
         dtype: of the convolutions.
 
     Raises:
@@ -122,10 +121,9 @@ class Agent(nn.Module):
     def conclude(
         self, features: Sequence[Tensor], rest: Sequence[Tensor]
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """The part of ``forward`` after the encoders.
+        """The part of ``forward`` after the ``encoders``, of their outputs in their order.
 
         Args:
-            features: outputs of the ``encoders``, in their order.
             rest: what follows the images in ``seen_keys``.
         """
         vectors, facts = rest[: self._vectors], rest[self._vectors :]

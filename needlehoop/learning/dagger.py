@@ -29,10 +29,6 @@ class Dagger(Trainer):
     The mean action is fitted by a smooth L1 loss: the few frames in which the expert switches then
     count for less. The deviation is fitted to the error that is left. The policy becomes the
     Gaussian that explains the expert best. The value function does not change.
-
-    Args:
-        agent: updated in place. ``running`` is a copy to act with.
-        updates: buffers until the schedule ends.
     """
 
     def __init__(

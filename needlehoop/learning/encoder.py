@@ -37,11 +37,7 @@ class EncoderConfig:
             raise ValueError(f"encoder.channels: {self.channels} must be 1 to 12 stacks")
 
     def check_fit(self, size: int) -> None:
-        """Whether square images of ``size`` px divide by the stem and outlast the stacks.
-
-        Raises:
-            ValueError: they do not.
-        """
+        """Raises ``ValueError`` where square images of ``size`` px do not fit stem and stacks."""
         least = self.stem * 2 ** len(self.channels)
         if size % self.stem or size < least:
             raise ValueError(
@@ -78,7 +74,6 @@ class Encoder(nn.Module):
 
     Args:
         shape: ``(c, h, w)`` of the camera's image.
-        out: length of the output.
         dtype: of the products; ``torch.bfloat16`` runs them under autocast.
 
     Raises:
@@ -137,12 +132,10 @@ class Residual(nn.Module):
 
     def __init__(self, channels: int):
         super().__init__()
-        self.path = nn.Sequential(
-            nn.SiLU(),
-            nn.Conv2d(channels, channels, 3, padding=1),
-            nn.SiLU(),
-            nn.Conv2d(channels, channels, 3, padding=1),
-        )
+        layers: list[nn.Module] = []
+        for _ in range(2):
+            layers += [nn.SiLU(), nn.Conv2d(channels, channels, 3, padding=1)]
+        self.path = nn.Sequential(*layers)
 
     def forward(self, x: Tensor) -> Tensor:
         return x + self.path(x)

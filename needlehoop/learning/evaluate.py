@@ -100,11 +100,7 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 
 
 def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
-    """The same episodes in a window, in real time.
-
-    Raises:
-        RuntimeError: this machine has no display.
-    """
+    """The same episodes in a window; raises ``RuntimeError`` where there is no display."""
     simulation, act = _alone(job_env, agent, seed)
     play(Window(simulation, "a film shows the same"), act, range(episodes))
 
@@ -149,25 +145,21 @@ def told_policy(which: str, steps: int | None) -> str:
 
 
 def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -> Agent:
-    """One of a run's agents: of its last checkpoint, or of the weights that it keeps.
-
-    With the latter its value function is untrained.
+    """One of a run's agents.
 
     Args:
         policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
-            ``best``, that of ``best.safetensors``.
+            ``best``, that of ``best.safetensors``. The value function of a file is untrained.
 
     Raises:
         ValueError: neither of them, or one that is damaged or of another run.
     """
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
-    is_last = policy == "last" and (checkpoint.exists() or not weights.exists())
-    state = run.checkpoint().state if is_last else None
     agent = build_agent(job, device)
-    if state is None:
-        read_weights(weights, agent.actor)
+    if policy == "last" and (checkpoint.exists() or not weights.exists()):
+        load_weights(checkpoint, run.checkpoint().state, job, agent)
     else:
-        load_weights(checkpoint, state, job, agent)
+        read_weights(weights, agent.actor)
     return agent
 
 

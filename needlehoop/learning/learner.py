@@ -32,7 +32,7 @@ class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        state: of an earlier learner of the job, to go on from.
+        state: of an earlier learner of the job.
         weights: of another run's agent, to begin with.
 
     Raises:

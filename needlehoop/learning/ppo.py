@@ -39,10 +39,7 @@ LOGGED = {
 class Ppo(Trainer):
     """Learns from one buffer after the other.
 
-    Args:
-        agent: updated in place. ``running`` is a copy to collect with.
-        config: while it warms up, the trunk that value function and policy share does not learn.
-        updates: buffers until the schedules end.
+    In the warm-up, the trunk that value function and policy share does not learn.
     """
 
     def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int, workers: Workers):
@@ -139,11 +136,10 @@ class Ppo(Trainer):
         return rate
 
     def _estimate(self, batch: TensorDictBase, after: TensorDictBase) -> None:
-        """Write advantages and value targets; time-outs bootstrap.
+        """Write advantages and value targets, looking a horizon ahead; time-outs bootstrap.
 
         The value of a step's successor is that of the next row, which the policy computed
         on the way; only where an episode or the buffer was cut off has it to be asked for.
-        Advantages look no further than a horizon ahead.
         """
         values = batch["state_value"]
         following = torch.cat((values[:, 1:], torch.zeros_like(values[:, :1])), 1)

@@ -115,11 +115,7 @@ def write_weights(
 
 
 def read_step(path: Path) -> int | None:
-    """Environment steps before the evaluation that a best policy's file notes, if it does.
-
-    Raises:
-        ValueError: as in ``read_senses``.
-    """
+    """Steps before the evaluation that a best policy's file notes; errors as in ``read_senses``."""
     found = _note(path, "evaluation") or {}
     kind = Annotated[int, Range(0, 10**15)] | None
     return strict.structure(found.get("step"), kind, f"{path}: step")
@@ -152,11 +148,7 @@ def read_actor(path: Path, senses: Senses, device: torch.device) -> Actor:
 
 
 def as_bfloat16(path: Path) -> bytes:
-    """A policy's file with half of its bytes: its float32 weights as bfloat16.
-
-    Raises:
-        ValueError: as in ``read_senses``.
-    """
+    """A policy's file, float32 weights as bfloat16; errors as in ``read_senses``."""
     read_actor(path, read_senses(path), torch.device("cpu"))
     with _opened(path) as file:
         return save(_as(torch.bfloat16, load_file(path)), file.metadata())
@@ -179,11 +171,7 @@ def read_weights(path: Path, actor: Actor) -> None:
 
 
 def check_weights(path: Path, actor: Actor) -> None:
-    """Check a file's names, shapes and types against a policy's, before any weight is read.
-
-    Raises:
-        ValueError: they are not the policy's.
-    """
+    """Raises ``ValueError`` for names, shapes or types that are not a policy's; reads no weight."""
     with _opened(path) as file:
         slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118
         have = {name: (tuple(s.get_shape()), s.get_dtype()) for name, s in slices.items()}

@@ -103,15 +103,13 @@ def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[s
     """
     following: Any = buffer["next"]
     last = following[following["done"].squeeze(-1)]
-    columns = {
+    return {
         "episodes": float(len(last)),
         "return": float(last["potential"].mean()),
         **{f"term_{name}": float(term.mean()) for name, term in last["terms"].items()},
+        **{name: float(last["facts", fact].float().mean()) for name, fact in facts.items()},
+        "length": float(last["steps"].float().mean()),
     }
-    for column, fact in facts.items():
-        columns[column] = float(last["facts", fact].float().mean())
-    columns["length"] = float(last["steps"].float().mean())
-    return columns
 
 
 def _check_finite(losses: Mapping[str, float], update: int) -> None:
@@ -159,10 +157,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
-    """Do what a composed config asks for: a new run, or the rest of one.
-
-    Args:
-        command: the command before it: ``python train.py`` or ``needlehoop train``.
+    """Do what a composed config asks for: a new run, or the rest of one; see ``open_session``.
 
     Returns:
         ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is

@@ -26,7 +26,6 @@ from needlehoop.runs.machine import terminable
 from needlehoop.runs.reading import printable
 
 _SPAWN = get_context("spawn")
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _STOPPED = 130
 """Exit status of a process whose run was stopped by a signal."""
 
@@ -73,7 +72,7 @@ class OwnProcesses(ThreadingBackend):
 
     def _run(self, call: Callable[[], Any]) -> list[JobReturn]:
         # The process inherits the mask: at a terminal Ctrl-C is not for it, but for its parent.
-        signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         receiver, sender = _SPAWN.Pipe(duplex=False)
         process = _SPAWN.Process(target=_work, args=(cloudpickle.dumps(call), sender))
         with self._lock:

@@ -29,12 +29,11 @@ from needlehoop.vlm.config import Gates
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
-_OF_NO_CONSEQUENCE = (
+_OF_NO_CONSEQUENCE = {
     *("resume", "overwrite", "existing", "until", "results", "engine", "logger", "wandb"),
     *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep", "objective"),
-)
+}
 """Settings that may change when a run is resumed: they do not affect its results."""
-
 
 _OF_ONE_RUN = {"resume", "overwrite", "existing", "until"}
 """What was typed for one run, and not for another of the same settings."""
@@ -101,8 +100,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         yield from _continued(run, trust=True, again=True)
         return
     weights = None if job.init is None else initial_weights(job)
-    against = objections(values, job.env)
-    if against:
+    if against := objections(values, job.env):
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
@@ -221,14 +219,12 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 
     A key that its config lacks is one that came later: the run has its default.
     """
-    jobs = [checked_job(one) for one in (run.config(), values)]
-    # An amount that is left out is none.
-    wrong = [(job.env.disturb.amounts, job.env.disturb.ramp) for job in jobs]
-    both = zip(jobs, wrong, strict=True)
-    other = _differing(
-        *({**vars(job), **vars(job.env), "env": None, "disturb": own} for job, own in both)
-    )
-    if other:
+    settings = []
+    for job in (checked_job(run.config()), checked_job(values)):
+        # An amount that is left out is none.
+        wrong = (job.env.disturb.amounts, job.env.disturb.ramp)
+        settings.append({**vars(job), **vars(job.env), "env": None, "disturb": wrong})
+    if other := _differing(*settings):
         raise ValueError(
             f"{run.folder} exists with another {other}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
@@ -237,7 +233,7 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """The names of settings that differ and affect results."""
-    keys = {*before, *now} - {*_OF_NO_CONSEQUENCE}
+    keys = {*before, *now} - _OF_NO_CONSEQUENCE
     return ", ".join(sorted(key for key in keys if _plain(before.get(key)) != _plain(now.get(key))))
 
 
