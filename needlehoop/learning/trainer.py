@@ -90,16 +90,11 @@ class Optimizer:
         self._blocks = [_Block(weights, copies, pieces) for pieces in _cut(weights)]
 
     def set_rate(self, rate: float) -> None:
-        """Set the learning rate."""
         for block in self._blocks:
             block.adam.param_groups[0]["lr"] = rate
 
     def step(self, gradient: Callable[[int, slice, Tensor], None]) -> None:
-        """Move weights and copies.
-
-        Args:
-            gradient: writes rows of a weight's, by the weight's index, to a tensor.
-        """
+        """Move weights and copies; ``gradient`` writes rows of a weight's, by its index."""
         self._workers.map(lambda block: block.step(gradient), self._blocks)
 
     def state_dict(self) -> list[dict[str, Any]]:

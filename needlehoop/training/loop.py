@@ -96,10 +96,7 @@ def train(
 def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[str, float]:
     """Means over the episodes that ended in a buffer ``(num_envs, horizon)``; NaN for none.
 
-    The return is the final potential; ``length`` is in steps.
-
-    Args:
-        facts: to be reported, by column; ``Task.columns``.
+    The return is the final potential; ``length`` is in steps; ``facts`` are a ``Task.columns``.
     """
     following: Any = buffer["next"]
     last = following[following["done"].squeeze(-1)]
