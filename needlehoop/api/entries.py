@@ -66,14 +66,11 @@ def _settings(num_envs: int, kwargs: dict[str, Any]) -> Settings:
         return settings_of(run, num_envs, None, trust, overrides)
     cams, reward = given.pop("cams"), given.pop("reward") or "human"
     if name is not None:
-        given["task"] = _option(name, given["task"])
+        # The task itself, or a variant of it; those of one's own are no files of ours.
+        option = name if given["task"] is None else f"{name}/{given['task']}"
+        if (CONF / "task" / f"{option}.yaml").is_file():
+            given["task"] = option
     made = settings(PAIR if cams is None else cams, reward, overrides, num_envs=num_envs, **given)
     if name not in (None, made.task.name):
         raise ValueError(f"task: {given['task']!r} is of {made.task.name}, and this id is {name}'s")
     return made
-
-
-def _option(name: str, variant: Any) -> Any:
-    """The option of ``conf/task`` for a task's variant; ``None``: that of ``conf/env.yaml``."""
-    option = name if variant is None else f"{name}/{variant}"
-    return option if (CONF / "task" / f"{option}.yaml").is_file() else variant

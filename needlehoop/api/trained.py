@@ -24,8 +24,6 @@ from needlehoop.study.stats.run import Final, final
 AGENTS = Path("agents")
 """Where released agents are looked for, from the folder in which Python runs."""
 
-SUMS, TABLE = "SHA256SUMS", "agents.csv"
-
 _LARGEST = 2 << 20
 """Bytes of an agent's packed file, 2 MiB. In bfloat16 one of two cameras has 2.8 MB."""
 
@@ -80,13 +78,12 @@ def actor_in(
         weights, origin = where / POLICIES[which], f"{told_policy(which, steps)}, of {where}"
     elif policy is not None:
         raise ValueError(f"policy: {where} is a policy already; choose one of a run's folder")
+    other = {} if precision is None else {"precision": precision}
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)
-        job = checked_job(opened.config())
-        job = job if precision is None else replace(job, precision=precision)
+        job = replace(checked_job(opened.config()), **other)
         return Senses.of(job), load_agent(opened, job, chosen).actor, origin
-    senses = read_senses(weights)
-    senses = senses if precision is None else replace(senses, precision=precision)
+    senses = replace(read_senses(weights), **other)
     return senses, read_actor(weights, senses, chosen), origin
 
 
@@ -151,9 +148,9 @@ def pack(study: Path, out: Path) -> list[Path]:
         where = (run.task.name, run.place.reward, run.place.seed)
         rows.append((cameras, *where, end.success, end.episodes, run.manifest.get("commit")))
     header = ("cameras", "task", "reward", "seed", "success", "episodes", "commit")
-    files[TABLE] = csv_text(header, rows).encode()
+    files["agents.csv"] = csv_text(header, rows).encode()
     sums = (f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items())
-    files[SUMS] = "".join(sums).encode()
+    files["SHA256SUMS"] = "".join(sums).encode()
     with new_folder(out, overwrite=False) as folder:
         for name, data in files.items():
             (folder / name).write_bytes(data)

@@ -21,8 +21,8 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.runs.machine import available_cpus, machine, peak_memory
 
-DM_CONTROL_STEPS = 40
-"""Steps of the single dm_control environment per round."""
+_DM_CONTROL_STEPS = 40
+"""Per round."""
 
 NO_OPENGL = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)
 """What a machine without OpenGL raises, depending on MuJoCo's backend."""
@@ -152,11 +152,7 @@ def _random_steps(env: TorchRLEnv, steps: int) -> Work:
 
 
 def _opengl_steps(settings: Settings) -> Work:
-    """Steps of one dm_control environment that MuJoCo's default OpenGL renderer draws.
-
-    Raises:
-        one of ``NO_OPENGL``: this machine has no OpenGL.
-    """
+    """Steps of one dm_control environment that MuJoCo's default renderer draws; ``NO_OPENGL``."""
     # Finds an OpenGL library when it is imported, or raises.
     from needlehoop.pictures.opengl import OpenGLEnvironment
 
@@ -165,12 +161,12 @@ def _opengl_steps(settings: Settings) -> Work:
     generator = np.random.default_rng(settings.seed)
 
     def run() -> None:
-        for _ in range(DM_CONTROL_STEPS):
+        for _ in range(_DM_CONTROL_STEPS):
             action = generator.uniform(-1, 1, settings.episode.action_size)
             if environment.step(action)[1].last():
                 environment.reset()
 
-    return DM_CONTROL_STEPS, run
+    return _DM_CONTROL_STEPS, run
 
 
 def rounds_of(count: int, what: str) -> Iterator[int]:

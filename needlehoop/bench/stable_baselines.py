@@ -85,8 +85,20 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
 
     Both learn with the job's hyperparameters and encoders, in turns in one process; the first
     round of each warms up and is not counted.
+
+    Raises:
+        RuntimeError: this machine has no OpenGL.
     """
-    runs = runner(job, StableBaselinesVecEnv(job.env)), runner(job, opengl_envs(job.env))
+    makers: list[Any] = [
+        partial(OpenGLGymEnvironment, job.env, env) for env in range(DM_CONTROL_ENVS)
+    ]
+    try:
+        # Stepped one after the other.
+        drawn = DummyVecEnv(makers)
+        drawn.reset()
+    except NO_OPENGL as error:
+        raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
+    runs = _runner(job, StableBaselinesVecEnv(job.env)), _runner(job, drawn)
     rates = [[run() for run in runs] for _ in rounds_of(rounds + 1, "round")][1:]
     mean, other = (harmonic_mean(one) for one in zip(*rates, strict=True))
     return {
@@ -99,30 +111,9 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
     }
 
 
-def opengl_envs(settings: Settings) -> VecEnv:
-    """dm_control environments with MuJoCo's default renderer, stepped one after the other.
-
-    Raises:
-        RuntimeError: this machine has no OpenGL.
-    """
-    makers: list[Any] = [
-        partial(OpenGLGymEnvironment, settings, env) for env in range(DM_CONTROL_ENVS)
-    ]
-    try:
-        envs = DummyVecEnv(makers)
-        envs.reset()
-    except NO_OPENGL as error:
-        raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
-    return envs
-
-
-def runner(job: Job, env: VecEnv) -> Callable[[], float]:
-    """A round of SB3's PPO with a job's hyperparameters and network sizes, learning included.
-
-    Calling it returns steps per second.
-    """
+def _runner(job: Job, env: VecEnv) -> Callable[[], float]:
+    """Calls of it do a round of SB3's PPO, learning included, and return steps per second."""
     dtype = convolution_dtype(job.precision, job.torch_device)
-    layers = [job.algo.network.hidden] * job.algo.network.layers
     model = PPO(
         "MultiInputPolicy",
         env,
@@ -141,7 +132,7 @@ def runner(job: Job, env: VecEnv) -> Callable[[], float]:
             "features_extractor_kwargs": {"job": job, "dtype": dtype},
             # Images stay uint8: the encoder scales them itself.
             "normalize_images": False,
-            "net_arch": layers,
+            "net_arch": [job.algo.network.hidden] * job.algo.network.layers,
             "activation_fn": nn.SiLU,
             # Theirs fails on convolutions whose weights are channels last.
             "ortho_init": False,

@@ -254,25 +254,12 @@ def demonstrations(options: argparse.Namespace) -> None:
     others = parted(words, "demonstrations")[1] if is_run else []
     conditions = [word for word in others if not typed([word], "seed")]
     values = composing.compose((w for w in words if w not in conditions), "demonstrations")
-    asked = strict.read(
-        values,
-        demonstrator=str | None,
-        episodes=Count,
-        format=str,
-        out=str | None,
-        overwrite=bool,
-        device=str,
-        trust=bool,
-        seed=Seed,
-    )
-    write = layout(asked.format)
+    kinds = {"demonstrator": str | None, "out": str | None, "overwrite": bool, "trust": bool}
+    asked = strict.read(values, episodes=Count, format=str, device=str, seed=Seed, **kinds)
     if not asked.out:
         raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
     out = Path(asked.out)
-    if asked.format == "minari":
-        from needlehoop.demonstrations.minari_layout import check_name
-
-        check_name(out.name)
+    write = layout(asked.format, out.name)
     from needlehoop.envs.settings import settings_from
     from needlehoop.learning.job import pick_device
     from needlehoop.learning.subject import of_run
@@ -280,9 +267,9 @@ def demonstrations(options: argparse.Namespace) -> None:
     if is_run:
         who, device = asked.demonstrator, pick_device(asked.device)
         seed = asked.seed if typed(words, "seed") else None
+        chosen = Path(who), conditions, seed, device, asked.trust, "demonstrations"
         # Two after those of its evaluations and of watch.
-        more = (device, asked.trust, "demonstrations", 2)
-        settings, make = of_run(Path(who), conditions, seed, *more)
+        settings, make = of_run(*chosen, later=2)
     else:
         settings = settings_from(values)
         who = asked.demonstrator or settings.definition.teacher

@@ -20,20 +20,15 @@ from needlehoop.runs.reading import printable
 _FILES = [file.__name__ for file in (look, fly, measure, vlm, study)]
 """Where commands are, in the order of the help."""
 
-_TRAIN = "train"
-
-_UNREAD = 141
-"""Exit status where whoever read the output went, as of a program that SIGPIPE ends."""
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     given = sys.argv[1:] if arguments is None else list(arguments)
-    if given[:1] == [_TRAIN]:
+    if given[:1] == ["train"]:
         # Its flags are Hydra's, and so are its errors: a line, and exit status 1.
         from needlehoop.cli.train import run
 
-        run(given[1:], f"needlehoop {_TRAIN}")
+        run(given[1:], "needlehoop train")
         return 0
     parser = _parser()
     options, rest = parser.parse_known_args(given)
@@ -55,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
         if isinstance(error, BrokenPipeError) and _is_read_no_more():
-            return _UNREAD
+            # As of a program that SIGPIPE ends.
+            return 141
         print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2
     return status or 0
@@ -85,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parsers = parser.add_subparsers(dest="command", required=True)
     summary = "Train an agent: python train.py, for those who have no checkout."
-    parsers.add_parser(_TRAIN, help=summary, add_help=False)
+    parsers.add_parser("train", help=summary, add_help=False)
     below = {}
     for name, command in sorted(
         COMMANDS.items(), key=lambda one: _FILES.index(one[1].run.__module__)

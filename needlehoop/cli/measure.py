@@ -18,7 +18,6 @@ from needlehoop.config.strict import Range
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
     from needlehoop.probe.plan import Grid, Plan
-    from needlehoop.probe.scores import ProbeResults
 
 Rounds = Annotated[int, Range(1, 1_000_000)]
 
@@ -43,18 +42,16 @@ def bench(options: argparse.Namespace) -> None:
     other = typed(given, "against")
     if other and what != "train":
         raise ValueError(f"against: bench {what} compares nothing; bench train does")
-    words = [word for word in given if word.partition("=")[0] not in ("what", "against")]
-    options.overrides = words
-    found = _speed(options) if what == "speed" else _learning(what, words, other)
+    options.overrides = [one for one in given if one.partition("=")[0] not in ("what", "against")]
+    if what == "speed":
+        settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
+        _check_cameras(settings)
+        from needlehoop.bench.speed import measure
+
+        found = measure(settings, asked.rounds, asked.steps)
+    else:
+        found = _learning(what, options.overrides, other)
     print(json.dumps(found) if options.json else yaml.safe_dump(found, sort_keys=False).rstrip())
-
-
-def _speed(options: argparse.Namespace) -> dict[str, Any]:
-    settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
-    _check_cameras(settings)
-    from needlehoop.bench.speed import measure
-
-    return measure(settings, asked.rounds, asked.steps)
 
 
 def _learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
@@ -104,8 +101,10 @@ def probe(options: argparse.Namespace) -> None:
     standing = settings_from({**values, "cams": []})
     from needlehoop.probe import measuring
     from needlehoop.probe.folder import Folder
+    from needlehoop.probe.frames import quantities
     from needlehoop.probe.plan import Grid
-    from needlehoop.probe.report import PHASES_TABLE, all_tables
+    from needlehoop.probe.report import all_tables, ranking_figure, view_map
+    from needlehoop.study.render.style import save, styled
 
     views = strict.as_type(values["grid"], Grid, "grid")
     grid = views if options.grid else None
@@ -124,16 +123,20 @@ def probe(options: argparse.Namespace) -> None:
             f" compute=true` makes them, in about {time} on two cores"
         )
     noted = _noted(values, standing, grid)
-    folder = Folder(place, plan.asked, noted, plan.overwrite, typed)
+    folder = Folder(place, quantities(standing.definition), noted, plan.overwrite, typed)
     measuring.probe(plan, folder)
     results = folder.results(plan.seeds)
     for table in all_tables(results):
-        table.write(folder.path)
+        table.write(place)
         # Hundreds of rows are for files.
-        if table.name != PHASES_TABLE:
+        if table.name != "phases":
             print(table.text())
-    _draw(results, folder.path, grid, standing)
-    print(f"files        {folder.path}")
+    with styled():
+        if grid:
+            save(view_map(results, grid, standing.views), place / "map")
+        else:
+            save(ranking_figure(results), place / "ranking")
+    print(f"files        {place}")
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
@@ -143,7 +146,7 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
     settings, given = standing, values["combinations"]
     if grid:
         settings = replace(standing, views=grid.views(standing.views))
-        given = [f"{grid.rendering}_{name}" for name in grid.names().values()]
+        given = [f"{grid.rendering}_{name}" for name in grid.names()]
     heads = strict.as_type(values["algo"], PpoConfig, "algo").network
     sets = camera_sets(given, settings)
     return strict.as_type({**values, "env": settings, "camera_sets": sets, "heads": heads}, Plan)
@@ -161,20 +164,3 @@ def _noted(values: dict[str, Any], standing: Settings, grid: Grid | None) -> dic
     renderings = {name: asdict(one) for name, one in standing.renderings.items()}
     # Lists, as YAML has them.
     return json.loads(json.dumps({**own, "renderings": renderings, "network": network}))
-
-
-def _draw(results: ProbeResults, folder: Path, grid: Grid | None, standing: Settings) -> None:
-    """The figure: the ranking, or the map of a grid."""
-    from needlehoop.probe.report import ranking_figure, view_map
-    from needlehoop.study.render.style import save, styled
-
-    with styled():
-        if not grid:
-            save(ranking_figure(results), folder / "ranking")
-            return
-        scores = {
-            at: results.score(f"{grid.rendering}_{name}").value for at, name in grid.names().items()
-        }
-        what = f"score of one {grid.rendering} camera"
-        figure = view_map(scores, grid.azimuths, grid.elevations, standing.views, what)
-        save(figure, folder / "map")

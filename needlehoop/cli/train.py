@@ -40,11 +40,9 @@ def run(words: Sequence[str], command: str) -> None:
     """
     name = command.removeprefix("python ")
     words = [composing.quoted(word) for word in words]
-    try:
+    with _in_a_line(name):
         given, _ = composing.prepare(words)
         _check(given, words)
-    except ValueError as error:
-        sys.exit(f"{name}: {in_a_line(error)}")
     if said := sweep.reminder(given):
         print(f"{name}: {said}", file=sys.stderr)
 

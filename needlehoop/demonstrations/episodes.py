@@ -26,9 +26,6 @@ from needlehoop.tasks.contract import Task
 PERTURBED = "perturbed"
 """The task's teacher, with noise on its actions that it then corrects."""
 
-_CHEAT = "cheat"
-"""A controller that shows what not to do."""
-
 _BATCH = 40
 """Episodes side by side."""
 
@@ -63,7 +60,8 @@ def scripted(name: str, task: Task) -> MakeController:
     Raises:
         ValueError: an unknown name.
     """
-    others = (one for one in task.controllers if one not in (task.teacher, _CHEAT))
+    # Nobody learns from a cheat.
+    others = (one for one in task.controllers if one not in (task.teacher, "cheat"))
     valid = (task.teacher, *others, PERTURBED)
     if name not in valid:
         raise ValueError(

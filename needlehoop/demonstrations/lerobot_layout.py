@@ -25,13 +25,12 @@ from needlehoop.scene.signals import sensors_of
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.psm import ROBOT as PSM
 
-_VERSION = "v3.0"
 _FILE = "chunk-000/file-000"
 """All of a dataset is in the first file of the first chunk, which the format allows."""
 
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 
-_CODEC, _PIXELS = "h264", "yuv444p"
+_PIXELS = "yuv444p"
 """Colours at full resolution: halved, as is usual, a thing two pixels wide bleeds into black."""
 
 _ENCODING = ["-crf", "12", "-g", "2", "-bf", "0"]
@@ -83,7 +82,7 @@ def write(
             own = {**rows, **{key: images[::few] for key, images in streams.items()}}
             for key, values in own.items():
                 kept[key].append(values)
-            stories.append(_story(episode, task, own, films, rate))
+            stories.append(_story(task.summary, own, films, rate))
     columns = {key: np.concatenate(rows) for key, rows in kept.items()}
     plain = {key: _column(rows) for key, rows in columns.items() if key not in films}
     pq.write_table(pa.table(plain), _path(folder, "data", "parquet"))
@@ -143,18 +142,14 @@ def _rows(episode: Demonstration, number: int, begin: int, rate: int) -> dict[st
 
 
 def _story(
-    episode: Demonstration,
-    task: Task,
-    kept: dict[str, np.ndarray],
-    films: Iterable[str],
-    rate: int,
+    task: str, kept: dict[str, np.ndarray], films: Iterable[str], rate: int
 ) -> dict[str, Any]:
     """What the table of episodes says of one: where its frames are, and their statistics."""
     begin, end = int(kept["index"][0]), int(kept["index"][-1]) + 1
     row: dict[str, Any] = {
         "episode_index": int(kept["episode_index"][0]),
-        "tasks": [task.summary],
-        "length": len(episode),
+        "tasks": [task],
+        "length": end - begin,
         "dataset_from_index": begin,
         "dataset_to_index": end,
     }
@@ -173,7 +168,7 @@ def _info(
 ) -> dict[str, Any]:
     robot = settings.definition.robot
     return {
-        "codebase_version": _VERSION,
+        "codebase_version": "v3.0",
         "robot_type": "dvrk_psm" if robot is PSM else robot.body,
         "total_episodes": len(lengths),
         "total_frames": sum(lengths),
@@ -198,7 +193,7 @@ def _feature(key: str, rows: np.ndarray, settings: Settings, rate: int) -> dict[
             "video.height": height,
             "video.width": width,
             "video.channels": channels,
-            "video.codec": _CODEC,
+            "video.codec": "h264",
             "video.pix_fmt": _PIXELS,
             "video.is_depth_map": False,
             "video.fps": rate,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import minari
 import numpy as np
 from gymnasium import spaces
 from minari.data_collector import EpisodeBuffer
@@ -15,14 +15,6 @@ from minari.dataset.minari_storage import MinariStorage
 
 from needlehoop.demonstrations.episodes import Demonstration
 from needlehoop.envs.settings import Settings
-
-
-def check_name(name: str) -> None:
-    """Raises ``ValueError`` for a folder's name that is no dataset's id for Minari."""
-    if not re.fullmatch(r"[\w.-]+-v\d+", name):
-        raise ValueError(
-            f"out: {name!r} is no name for Minari, which wants a version: such as smooth-v0"
-        )
 
 
 def write(
@@ -38,8 +30,6 @@ def write(
     ``infos`` has ``success``. Episodes are written one by one, so their number is no matter
     of memory.
     """
-    import minari
-
     episodes = iter(episodes)
     first = next(episodes)
     storage = MinariStorage.new(

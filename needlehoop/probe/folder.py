@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,8 +19,6 @@ from needlehoop.runs.run import Run
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
 """Settings that may change from one call to the next. The results only grow."""
-
-_SEED = re.compile(r"seed\d+")
 
 
 class Folder:
@@ -72,7 +69,7 @@ class Folder:
                 )
             if overwrite:
                 for old in path.glob("seed*"):
-                    if _SEED.fullmatch(old.name):
+                    if old.name.removeprefix("seed").isdecimal():
                         set_aside(old)
                 (path / MANIFEST).unlink(missing_ok=True)
         self._before = self._run.manifest()

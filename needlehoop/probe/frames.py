@@ -13,6 +13,7 @@ from torch import Tensor
 from needlehoop.envs.controllers import NOISE_MEMORY, controller
 from needlehoop.envs.rollout import Controller, batches, rollout
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals, columns
 from needlehoop.tasks.contract import Task
 
@@ -79,7 +80,8 @@ def quantities(task: Task) -> Quantities:
         if len(ends) == 1:
             needed[phase.name] = ends[0]
             continue
-        name = _gap(*phase.points)
+        # Short, as ``tool_to_block`` is of ``tool_midpoint`` and ``block_position``.
+        name = "_to_".join(point.partition("_")[0] for point in phase.points)
         if gaps.get(name, phase.points) != phase.points:
             name = "_to_".join(phase.points)
         gaps[name], needed[phase.name] = phase.points, name
@@ -93,16 +95,9 @@ def quantities(task: Task) -> Quantities:
     )
 
 
-def _gap(one: str, other: str) -> str:
-    """A short name: ``tool_to_block`` from ``tool_midpoint`` and ``block_position``."""
-    return f"{one.partition('_')[0]}_to_{other.partition('_')[0]}"
-
-
 @dataclass(frozen=True)
 class Frames:
-    """``m`` frames.
-
-    ``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
+    """``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
     baseline that sees the true state; ``points`` ``(m, k, 3)`` float32, the ``k`` points of
     ``Quantities`` less its origin in mm, world axes; ``fact`` ``(m,)`` bool; ``phase`` ``(m,)``
     int64 into its phases; ``episode`` ``(m,)`` int64.
@@ -119,14 +114,6 @@ class Frames:
         return len(self.phase)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """The answers for ``m`` frames: ``points`` and ``fact`` as in ``Frames``."""
-
-    points: Tensor
-    fact: Tensor
-
-
 def collect(
     settings: Settings, episodes: int, per_phase: int, tick: Callable[[int], object]
 ) -> Frames:
@@ -136,8 +123,7 @@ def collect(
     the steps that were chosen. An image costs more than a step.
 
     Args:
-        settings: all cameras that are wanted; each view is rendered once for all its renderings.
-        episodes: how many.
+        settings: with all cameras; each view is rendered once for all its renderings.
         per_phase: most frames of one phase of one episode, spread evenly over it.
         tick: called with the number of episodes that were added.
 
@@ -148,20 +134,19 @@ def collect(
     asked = quantities(task)
     images, moments, numbers = [], [], []
     for simulation in batches(settings, episodes, _BATCH):
-        own, first = simulation.settings, int(simulation.envs[0])
         phases = [
             torch.where(step.alive, phase_of(asked, step.signals), -1)
-            for step in rollout(simulation, _cast(own, first))
+            for step in rollout(simulation, _cast(simulation))
         ]
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
         simulation.reseed(settings.seed)
-        for step, wanted in zip(rollout(simulation, _cast(own, first)), chosen, strict=True):
+        for step, wanted in zip(rollout(simulation, _cast(simulation)), chosen, strict=True):
             ids = torch.from_numpy(np.flatnonzero(wanted))
             if len(ids):
                 images.append(step.images(ids))
                 moments.append(step.signals[ids])
-                numbers.append(first + ids)
-        tick(own.num_envs)
+                numbers.append(int(simulation.envs[0]) + ids)
+        tick(simulation.num_envs)
     signals: Any = torch.cat(moments)
     places = [getattr(signals, name) for name in asked.points]
     return Frames(
@@ -186,13 +171,9 @@ def phase_of(asked: Quantities, signals: Signals) -> Tensor:
     return torch.where(getattr(signals, asked.fact), index, 0)
 
 
-def _cast(settings: Settings, first: int) -> Controller:
-    """The controllers of a batch: environment ``i`` has the one that ``KINDS`` names.
-
-    Args:
-        settings: of the batch.
-        first: index of its first environment.
-    """
+def _cast(simulation: Simulation) -> Controller:
+    """The controllers of a batch: environment ``i`` has the one that ``KINDS`` names."""
+    settings, first = simulation.settings, int(simulation.envs[0])
     n, expert = settings.num_envs, controller("expert", settings)
     who = [KINDS[(first + env) % len(KINDS)] for env in range(n)]
     is_random, perturbed = (

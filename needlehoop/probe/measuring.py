@@ -18,9 +18,10 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from needlehoop.learning.encoder import Fold, convolution_dtype
+from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import Trunk
 from needlehoop.probe.folder import Folder, errors_of
-from needlehoop.probe.frames import Frames, Reading, collect
+from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.scores import constant, errors
 from needlehoop.runs.files import seen
@@ -51,10 +52,7 @@ def probe(plan: Plan, folder: Folder) -> None:
 
 
 def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
-    """Camera sets that a folder lacks, with the true state, by seed and name.
-
-    The folder need not exist.
-    """
+    """Camera sets that a folder lacks, with the true state, by seed and name."""
     wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
     return {
         seed: {
@@ -84,11 +82,11 @@ def _probe_seed(
         found.append(replace(frames, images=images))
     learnt, held_out = found
 
-    def save(name: str, reading: Reading) -> None:
-        means = errors(folder.asked, held_out, reading, sizes.held_out)
-        folder.save(seed, name, *means)
+    def save(name: str, points: Tensor, fact: Tensor) -> None:
+        found = errors(folder.asked, held_out, points, fact, sizes.held_out)
+        folder.save(seed, name, *found)
 
-    save(CONSTANT, constant(folder.asked, learnt, held_out))
+    save(CONSTANT, *constant(folder.asked, learnt, held_out))
     bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
     stop = threading.Event()
 
@@ -99,7 +97,7 @@ def _probe_seed(
 
     def measure(name: str, reader: Reader) -> None:
         reader.learn(updated)
-        save(name, reader.read(held_out))
+        save(name, *reader.read(held_out))
 
     with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
         try:
@@ -119,18 +117,17 @@ class Reader:
     """The agent's encoders and trunk, with a linear layer that gives the answers.
 
     A seed gives the same weights, whatever other camera sets are missing. They are drawn here,
-    from torch's global generator; ``learn`` draws from its own.
+    from torch's global generator; ``learn`` draws minibatches from its own.
 
     Args:
         plan: the networks, and how they are trained.
         learnt: frames to learn from, folded for the encoder.
         cameras: whose images are read; none: the true state is.
-        seed: of weights and minibatches.
     """
 
     def __init__(self, plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int):
         self._fit, self._learnt, self._cameras, self._seed = plan.fit, learnt, cameras, seed
-        self._device, stem = plan.torch_device, plan.encoder.stem
+        self._device, stem = pick_device(plan.device), plan.encoder.stem
         torch.manual_seed(seed)
         shapes = {}
         for name in cameras:
@@ -170,12 +167,12 @@ class Reader:
             updated()
 
     @torch.no_grad()
-    def read(self, frames: Frames) -> Reading:
-        """Read frames that were not learnt from."""
+    def read(self, frames: Frames) -> tuple[Tensor, Tensor]:
+        """``points`` and ``fact`` of frames that were not learnt from."""
         parts = [self._say(frames, rows).cpu() for rows in torch.arange(len(frames)).split(512)]
         said = torch.cat(parts)
         points = said[:, :-1].view(-1, *self._mean.shape) * self._deviation + self._mean
-        return Reading(points, said[:, -1] > 0)
+        return points, said[:, -1] > 0
 
     def _say(self, frames: Frames, rows: Tensor) -> Tensor:
         """Standardised points and, last, the logit of the fact, of chosen frames."""

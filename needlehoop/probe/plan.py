@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Annotated, Any
-
-import torch
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Range, Real
@@ -14,7 +13,6 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.probe.frames import Quantities, quantities
 from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
 from needlehoop.scene.cameras import View, parse_cameras
 
@@ -37,7 +35,7 @@ class Episodes:
 
 @dataclass(frozen=True)
 class Fit:
-    """How the network is trained; values in ``conf/probe.yaml``."""
+    """How the network is trained."""
 
     updates: Count
     minibatch: Count
@@ -47,7 +45,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Grid:
-    """Values in ``conf/probe.yaml``; angles in degrees, as in ``View``."""
+    """Views to map; angles in degrees, as in ``View``."""
 
     rendering: str
     like: str
@@ -72,18 +70,15 @@ class Grid:
         if self.like not in known:
             raise ValueError(f"grid.like: {self.like!r} is unknown; choose from {', '.join(known)}")
         base = replace(known[self.like], fovy=self.fovy)
+        places = product(self.elevations, self.azimuths)
         return {
             name: replace(base, azimuth=azimuth, elevation=elevation)
-            for (azimuth, elevation), name in self.names().items()
+            for name, (elevation, azimuth) in zip(self.names(), places, strict=True)
         }
 
-    def names(self) -> dict[tuple[float, float], str]:
-        """Names of the views by azimuth and elevation, such as ``az-30-el45``."""
-        return {
-            (azimuth, elevation): f"az{azimuth:g}-el{elevation:g}"
-            for elevation in self.elevations
-            for azimuth in self.azimuths
-        }
+    def names(self) -> list[str]:
+        """Names of the views, such as ``az-30-el45``: row by row, an elevation each."""
+        return [f"az{a:g}-el{e:g}" for e, a in product(self.elevations, self.azimuths)]
 
 
 @dataclass(frozen=True)
@@ -108,18 +103,8 @@ class Plan:
     def __post_init__(self) -> None:
         check_folder("results", self.results)
         check_name("study", self.study)
-        convolution_dtype(self.precision, self.torch_device)
+        convolution_dtype(self.precision, pick_device(self.device))
         self.encoder.check_fit(self.env.image_size)
-
-    @property
-    def torch_device(self) -> torch.device:
-        """Where networks are trained; errors as in ``pick_device``."""
-        return pick_device(self.device)
-
-    @property
-    def asked(self) -> Quantities:
-        """What the task's frames are asked; errors as in ``quantities``."""
-        return quantities(self.env.definition)
 
     def episode_seeds(self, seed: int) -> tuple[int, int]:
         """Seeds of the training and of the held-out episodes; no two probes share any."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations, cycle
 
@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from needlehoop.probe.frames import Quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.probe.plan import CONSTANT, TRUTH, Grid
 from needlehoop.probe.scores import ProbeResults
 from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
@@ -19,9 +19,6 @@ from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figur
 from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.statistics import Interval
-
-PHASES_TABLE = "phases"
-"""Name of the longest table."""
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
@@ -77,7 +74,7 @@ def _phases(results: ProbeResults) -> Table:
         for quantity in asked.names
     ]
     note = f"Errors in mm; of {asked.fact}, the share of frames in which it is wrong."
-    return Table.of(PHASES_TABLE, "Errors by phase", rows, note)
+    return Table.of("phases", "Errors by phase", rows, note)
 
 
 def _agreements(results: ProbeResults) -> Table:
@@ -133,16 +130,14 @@ def _place(best: int, worst: int) -> Cell:
     return best if best == worst else Interval(best, worst)
 
 
-_ROW = 4.2
-"""Height of a row, mm."""
-
 _MARKS = ("o", "s", "^", "D", "v")
 
 
 def ranking_figure(results: ProbeResults) -> Figure:
     """Scores with intervals, and beside them the errors in each phase."""
     names, needed = results.ranked, results.asked.needed
-    figure, grid = new_figure(24 + _ROW * len(names), 1, 2, sharey=True)
+    # 4.2 mm for each camera set.
+    figure, grid = new_figure(24 + 4.2 * len(names), 1, 2, sharey=True)
     left, right = grid[0]
     for y, name in enumerate(names):
         found = results.score(name)
@@ -170,25 +165,12 @@ def ranking_figure(results: ProbeResults) -> Figure:
     return figure
 
 
-def view_map(
-    scores: Mapping[tuple[float, float], float],
-    azimuths: Sequence[float],
-    elevations: Sequence[float],
-    standing: Mapping[str, View],
-    what: str,
-) -> Figure:
-    """Scores over azimuth and elevation, with the named views marked.
-
-    Args:
-        scores: by azimuth and elevation, degrees.
-        azimuths: columns, rising.
-        elevations: rows, rising.
-        standing: the views that agents can choose.
-        what: the colour bar's label.
-    """
-    values = np.array([[scores[a, e] for a in azimuths] for e in elevations])
-    figure, grid = new_figure(62)
-    axes = grid[0, 0]
+def view_map(results: ProbeResults, grid: Grid, standing: Mapping[str, View]) -> Figure:
+    """Scores over azimuth and elevation; ``standing``, which agents can choose, are marked."""
+    azimuths, elevations = grid.azimuths, grid.elevations
+    scores = [results.score(f"{grid.rendering}_{name}").value for name in grid.names()]
+    values = np.array(scores).reshape(len(elevations), len(azimuths))
+    figure, [[axes]] = new_figure(62)
     image = axes.pcolormesh(
         azimuths, elevations, values, cmap="cividis", linewidth=0, shading="nearest"
     )
@@ -207,6 +189,6 @@ def view_map(
     axes.set_xlabel("azimuth, degrees (0: in front, 90: left)")
     axes.set_ylabel("elevation, degrees")
     bar = figure.colorbar(image, ax=axes, pad=0.02)
-    bar.set_label(what)
+    bar.set_label(f"score of one {grid.rendering} camera")
     bar.outline.set_edgecolor(FAINT)
     return figure

@@ -11,30 +11,29 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from needlehoop.probe.frames import Frames, Quantities, Reading
+from needlehoop.probe.frames import Frames, Quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.study.stats.statistics import Estimated, Interval
 
 _RESAMPLES = 2_000
-_LIMITS = (2.5, 97.5)
-"""Percentiles of a 95 % interval."""
 
 
 def errors(
-    asked: Quantities, frames: Frames, reading: Reading, episodes: int
+    asked: Quantities, frames: Frames, points: Tensor, fact: Tensor, episodes: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of a reading of held-out frames.
+    """Errors of what was read off held-out frames, as ``Frames`` has it.
 
     Returns:
         Means ``(episodes, phases, quantities)``, NaN where an episode has no such phase; how many
         frames each is over, ``(episodes, phases)``.
     """
-    off = (reading.points - frames.points).double()
+    off = (points - frames.points).double()
     by_name = dict(zip(asked.points, off.unbind(1), strict=True))
     wrong = [*by_name.values(), *(by_name[to] - by_name[of] for of, to in asked.gaps.values())]
     columns = [one.norm(dim=-1) for one in wrong]
-    columns.append((reading.fact != frames.fact).double())
+    columns.append((fact != frames.fact).double())
     values = np.stack([column.numpy() for column in columns], -1)
     total = np.zeros((episodes, len(asked.phases), len(asked.names)))
     count = np.zeros((episodes, len(asked.phases)), dtype=int)
@@ -45,8 +44,8 @@ def errors(
         return total / count[..., None], count
 
 
-def constant(asked: Quantities, learnt: Frames, frames: Frames) -> Reading:
-    """The best constant answer for ``frames``.
+def constant(asked: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor, Tensor]:
+    """The best constant answer for ``frames``: its ``points`` and ``fact``.
 
     Of places the mean of the phase's training frames; the fact as most training frames are.
 
@@ -60,7 +59,7 @@ def constant(asked: Quantities, learnt: Frames, frames: Frames) -> Reading:
             raise ValueError(f"episodes.train: none comes to the phase {name}; take more")
         points[frames.phase == phase] = known.mean(0)
     commonest = learnt.fact.float().mean() > 0.5
-    return Reading(points, commonest.expand(len(frames)))
+    return points, commonest.expand(len(frames))
 
 
 class ProbeResults:
@@ -145,5 +144,5 @@ def _weighted(means: np.ndarray, counts: np.ndarray) -> np.ndarray:
 def _mean(samples: np.ndarray) -> Estimated:
     """Mean over seeds and its ends, of ``(seeds, samples)``; the first has all episodes."""
     over_seeds = samples.mean(0)
-    low, high = np.nanpercentile(over_seeds[1:], _LIMITS)
+    low, high = np.nanpercentile(over_seeds[1:], (2.5, 97.5))
     return Estimated(float(over_seeds[0]), Interval(float(low), float(high)))

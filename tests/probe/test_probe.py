@@ -21,7 +21,7 @@ from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
 from needlehoop.probe.folder import Folder
-from needlehoop.probe.frames import KINDS, Frames, Reading, collect, phase_of, quantities
+from needlehoop.probe.frames import KINDS, Frames, collect, phase_of, quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import ProbeResults, constant, errors, places
@@ -164,7 +164,8 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
     said[0, ASKED.points.index("needle_tip")] = torch.tensor([3.0, 4.0, 0.0])
     said[0, ASKED.points.index("tool_midpoint")] = torch.tensor([0.0, 2.0, 0.0])
     said[1, ASKED.points.index("pickup_point")] = torch.tensor([0.0, 0.0, 6.0])
-    means, counts = errors(ASKED, shown, Reading(said, torch.tensor([False, True, True, True])), 3)
+    facts = torch.tensor([False, True, True, True])
+    means, counts = errors(ASKED, shown, said, facts, 3)
     at = {name: i for i, name in enumerate(ASKED.names)}
     reach = means[0, 0]
     assert reach[at["needle_tip"]] == 2.5
@@ -179,7 +180,7 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
 
 def test_both_points_off_by_the_same_leaves_the_gap_right():
     shown = _frames(torch.zeros(1, 3, 3), [0], [0])
-    means, _ = errors(ASKED, shown, Reading(torch.full((1, 3, 3), 5.0), torch.tensor([False])), 1)
+    means, _ = errors(ASKED, shown, torch.full((1, 3, 3), 5.0), torch.tensor([False]), 1)
     assert means[0, 0, ASKED.names.index("tool_to_pickup")] == 0
     assert means[0, 0, 0] > 8
 
@@ -187,8 +188,8 @@ def test_both_points_off_by_the_same_leaves_the_gap_right():
 def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
     points = torch.arange(4.0).view(4, 1, 1).expand(4, 3, 3)
     learnt = _frames(points, [0, 0, 1, 2], [0, 0, 0, 0])
-    said = constant(ASKED, learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
-    assert said.points[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
+    said, _ = constant(ASKED, learnt, _frames(torch.zeros(3, 3, 3), [0, 1, 2], [0, 0, 0]))
+    assert said[:, 0, 0].tolist() == [0.5, 2.0, 3.0]
     with pytest.raises(ValueError, match=r"episodes\.train: none comes to the phase insert"):
         constant(ASKED, _frames(points[:3], [0, 0, 1], [0, 0, 0]), learnt)
 
@@ -475,9 +476,11 @@ def test_a_grid_view_like_a_named_one_is_that_view(settings):
 
 
 def test_the_map_puts_each_score_where_its_camera_stands():
-    scores = {(a, e): a + e for a in (-30.0, 0.0, 60.0) for e in (10.0, 40.0)}
+    grid = Grid("rgb", "default", 20.0, (-30.0, 0.0, 60.0), (10.0, 40.0))
+    scores = {f"rgb_az{a:g}-el{e:g}": a + e for a in grid.azimuths for e in grid.elevations}
+    results = SimpleNamespace(score=lambda name: SimpleNamespace(value=scores[name]))
     view = View((0.0, 0.0, 0.0), 0.0, 45.0, 0.4, 20.0, 0.3, 0.5)
-    figure = view_map(scores, (-30.0, 0.0, 60.0), (10.0, 40.0), {"default": view}, "score")
+    figure = view_map(results, grid, {"default": view})
     said = {t.get_position(): t.get_text() for t in figure.axes[0].texts}
     assert said[60.0, 10.0] == "70.00"
     assert said[-30.0, 40.0] == "10.00"
