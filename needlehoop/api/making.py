@@ -22,16 +22,11 @@ def settings(
     overrides: Iterable[str],
     **more: Any,
 ) -> Settings:
-    """Settings from arguments and overrides.
+    """Settings from the arguments of ``needlehoop.make_env``; errors as there.
 
     Args:
-        cams: cameras, each ``<rendering>_<view>``; ``+`` joins them as it does in tables.
-        reward: an option of ``conf/reward``; or a function of ``Signals`` to named terms.
-        overrides: any other setting, as on the command line.
+        cams: ``+`` joins them as it does in tables.
         more: further settings; those that are ``None`` are left as they are.
-
-    Raises:
-        ValueError: a bad setting; the message names its key and the valid values.
     """
     chosen = listed(cams) if isinstance(cams, str) else _texts("cams", cams)
     names = [name for word in chosen for name in word.split("+")]
@@ -50,16 +45,10 @@ def settings_of(
     trust: bool = False,
     overrides: Iterable[str] = (),
 ) -> Settings:
-    """The settings of a run's environment.
+    """The settings of a run's environment; arguments and errors as in ``make_env_of``.
 
     Args:
-        seed: of the episodes; ``None``: that of its final evaluation, unseen in training.
-        trust: whether Python code that its files name as its reward may run.
-        overrides: conditions to change, as on the command line: ``["task=wide"]``.
-
-    Raises:
-        ValueError: no run there, no such number or seed, code without ``trust``, or a condition
-            that is unknown or that the run's agent could not act under.
+        seed: ``None``: that of its final evaluation, unseen in training.
     """
     if not isinstance(run, str | Path):
         raise ValueError(f"run: {shown(run)} is no folder")

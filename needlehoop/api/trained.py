@@ -27,8 +27,6 @@ AGENTS = Path("agents")
 _LARGEST = 2 << 20
 """Bytes of an agent's packed file, 2 MiB. In bfloat16 one of two cameras has 2.8 MB."""
 
-_CAMERAS = re.compile(r"\w+_\w+([+,]\w+_\w+)*")
-
 
 def initial_weights(job: Job) -> dict[str, Tensor]:
     """The weights of the agent that a job is to begin with, that of the run ``job.init``.
@@ -71,7 +69,7 @@ def actor_in(
     Raises:
         ValueError: nothing there, a damaged file, or as in ``which_policy``.
     """
-    where, chosen = Path(_released(run)), pick_device(device)
+    where, chosen = _released(run), pick_device(device)
     weights, origin = where, str(where)
     if where.is_dir():
         which, steps = which_policy(Run(where), policy)
@@ -87,15 +85,15 @@ def actor_in(
     return senses, read_actor(weights, senses, chosen), origin
 
 
-def _released(run: str | Path) -> str | Path:
-    """The file of a released agent, for camera names that are no path; anything else as it is.
+def _released(run: str | Path) -> Path:
+    """The file of a released agent, for camera names that are no path; else the path.
 
     Raises:
         ValueError: no agent of these cameras has been unpacked.
     """
     name = str(run)
-    if Path(name).exists() or not _CAMERAS.fullmatch(name):
-        return run
+    if Path(run).exists() or not re.fullmatch(r"\w+_\w+([+,]\w+_\w+)*", name):
+        return Path(run)
     cams = re.split("[+,]", name)
     # The unpacked one before the packed one.
     for path in sorted(AGENTS.glob("*.safetensors*")):

@@ -32,12 +32,9 @@ Work = tuple[int, Callable[[], None]]
 
 
 def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
-    """Environment steps per second, best of ``rounds`` rounds, all in one process.
+    """Environment steps per second, best of ``rounds`` rounds of ``steps`` vector steps.
 
     Every variant is timed once per round, so other work on the machine slows all of them.
-
-    Args:
-        steps: vector steps per timing.
     """
     seeing, watch = TorchRLEnv(settings), Stopwatch()
     jobs = {
@@ -74,13 +71,13 @@ def measure(settings: Settings, rounds: int, steps: int) -> dict[str, object]:
     }
 
 
-def measure_training(job: Job, rounds: int, other: Job | None = None) -> dict[str, object]:
+def measure_training(job: Job, rounds: int, other: Job | None) -> dict[str, object]:
     """Environment steps per second of whole training, learning included.
 
     Stable-Baselines3 is measured elsewhere: its mere presence in the process slows this down.
+    No run is written.
 
     Args:
-        job: what to train; its run is not written anywhere.
         rounds: buffers that are counted; one before them warms up.
         other: trained in turns with it, buffer by buffer, to be compared.
     """

@@ -71,8 +71,7 @@ _SHOWN = {"policy": str | None, "video_episodes": Count}
 def _asked(options: argparse.Namespace, command: str, **kinds: Any) -> tuple[Any, list[str]]:
     """What was typed beside a run: the command's own settings, and words that change the run's.
 
-    Args:
-        kinds: types of the command's own keys, beside those of all such commands.
+    ``kinds`` are types of the command's own keys, beside those of all such commands.
     """
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
@@ -89,9 +88,6 @@ def _flown(
 
     Args:
         later: how many seeds after that of the run's own evaluation, if none was typed.
-
-    Raises:
-        ValueError: a condition or policy that is wrong, or code that is not trusted.
     """
     from needlehoop.config.changing import check
 

@@ -88,8 +88,7 @@ def expert(options: argparse.Namespace) -> None:
     from needlehoop.pictures.film import record
 
     cams = settings.cams or ("rgb_default", "dep_front", "seg_side")
-    settings = replace(settings, cams=cams, num_envs=1)
-    simulation, _ = build(settings)
+    simulation, _ = build(replace(settings, cams=cams, num_envs=1))
     record(simulation, controller(who, settings), asked.video_episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
@@ -162,35 +161,34 @@ def export(options: argparse.Namespace) -> None:
     kinds = dict.fromkeys(("format", "run", "out"), str | None)
     what = Annotated[str, OneOf(*_SPECS, "policy")]
     settings, asked = environment(options, "export", what=what, overwrite=bool, **kinds)
-    what, overwrite = asked.what, asked.overwrite
-    written = "mjcf" if what in _SPECS else "onnx"
+    what, written = asked.what, "onnx" if asked.what == "policy" else "mjcf"
     if asked.format not in (None, written):
         raise ValueError(
             f"format: {asked.format!r} is unknown; what={what} is written as {written}"
         )
     if what == "policy":
-        _export_policy(asked.run, asked.out or "policy.onnx", overwrite)
+        _export_policy(asked)
         return
     if asked.run is not None:
         raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
     from needlehoop.scene.export import check_place, mjcf, papers, write_folder
 
     out = Path(asked.out or "psm")
-    check_place(out, overwrite)
+    check_place(out, asked.overwrite)
     name, spec = _SPECS[what]
-    write_folder(out, {**mjcf(spec(settings), name), **papers()}, overwrite)
+    write_folder(out, {**mjcf(spec(settings), name), **papers()}, asked.overwrite)
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
 
 
-def _export_policy(run: str | None, place: str, overwrite: bool) -> None:
+def _export_policy(asked: Any) -> None:
     from needlehoop.runs.files import write_whole
     from needlehoop.runs.shipped import AGENT
 
-    out = new_file(place, ".onnx", overwrite)
+    out = new_file(asked.out or "policy.onnx", ".onnx", asked.overwrite)
     from needlehoop.api.trained import actor_in
     from needlehoop.learning.policy import PRECISION, onnx_bytes
 
-    senses, actor, origin = actor_in(run or AGENT, "cpu", precision=PRECISION)
+    senses, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)
     content = onnx_bytes(senses, actor)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, content)
@@ -209,7 +207,7 @@ def _arm(settings: Any) -> Any:
         raise ValueError(f"what: {settings.task.name} has no PSM; choose scene")
     spec = build_arm(settings.task, settings.psm)
     model = spec.compile()
-    qpos = np.tile(model.qpos0, (1, 1))
+    qpos = model.qpos0[None].copy()
     poser(model)(qpos, np.array([HOME]), np.zeros(1))
     spec.add_key(name="home", qpos=qpos[0], ctrl=[*HOME, 0.0])
     return spec

@@ -13,21 +13,18 @@ from typing import Any
 import numpy as np
 import torch
 from tensordict import TensorDict
-from torch import Tensor
 
 from needlehoop.envs.controllers import Perturbation, by_name, controller
 from needlehoop.envs.observer import read
 from needlehoop.envs.rollout import Controller, MakeController, Step, batches, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
 PERTURBED = "perturbed"
 """The task's teacher, with noise on its actions that it then corrects."""
 
 _BATCH = 40
-"""Episodes side by side."""
 
 _STRONGEST = 0.8
 """Strongest noise of a perturbed episode, in units of the action; a teacher copes with it."""
@@ -78,11 +75,7 @@ def scripted(name: str, task: Task) -> MakeController:
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
         expert = controller(settings.definition.teacher, settings)
-
-        def act(signals: Signals) -> Tensor:
-            return expert(signals) + noise()[: len(signals)]
-
-        return act
+        return lambda signals: expert(signals) + noise()[: len(signals)]
 
     return pilot
 
@@ -90,10 +83,7 @@ def scripted(name: str, task: Task) -> MakeController:
 def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iterator[Demonstration]:
     """The first episodes of ``episodes`` environments of the settings' seed, in order.
 
-    Args:
-        settings: environment; ``num_envs`` is ignored.
-        make: who demonstrates.
-        episodes: how many; episode ``i`` is the same however many there are.
+    ``num_envs`` is ignored. Episode ``i`` is the same however many there are.
 
     Raises:
         ValueError: fewer than one episode, no camera, or stacked frames.
@@ -146,9 +136,7 @@ def _episode(rows: list[TensorDict], env: int) -> Demonstration:
 def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
     """A folder to write into, which becomes ``out`` when all went well and else vanishes.
 
-    Args:
-        out: what it is to be called.
-        overwrite: whether something of that name may be replaced, once there is something new.
+    With ``overwrite`` it replaces what is there, once all is written.
 
     Raises:
         ValueError: there is something, and ``overwrite`` is false.

@@ -26,7 +26,6 @@ class Folder:
 
     Args:
         path: made where missing.
-        asked: what is measured.
         config: the composed settings, as plain values.
         overwrite: whether errors that are there are set aside, under a number.
         command: the words it was called with, for the manifest.

@@ -67,8 +67,7 @@ class Grid:
         Raises:
             ValueError: ``like`` is unknown, or an angle that no view can have.
         """
-        if self.like not in known:
-            raise ValueError(f"grid.like: {self.like!r} is unknown; choose from {', '.join(known)}")
+        strict.check_names("grid.like", [self.like], [*known])
         base = replace(known[self.like], fovy=self.fovy)
         places = product(self.elevations, self.azimuths)
         return {
@@ -112,11 +111,7 @@ class Plan:
 
 
 def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
-    """Camera sets from what a command line gives.
-
-    Args:
-        given: a list of names with ``+`` between cameras, or of lists of cameras.
-        settings: views and renderings to choose from.
+    """Camera sets from a list of names with ``+`` between cameras, or of lists of cameras.
 
     Raises:
         ValueError: no camera set, an unknown camera, or a camera set named twice.
@@ -129,9 +124,8 @@ def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     for one in given:
         split = one.split("+") if isinstance(one, str) else one
         names = strict.structure(split, tuple[str, ...], "cams")
-        found.append(
-            tuple(c.name for c in parse_cameras(names, settings.views, settings.renderings))
-        )
+        parse_cameras(names, settings.views, settings.renderings)
+        found.append(names)
     if not found or not all(found):
         raise ValueError("cams: nothing to probe; give camera sets, such as rgb_front+rgb_side")
     for one in found:

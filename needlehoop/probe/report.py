@@ -24,7 +24,7 @@ _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
 
 def all_tables(results: ProbeResults) -> list[Table]:
-    """Every table that has rows."""
+    """Those that have rows."""
     tables = [_ranking(results), _phases(results), _agreements(results)]
     return [table for table in tables if table.rows]
 
