@@ -12,7 +12,6 @@ from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed, shown
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.learning.subject import flown_job
-from needlehoop.runs.files import listed
 from needlehoop.runs.run import Run
 
 
@@ -28,11 +27,10 @@ def settings(
         cams: ``+`` joins them as it does in tables.
         more: further settings; those that are ``None`` are left as they are.
     """
-    chosen = listed(cams) if isinstance(cams, str) else _texts("cams", cams)
+    chosen = cams.split(",") if isinstance(cams, str) else _texts("cams", cams)
     names = [name for word in chosen for name in word.split("+")]
-    named = {"cams": f"[{','.join(names)}]", "reward": reward, **more}
-    if callable(reward):
-        del named["reward"]
+    option = None if callable(reward) else reward
+    named = {"cams": f"[{','.join(names)}]", "reward": option, **more}
     words = [f"{key}={value}" for key, value in named.items() if value is not None]
     found = compose_settings([*words, *_texts("overrides", overrides)])
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found

@@ -57,13 +57,10 @@ def actor_in(
 ) -> tuple[Senses, Actor, str]:
     """What a run's policy sees, the policy, and which it is in words.
 
-    It is read from its file, and the last one from the checkpoint where it has no file.
+    It is read from its file, and the last one from the checkpoint where it has no file. Arguments
+    as in ``needlehoop.load_policy``.
 
     Args:
-        run: its folder; or a policy's file, which needs nothing beside it; or cameras, of
-            which ``agents/`` has a released agent.
-        device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
-        policy: ``last``, ``best`` or ``None``, as in ``which_policy``.
         precision: of the convolutions; ``None``: the run's.
 
     Raises:

@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
@@ -39,16 +40,12 @@ class OpenGLGymEnvironment(gymnasium.Env):
 
         self._environment = OpenGLEnvironment(settings, env)
         size = settings.image_size
-        self.observation_space = gymnasium.spaces.Dict(
-            {
-                camera.name: gymnasium.spaces.Box(
-                    0, 255, (settings.renderings[camera.rendering].channels, size, size), np.uint8
-                )
-                for camera in settings.cameras
-            }
-        )
-        shape = (settings.episode.action_size,)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
+        images: dict[str, spaces.Space] = {}
+        for camera in settings.cameras:
+            shape = (settings.renderings[camera.rendering].channels, size, size)
+            images[camera.name] = spaces.Box(0, 255, shape, np.uint8)
+        self.observation_space = spaces.Dict(images)
+        self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
@@ -64,7 +61,7 @@ class OpenGLGymEnvironment(gymnasium.Env):
 class Encoders(BaseFeaturesExtractor):
     """Our encoders, one per camera, side by side."""
 
-    def __init__(self, observation_space: gymnasium.spaces.Dict, job: Job, dtype: torch.dtype):
+    def __init__(self, observation_space: spaces.Dict, job: Job, dtype: torch.dtype):
         out = job.algo.network.hidden
         super().__init__(observation_space, out * len(observation_space.spaces))
         self._fold = Fold(job.encoder.stem)

@@ -88,11 +88,7 @@ def _keys(config: str) -> str:
 def environment(
     options: argparse.Namespace, config: str = "env", **kinds: Any
 ) -> tuple[Settings, SimpleNamespace]:
-    """The environment that a command's words describe, and its own keys.
-
-    Args:
-        kinds: types of the command's own keys, as ``strict.read`` takes them.
-    """
+    """The environment that a command's words describe, and its own keys, of these ``kinds``."""
     from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, config)

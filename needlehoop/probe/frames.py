@@ -97,7 +97,9 @@ def quantities(task: Task) -> Quantities:
 
 @dataclass(frozen=True)
 class Frames:
-    """``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
+    """``m`` frames.
+
+    ``images`` ``(m, c, h, w)`` uint8 by camera; ``state`` ``(m, STATE_SIZE)`` float32, for the
     baseline that sees the true state; ``points`` ``(m, k, 3)`` float32, the ``k`` points of
     ``Quantities`` less its origin in mm, world axes; ``fact`` ``(m,)`` bool; ``phase`` ``(m,)``
     int64 into its phases; ``episode`` ``(m,)`` int64.

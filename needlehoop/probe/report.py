@@ -40,8 +40,7 @@ def _ranking(results: ProbeResults) -> Table:
             **_estimated("score", results.score(name)),
         }
         for phase in asked.phases:
-            error = results.error(name, phase, asked.needed[phase])
-            row[Column(phase, "mm", ".2f")] = error
+            row[Column(phase, "mm", ".2f")] = results.error(name, phase, asked.needed[phase])
         for seed, score in enumerate(results.scores_by_seed(name)):
             row[Column(f"seed {seed}", form=".3f")] = score
         rows.append(row)
@@ -49,8 +48,7 @@ def _ranking(results: ProbeResults) -> Table:
         "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
         " (over held-out episodes) overlap share a place."
     )
-    title = "Cameras by what can be read off their images"
-    return Table.of("ranking", title, rows, note)
+    return Table.of("ranking", "Cameras by what can be read off their images", rows, note)
 
 
 def _estimated(name: str, found: Estimated) -> Row:

@@ -66,7 +66,6 @@ class ProbeResults:
     """Errors and scores of camera sets and baselines, by name.
 
     Args:
-        asked: what each phase needs.
         means: mean errors ``(seeds, episodes, phases, quantities)``, NaN where an episode has no
             such phase.
     """
