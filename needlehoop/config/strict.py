@@ -18,9 +18,14 @@ from needlehoop.runs.reading import printable
 
 T = TypeVar("T")
 
-_LONGEST, _LONGEST_PROGRAM, _SHOWN = 1_000, 100_000, 60
-"""Characters, at most: of a text field; of a text in a free mapping, such as a reward's program; of
-a value in an error."""
+_LONGEST = 1_000
+"""Characters of a text field, at most."""
+
+_LONGEST_PROGRAM = 100_000
+"""Characters of a text in a free mapping, such as a reward's program, at most."""
+
+_SHOWN = 60
+"""Characters of a value in an error, at most."""
 
 
 @dataclass(frozen=True)

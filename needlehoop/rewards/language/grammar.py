@@ -10,10 +10,18 @@ import ast
 import keyword
 import re
 
-MAX_SOURCE, MAX_NAME, MAX_DIGITS = 10_000, 40, 24
-"""Characters in a program, in a name and in a number."""
-MAX_TOKENS, MAX_BRACKETS, MAX_INDENT = 300, 20, 64
-"""Tokens in one statement, brackets inside brackets, spaces before a statement."""
+MAX_SOURCE = 10_000
+"""Characters in a program."""
+MAX_TOKENS = 300
+"""Tokens in one statement."""
+MAX_BRACKETS = 20
+"""Brackets inside brackets."""
+MAX_INDENT = 64
+"""Spaces before a statement."""
+MAX_NAME = 40
+"""Characters in a name."""
+MAX_DIGITS = 24
+"""Characters in a number."""
 MAX_CONSTANT = 1e6
 """The largest number that may be written."""
 

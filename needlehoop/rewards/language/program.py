@@ -29,10 +29,14 @@ from needlehoop.rewards.language.grammar import (
 )
 from needlehoop.scene.signals import Signal, Signals, vocabulary
 
-MAX_NODES, MAX_STATEMENTS = 2000, 100
-"""Names, numbers and operations in a program; its statements, those inside ifs included."""
-MAX_DEPTH, MAX_NESTING = 64, 16
-"""Operations inside each other in one expression; ifs inside each other, ``elif`` included."""
+MAX_NODES = 2000
+"""Names, numbers and operations in a program."""
+MAX_DEPTH = 64
+"""Operations inside each other in one expression."""
+MAX_STATEMENTS = 100
+"""Statements in a program, those inside ifs included."""
+MAX_NESTING = 16
+"""Ifs inside each other, ``elif`` included."""
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
