@@ -22,12 +22,7 @@ STATE = (
 
 
 class Addresses:
-    """Writes starts into state arrays of a compiled scene.
-
-    Args:
-        model: the scene.
-        robot: in it.
-    """
+    """Writes starts into state arrays of a compiled scene."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot):
         self._qpos0, self._nmocap = model.qpos0.copy(), model.nmocap
@@ -56,23 +51,3 @@ class Addresses:
         for name, place in start.mocap.items():
             mocap[:, self._mocap[name]] = place.numpy()
         return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
-
-
-def varied_model(
-    model: mujoco.MjModel, friction: np.ndarray, mass: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Fields of a model by name, ``(k, ...)`` each, with other friction and masses.
-
-    Args:
-        model: as compiled.
-        friction: factor of the friction of all geoms ``(k,)``.
-        mass: factor of mass and inertia of the bodies that move freely ``(k,)``.
-    """
-    free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
-    factor = np.ones((len(mass), model.nbody))
-    factor[:, free] = mass[:, None]
-    return {
-        "geom_friction": friction[:, None, None] * model.geom_friction,
-        "body_mass": factor * model.body_mass,
-        "body_inertia": factor[..., None] * model.body_inertia,
-    }

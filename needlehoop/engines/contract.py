@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from needlehoop.config.strict import Range, check_names
+from needlehoop.config.strict import OneOf, Range
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 KINDS = ("cpu", "dm_control")
 """What steps the physics."""
 
-RENDERERS: tuple[str, ...] = ("rasteriser", "tracer")
+RENDERERS = ("rasteriser", "tracer")
 """What makes the images that agents see."""
 
 
@@ -25,14 +25,10 @@ class EngineConfig:
 
     threads: Annotated[int, Range(0, 4096)]
     """Threads for physics and cameras; 0: every CPU this process may use."""
-    renderer: str
-    """Of ``RENDERERS``. Pictures for people are always the tracer's."""
-    kind: str = "cpu"
-    """Of ``KINDS``; runs from before there was a choice name none."""
-
-    def __post_init__(self) -> None:
-        check_names("engine.kind", [self.kind], KINDS)
-        check_names("engine.renderer", [self.renderer], RENDERERS)
+    renderer: Annotated[str, OneOf(*RENDERERS)]
+    """Pictures for people are always the tracer's."""
+    kind: Annotated[str, OneOf(*KINDS)] = "cpu"
+    """Runs from before there was a choice name none."""
 
 
 FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
@@ -77,7 +73,3 @@ class Channels(NamedTuple):
     colour: bool
     depth: bool
     geom: bool
-
-    def __or__(self, other: Channels) -> Channels:  # type: ignore[override]
-        """Channels that either asks for."""
-        return Channels(*(a or b for a, b in zip(self, other, strict=True)))

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import EllipsisType
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -16,7 +15,7 @@ import torch
 from mujoco.batch import DATA_FIELDS, Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses, varied_model
+from needlehoop.engines.addresses import STATE, Addresses
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import Rasteriser
@@ -24,11 +23,7 @@ from needlehoop.runs.machine import available_cpus
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
-if TYPE_CHECKING:
-    from needlehoop.engines.tracer import Tracer
-
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
-_NOTHING = int(mujoco.mjtStage.mjSTAGE_NONE)
 
 Index = int | slice | EllipsisType
 
@@ -68,8 +63,14 @@ class Engine(ABC):
         self._substeps, self._threads = substeps, config.threads or available_cpus()
         self._addresses = Addresses(model, robot)
         self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
-        given = (model, num_envs, views, size, self._threads)
-        self._renderer = make_renderer(config.renderer, quality, *given) if views else None
+        self._renderer = None
+        if views and config.renderer == "rasteriser" and quality == 1:
+            self._renderer = Rasteriser(model, num_envs, views, size, self._threads)
+        elif views:
+            # Imported where it is used: mujoco_warp takes two seconds.
+            from needlehoop.engines.tracer import Tracer
+
+            self._renderer = Tracer(model, num_envs, views, size, quality)
 
     def reset(self, ids: Tensor, start: Start) -> None:
         """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
@@ -116,13 +117,17 @@ class Engine(ABC):
         self._forward(rows)
 
     def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        """Scale friction of all geoms and mass of free bodies, by factors ``(k,)``.
+        """Scale friction of all geoms, mass and inertia of free bodies, by factors ``(k,)``.
 
         Of the model as it was compiled; to be called before these environments' ``reset``.
         """
-        rows = ids.numpy()
-        for name, value in varied_model(self.model, friction.numpy(), mass.numpy()).items():
-            self.write(name, rows, value)
+        rows, model = ids.numpy(), self.model
+        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
+        factor = np.ones((len(rows), model.nbody))
+        factor[:, free] = mass.numpy()[:, None]
+        self.write("geom_friction", rows, friction.numpy()[:, None, None] * model.geom_friction)
+        self.write("body_mass", rows, factor * model.body_mass)
+        self.write("body_inertia", rows, factor[..., None] * model.body_inertia)
         self._set_constants(rows)
 
     def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
@@ -201,28 +206,10 @@ class CpuEngine(Engine):
         return self._batch.bind(name) if name in DATA_FIELDS else self._batch.expand(name)
 
     def _clear(self, rows: np.ndarray) -> None:
-        self._batch.reset(rows, stage=_NOTHING)
+        self._batch.reset(rows, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
 
     def _forward(self, rows: np.ndarray) -> None:
         self._batch.forward(rows, stage=_VELOCITY)
 
     def _set_constants(self, rows: np.ndarray) -> None:
         self._batch.set_const(rows)
-
-
-def make_renderer(
-    kind: str,
-    quality: int,
-    model: mujoco.MjModel,
-    num_envs: int,
-    views: Mapping[str, Channels],
-    size: int,
-    threads: int,
-) -> Rasteriser | Tracer:
-    """A renderer of a kind of ``RENDERERS``; pictures for people (``quality`` > 1) are traced."""
-    if kind == "rasteriser" and quality == 1:
-        return Rasteriser(model, num_envs, views, size, threads)
-    # Imported where it is used: mujoco_warp takes two seconds.
-    from needlehoop.engines.tracer import Tracer
-
-    return Tracer(model, num_envs, views, size, quality)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 
 import mujoco
 import mujoco_warp as mjw
@@ -13,9 +12,6 @@ import warp as wp
 
 from needlehoop.engines.contract import FIELDS, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
-
-_GROUPS = [0, 1]
-"""Geom groups that are drawn; collision shapes are in group 3."""
 
 
 class Tracer:
@@ -50,7 +46,8 @@ class Tracer:
             render_rgb=[channels.colour for channels in views.values()],
             render_depth=[channels.depth for channels in views.values()],
             render_seg=[channels.geom for channels in views.values()],
-            enabled_geom_groups=_GROUPS,
+            # Collision shapes are in group 3.
+            enabled_geom_groups=[0, 1],
             use_textures=False,
             # No camera is ever inside a geom. Together with highlights left out of what
             # agents see this saves a quarter of the time.
@@ -60,18 +57,24 @@ class Tracer:
             samples_per_pixel=quality if any(c.colour for c in views.values()) else 1,
         )
         # A context whose first launch races another's stays broken (it drops objects),
-        # so each one is used once here, before any thread has it.
-        with _fast_compilation():
+        # so each one is used once here, before any thread has it. It compiles the kernels: with
+        # sums in any order, a fifth faster; that moves a few pixels in a million, at edges.
+        # mujoco_warp asks for fast mathematics itself, but Warp passes that on to CUDA only.
+        # Warp's own headers name infinity and NaN, of which the compiler would warn over a page.
+        before = wp.config.cpu_compiler_flags
+        flags = f"{before or '-march=native'} -ffast-math -Wno-nan-infinity-disabled"
+        wp.config.cpu_compiler_flags = flags
+        try:
             self._launch()
+        finally:
+            wp.config.cpu_compiler_flags = before
 
     def render(
         self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
     ) -> dict[str, Frame]:
-        """A frame per view.
+        """A frame per view, of MjData ``FIELDS`` ``(n, ...)``.
 
-        Args:
-            fields: MjData ``FIELDS`` with a leading dimension of ``n``.
-            ids: environments to return ``(k,)``; all by default. All are traced.
+        Of environments ``ids`` ``(k,)``, or of all; all are traced anyway.
         """
         for name in FIELDS:
             target = getattr(self._data, name).numpy()
@@ -98,20 +101,3 @@ class Tracer:
     def _launch(self) -> None:
         mjw.refit_bvh(self._model, self._data, self._context)
         mjw.render(self._model, self._data, self._context)
-
-
-@contextmanager
-def _fast_compilation() -> Iterator[None]:
-    """Let the compiler reorder floating-point sums in kernels compiled in this block.
-
-    A fifth faster; it moves a few pixels in a million, at edges. mujoco_warp asks for fast
-    mathematics itself, but Warp passes that on to CUDA only. Warp's own headers name infinity and
-    NaN, of which the compiler would then warn over a page at the first run.
-    """
-    before = wp.config.cpu_compiler_flags
-    flags = before or "-march=native"
-    wp.config.cpu_compiler_flags = f"{flags} -ffast-math -Wno-nan-infinity-disabled"
-    try:
-        yield
-    finally:
-        wp.config.cpu_compiler_flags = before

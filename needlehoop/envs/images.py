@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from operator import or_
 
 import mujoco
 import numpy as np
@@ -96,7 +97,7 @@ def channels_of(settings: Settings) -> dict[str, Channels]:
     for camera in settings.cameras:
         own = settings.renderings[camera.rendering]
         needs = Channels(own.colour == "rgb", own.depth != "none", own.colour == "flat")
-        asked[camera.view] = asked.get(camera.view, Channels(False, False, False)) | needs
+        asked[camera.view] = Channels(*map(or_, needs, asked.get(camera.view, needs)))
     return asked
 
 
