@@ -109,10 +109,8 @@ def eye_of(poses: Poses, lens: Lens, env: int, size: int) -> Eye:
 def slope_of(normal: wp.vec3, distance: float, eye: Eye) -> wp.vec3:
     """1/z over a plane: its change per pixel to the right and down, its value at the corner.
 
-    Args:
-        normal: unit normal in the camera frame.
-        distance: of the plane along it from the camera, m.
-        eye: who looks.
+    The plane's unit normal is in the camera frame, its distance from there along the normal in m;
+    the corner is the image's upper left one.
     """
     rise = normal / distance
     across, down = rise[0] / eye.focal, rise[1] / eye.focal

@@ -85,16 +85,7 @@ def _bounds(a: float, b: float, c: float, size: int) -> wp.vec2:
 
 @wp.func
 def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
-    """Fill the pixels whose centres lie in a face and that see nothing nearer.
-
-    Args:
-        face: its index.
-        corners: its vertices.
-        slope: change of 1/z per pixel to the right and down, and its value at the upper left
-            corner of the image.
-        eye: who looks.
-        scratch: where to.
-    """
+    """Fill the pixels whose centres lie in a face and that see nothing nearer; see ``slope_of``."""
     a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
     columns, rows = wp.vec2(0.0, float(eye.size - 1)), wp.vec2(0.0, float(eye.size - 1))
     if wp.min(wp.min(a[2], b[2]), c[2]) > _NEAR:
@@ -187,14 +178,7 @@ def _lit(
 ) -> wp.vec3:
     """Colour of a surface, with the tint, the sheen and the strength of lamps of the ``OPTICS``.
 
-    Args:
-        solids: with the lamps.
-        solid: whose surface it is.
-        normal: of the surface, camera frame.
-        ray: from the camera to it.
-        poses: with the optics.
-        env: which environment.
-        scratch: with directions to the lamps.
+    ``normal`` and ``ray``, from the camera to it, are in the camera frame.
     """
     strength = poses.lamp_strength[env, 0]
     sheen = poses.geom_sheen[env, solid.geom]
@@ -220,12 +204,8 @@ def _grain(
 ) -> float:
     """Factor of the table's colour where a ray meets it: smooth noise over the table.
 
-    Args:
-        ray: from the camera, world frame, 1 long along the optical axis.
-        nearness: 1/z of the table there.
-        eye: who looks.
-        grain: how strong, where the pattern begins, and its cells to a m.
-        pattern: numbers in [-1, 1].
+    The ``ray`` is in the world frame, 1 long along the optical axis; ``nearness``: 1/z there;
+    ``grain``: how strong the pattern is, where it begins, its cells to a m.
     """
     at = eye.position + ray / nearness
     row = (int(wp.floor(at[1] * grain[2])) + int(grain[1])) & (PATTERN - 1)
@@ -327,10 +307,7 @@ def draw(
     first: int,
     last: int,
 ):
-    """Draw environments ``first`` to ``last`` (excluded) through every lens, ``size`` px wide.
-
-    One thread draws them all, one after the other, in the same scratch buffers.
-    """
+    """Draw environments ``first`` to ``last`` (excluded) through every lens, ``size`` px wide."""
     for env in range(first, last):
         for view in range(lenses.shape[0]):
             lens = lenses[view]

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -16,15 +15,9 @@ import warp as wp
 
 from needlehoop.engines.contract import OPTICS, ZOOM, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
-from needlehoop.engines.rasteriser.buffers import (
-    PATTERN,
-    FrameBuffers,
-    Lens,
-    Poses,
-    ScratchBuffers,
-)
+from needlehoop.engines.rasteriser.buffers import PATTERN, FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.kernel import draw
-from needlehoop.engines.rasteriser.solids import Solids, pack
+from needlehoop.engines.rasteriser.solids import pack
 
 _MOST = 2**31 - 1
 """Pixels that the kernel can count."""
@@ -64,25 +57,34 @@ class Rasteriser:
                 f" than {_MOST} pixels; choose fewer"
             )
         start_warp()
-        self.views = dict(views)
-        self._size, self._solids = size, pack(model)
+        self._count, self._size, self._solids = num_envs, size, pack(model)
         counts = [iter(range(len(views))) for _ in range(3)]
         self._images = {
             view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
             for view, channels in views.items()
         }
         self._lenses = _lenses(model, self._images)
-        self._buffers = _frame_buffers(self.views, num_envs, size)
-        self._poses, self._fields = _poses(model, num_envs)
-        self._tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
-        self._fields["cam_tangent"][:] = self._tangents
+        pixels = size * size
+        images = [num_envs * pixels * sum(asked) for asked in zip(*views.values(), strict=True)]
+        self._buffers = _zeros(FrameBuffers, colour=images[0], depth=images[1], geom=images[2])
+        self._buffers.count = num_envs
+        objects = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight}
+        objects |= {"lamp": 1, "table": 1}
+        kinds = {name: name.partition("_")[0] for name in Poses.vars if name != "pattern"}
+        shapes = {name: (num_envs, objects[kind]) for name, kind in kinds.items()}
+        self._poses = _zeros(Poses, **shapes)
         self._poses.pattern = wp.array(_pattern(), dtype=float, device="cpu")
-        self._scratch = [
-            _scratch_buffers(self._solids, size) for _ in range(min(threads, num_envs))
-        ]
+        self._fields = {name: getattr(self._poses, name).numpy() for name in shapes}
+        self._tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
+        vertices = self._solids.vertices.shape[0]
+        lengths = {"corners": vertices, "points": vertices, "nearness": pixels, "face": pixels}
+        lengths["turns"] = self._solids.solids.shape[0]
+        lengths["lamps"] = self._solids.lamps.shape[0]
+        self._scratch = [_zeros(ScratchBuffers, **lengths) for _ in range(min(threads, num_envs))]
         # The first launch compiles: before any other thread launches.
         self._draw(self._scratch[0], 0, 0)
-        self._pool = ThreadPoolExecutor(len(self._scratch)) if len(self._scratch) > 1 else None
+        shares = len(self._scratch)
+        self._map: Any = ThreadPoolExecutor(shares).map if shares > 1 else map
         self._kinds = (
             wp.to_torch(self._buffers.colour).view(torch.uint8).view(-1, num_envs, size, size, 4),
             wp.to_torch(self._buffers.depth).view(-1, num_envs, size, size),
@@ -92,13 +94,11 @@ class Rasteriser:
     def render(
         self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
     ) -> dict[str, Frame]:
-        """A frame per view.
+        """A frame per view, of MjData ``FIELDS`` ``(n, ...)``, perhaps with ``OPTICS``.
 
-        Args:
-            fields: MjData ``FIELDS``, perhaps ``OPTICS``, with a leading dimension of ``n``.
-            ids: environments to render ``(k,)``; all by default.
+        Of environments ``ids`` ``(k,)``, or of all.
         """
-        count = self._buffers.count if ids is None else len(ids)
+        count = self._count if ids is None else len(ids)
         chosen = slice(None) if ids is None else ids
         for name, target in self._fields.items():
             if name in fields:
@@ -108,13 +108,7 @@ class Rasteriser:
         zoom = fields[ZOOM][chosen] if ZOOM in fields else 1.0
         self._fields["cam_tangent"][:count] = self._tangents / zoom
         edges = np.linspace(0, count, len(self._scratch) + 1).astype(int).tolist()
-        slices = [
-            (scratch, *ends) for scratch, ends in zip(self._scratch, pairwise(edges), strict=True)
-        ]
-        if self._pool is None:
-            self._draw(*slices[0])
-        else:
-            list(self._pool.map(lambda part: self._draw(*part), slices))
+        list(self._map(self._draw, self._scratch, edges[:-1], edges[1:]))
         return {
             view: Frame(
                 *(
@@ -125,7 +119,7 @@ class Rasteriser:
             for view, images in self._images.items()
         }
 
-    def _draw(self, scratch: ScratchBuffers, first: int, last: int) -> None:
+    def _draw(self, scratch: Any, first: int, last: int) -> None:
         scene = (self._solids, self._lenses, self._poses)
         inputs = [*scene, scratch, self._buffers, self._size, first, last]
         wp.launch(draw, dim=1, inputs=inputs, device="cpu")
@@ -153,38 +147,10 @@ def _lenses(model: mujoco.MjModel, images: Mapping[str, list[int]]) -> wp.array:
     return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
 
 
-def _frame_buffers(views: Mapping[str, Channels], num_envs: int, size: int) -> FrameBuffers:
-    frames = FrameBuffers()
-    colours, depths, geoms = (sum(asked) for asked in zip(*views.values(), strict=True))
-    pixels = num_envs * size * size
-    frames.colour = wp.zeros(colours * pixels, dtype=wp.uint32, device="cpu")
-    frames.depth = wp.zeros(depths * pixels, dtype=float, device="cpu")
-    frames.geom = wp.zeros(geoms * pixels, dtype=int, device="cpu")
-    frames.count = num_envs
-    return frames
-
-
-def _poses(model: mujoco.MjModel, num_envs: int) -> tuple[Poses, dict[str, np.ndarray]]:
-    """Poses for the kernel, and the same memory as arrays ``(n, objects, ...)`` by field."""
-    poses, fields = Poses(), {}
-    counts = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight, "lamp": 1, "table": 1}
-    for name, variable in Poses.vars.items():
-        # All but the pattern, which is of no object.
-        if (kind := name.partition("_")[0]) in counts:
-            usual, dtype = OPTICS.get(name, 0.0), variable.type.dtype
-            array = wp.full((num_envs, counts[kind]), usual, dtype=dtype, device="cpu")
-            setattr(poses, name, array)
-            fields[name] = array.numpy()
-    return poses, fields
-
-
-def _scratch_buffers(solids: Solids, size: int) -> ScratchBuffers:
-    scratch = ScratchBuffers()
-    vertices, pixels = solids.vertices.shape[0], size * size
-    scratch.corners = wp.zeros(vertices, dtype=wp.vec3, device="cpu")
-    scratch.points = wp.zeros(vertices, dtype=wp.vec2, device="cpu")
-    scratch.turns = wp.zeros(solids.solids.shape[0], dtype=wp.mat33, device="cpu")
-    scratch.lamps = wp.zeros(solids.lamps.shape[0], dtype=wp.vec3, device="cpu")
-    scratch.nearness = wp.zeros(pixels, dtype=float, device="cpu")
-    scratch.face = wp.zeros(pixels, dtype=int, device="cpu")
-    return scratch
+def _zeros(struct: Any, **shapes: int | tuple[int, int]) -> Any:
+    """One of Warp's structs, with arrays of these shapes."""
+    made = struct()
+    for name, shape in shapes.items():
+        dtype = struct.vars[name].type.dtype
+        setattr(made, name, wp.zeros(shape, dtype=dtype, device="cpu"))
+    return made

@@ -10,12 +10,6 @@ import warp as wp
 
 from needlehoop.engines.rasteriser.surfaces import surface_of
 
-_GROUPS = (0, 1)
-"""Geom groups that are drawn; collision shapes are in group 3."""
-
-_DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)
-"""MuJoCo's geom colour, which gives way to the material's."""
-
 
 @wp.struct
 class Solid:
@@ -63,66 +57,59 @@ def pack(model: mujoco.MjModel) -> Solids:
         ValueError: something that can't be drawn: a type of geom, a finite plane or more than
             one, a transparent geom, a light that isn't directional.
     """
-    drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] in _GROUPS]
+    # Collision shapes are in group 3.
+    drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] in (0, 1)]
     is_plane = {geom: model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE for geom in drawn}
     tables = [geom for geom in drawn if is_plane[geom]]
     if len(tables) > 1 or model.geom_size[tables, :2].any():
         raise ValueError(f"geoms {tables}: only one plane can be drawn, and an infinite one")
     bodies = [geom for geom in drawn if not is_plane[geom]]
     surfaces = [surface_of(model, geom) for geom in bodies]
-    vertices = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
+    corners = [surface.vertices for surface in surfaces]
+    vertices = np.cumsum([0, *map(len, corners)])
     faces = np.cumsum([0, *(len(surface.faces) for surface in surfaces)])
     rows = [
-        (geom, *vertices[i : i + 2], *faces[i : i + 2], _radius(surfaces[i].vertices))
-        for i, geom in enumerate(bodies)
+        (geom, *vertices[i : i + 2], *faces[i : i + 2], np.linalg.norm(own, axis=1).max())
+        for i, (geom, own) in enumerate(zip(bodies, corners, strict=True))
     ]
+    lights = model.light_active.nonzero()[0]
+    if (model.light_type[lights] != mujoco.mjtLightType.mjLIGHT_DIRECTIONAL).any():
+        raise ValueError("lights: only directional ones can be drawn")
+    headlight = model.vis.headlight
+    is_lit = bool(headlight.active)
+    everywhere = headlight.ambient * is_lit + model.light_ambient[lights].sum(0)
     packed = Solids()
-    packed.solids = _solids(model, rows)
-    packed.table = _solids(model, [(geom, 0, 0, 0, 0, 0.0) for geom in tables])
+    packed.solids = _solids(model, rows, everywhere)
+    packed.table = _solids(model, [(geom, 0, 0, 0, 0, 0.0) for geom in tables], everywhere)
     shifted = [s.faces + start for s, start in zip(surfaces, vertices[:-1], strict=True)]
-    packed.vertices = _array([s.vertices for s in surfaces], wp.vec3)
+    packed.vertices = _array(corners, wp.vec3)
     packed.faces = _array(shifted, wp.vec3i)
     packed.planes = _array([s.planes for s in surfaces], wp.vec4)
     packed.normals = _array([s.normals.reshape(-1, 3) for s in surfaces], wp.vec3)
     owners = np.repeat(np.arange(len(bodies)), np.diff(faces))
     packed.owners = _array([owners], int)
     packed.geoms = _array([np.array(bodies, int)[owners], (tables or [-1]), [-1]], int)
-    lights = _lights(model)
-    headlight = model.vis.headlight
-    diffuse = headlight.diffuse * bool(headlight.active)
     packed.lights = _array([lights], int)
-    packed.lamps = _array([model.light_diffuse[lights], [diffuse]], wp.vec3)
+    packed.lamps = _array([model.light_diffuse[lights], [headlight.diffuse * is_lit]], wp.vec3)
     return packed
 
 
-def _solids(model: mujoco.MjModel, rows: list[tuple]) -> wp.array:
-    """Solids from their numbers, with the colours of their geoms."""
-    headlight, lights = model.vis.headlight, _lights(model)
-    everywhere = headlight.ambient * bool(headlight.active) + model.light_ambient[lights].sum(0)
+def _solids(model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray) -> wp.array:
+    """Solids from their numbers, with the colours of their geoms and the light everywhere."""
     solids = []
     for row in rows:
         geom = row[0]
         rgba, material, emission = model.geom_rgba[geom], int(model.geom_matid[geom]), 0.0
         if material >= 0:
             emission = model.mat_emission[material]
-            if np.array_equal(rgba, np.array(_DEFAULT_RGBA, np.float32)):
+            # MuJoCo's geom colour gives way to the material's.
+            if np.array_equal(rgba, np.array((0.5, 0.5, 0.5, 1.0), np.float32)):
                 rgba = model.mat_rgba[material]
         if rgba[3] < 1:
             raise ValueError(f"geom {geom}: transparent geoms can't be drawn")
         solids.append((*row, rgba[:3], everywhere + emission))
     dtype: Any = Solid.numpy_dtype()
     return wp.array(np.array(solids, dtype), dtype=Solid, device="cpu")
-
-
-def _lights(model: mujoco.MjModel) -> np.ndarray:
-    lights = model.light_active.nonzero()[0]
-    if (model.light_type[lights] != mujoco.mjtLightType.mjLIGHT_DIRECTIONAL).any():
-        raise ValueError("lights: only directional ones can be drawn")
-    return lights
-
-
-def _radius(vertices: np.ndarray) -> float:
-    return float(np.linalg.norm(vertices, axis=1).max())
 
 
 def _array(parts: list, dtype: type) -> wp.array:
