@@ -46,14 +46,12 @@ def compile_scene(settings: Settings) -> mujoco.MjModel:
 def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     """A simulation on the engine of the settings, and the imager that it has of its cameras.
 
-    Args:
-        settings: what to build.
-        first_env: index of the first environment among all that share the seed.
+    ``first_env``: index of the first environment among all that share the seed.
 
     Raises:
         ValueError: settings that do not go together, by key.
     """
-    s = settings
+    s, task = settings, settings.definition
     model = compile_scene(s)
     imager = Imager(model, s, Workers(s.engine.threads or available_cpus()))
     if s.engine.kind == "dm_control":
@@ -62,25 +60,12 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
     else:
         from needlehoop.engines.engine import CpuEngine as Kind
     images = (channels_of(s), s.image_size, s.quality)
-    robot, substeps = s.definition.robot, s.episode.substeps
-    engine = Kind(model, robot, s.num_envs, substeps, *images, s.engine)
-    wrong = _disturbance(s, model) if s.disturb.amounts else None
-    reward = rewards.load(s.reward, s.definition)
+    engine = Kind(model, task.robot, s.num_envs, s.episode.substeps, *images, s.engine)
+    wrong = None
+    if s.disturb.amounts:
+        views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
+        target = np.mean([s.views[view].target for view in views] or [s.picture.target], 0)
+        seen = (things(model, task.paint), views, target, s.image_size)
+        wrong = Disturbance(s.disturb.amounts, model, *seen, s.episode.max_steps, s.num_envs)
+    reward = rewards.load(s.reward, task)
     return Simulation(s, engine, imager, reward, first_env, wrong), imager
-
-
-def _disturbance(settings: Settings, model: mujoco.MjModel) -> Disturbance:
-    """What goes wrong."""
-    s = settings
-    views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
-    targets = [s.views[view].target for view in views] or [s.picture.target]
-    return Disturbance(
-        s.disturb.amounts,
-        model,
-        things(model, s.definition.paint),
-        views,
-        np.mean(targets, 0),
-        s.image_size,
-        s.episode.max_steps,
-        s.num_envs,
-    )

@@ -22,19 +22,14 @@ DARKEST = 0.15
 
 
 class Imager:
-    """Composes the images of the chosen cameras.
-
-    Args:
-        model: the scene.
-        settings: its cameras, and the task's classes for flat renderings.
-        workers: to share environments.
+    """Composes the images of the chosen cameras; workers share the environments.
 
     Raises:
         ValueError: a flat rendering names a class that there is not.
     """
 
-    def __init__(self, model: mujoco.MjModel, settings: Settings, workers: Workers | None = None):
-        self._workers = workers or Workers(1)
+    def __init__(self, model: mujoco.MjModel, settings: Settings, workers: Workers):
+        self._workers = workers
         s, paint = settings, settings.definition.paint
         self._jobs = [(c, s.views[c.view], s.renderings[c.rendering]) for c in s.cameras]
         self.views = {camera.name: camera.view for camera in s.cameras}
@@ -47,16 +42,16 @@ class Imager:
     def __call__(
         self, frames: Mapping[str, Frame], spoil: Spoiler | None = None
     ) -> dict[str, Tensor]:
-        """Images ``(n, channels, h, w)`` uint8 by camera name.
+        """Images ``(n, channels, h, w)`` uint8 by camera name, of frames by view.
 
-        Args:
-            frames: by view.
-            spoil: what each camera makes of its frames first; they change.
+        ``spoil``: what each camera makes of its frames first; they change.
         """
-        images = {
-            camera.name: _room(rendering, frames[camera.view])
-            for camera, _, rendering in self._jobs
-        }
+        images = {}
+        for camera, _, rendering in self._jobs:
+            channel = next(x for x in frames[camera.view] if x is not None)
+            count, height, width = channel.shape[:3]
+            shape = (count, rendering.channels, height, width)
+            images[camera.name] = torch.empty(shape, dtype=torch.uint8)
 
         def compose(rows: slice) -> None:
             seen = {
@@ -99,12 +94,6 @@ def channels_of(settings: Settings) -> dict[str, Channels]:
         needs = Channels(own.colour == "rgb", own.depth != "none", own.colour == "flat")
         asked[camera.view] = Channels(*map(or_, needs, asked.get(camera.view, needs)))
     return asked
-
-
-def _room(rendering: Rendering, frame: Frame) -> Tensor:
-    """For all images of a view in a rendering, not filled yet."""
-    count, height, width = next(x.shape[:3] for x in frame if x is not None)
-    return torch.empty(count, rendering.channels, height, width, dtype=torch.uint8)
 
 
 def _nearness(frame: Frame, view: View) -> Tensor:

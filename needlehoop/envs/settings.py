@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.config import composing, strict
-from needlehoop.config.strict import Range, Seed, check_names, shown
+from needlehoop.config.strict import OneOf, Range, Seed, check_names, shown
 from needlehoop.disturbances.axes import RASTERISED, Disturb
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.psm import VARIANTS
@@ -44,7 +44,7 @@ class Settings:
     episode: Episode
     reward: Mapping[str, Any]
     engine: EngineConfig
-    psm: str
+    psm: Annotated[str, OneOf(*VARIANTS)]
     cams: tuple[str, ...]
     image_size: ImageSize
     quality: Annotated[int, Range(1, 16)]
@@ -62,15 +62,10 @@ class Settings:
     """What goes wrong; nothing by default."""
 
     def __post_init__(self) -> None:
-        check_names("psm", [self.psm], VARIANTS)
         check_names("obs.told", self.obs.told, self.definition.told)
         # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)
         rewards.check(self.reward, self.definition)
-        self._check_disturb()
-
-    def _check_disturb(self) -> None:
-        """Raises ``ValueError`` for an axis that this robot or renderer cannot show."""
         amounts = self.disturb.amounts
         if "robot.offset" in amounts and self.definition.robot.displaced is None:
             raise ValueError(
@@ -171,22 +166,13 @@ def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
     given = strict.structure(values["task"], Mapping[str, Any], "task")
     task = find(given.get("name"))
     layout = strict.structure(given, task.layout, "task")
-    return {
-        # Runs from before there were disturbances name none.
-        "disturb": Disturb(),
-        **values,
-        "task": layout,
-        "episode": strict.structure(values["episode"], task.rules, "episode"),
-        "renderings": _painted(values["renderings"], task),
-    }
-
-
-def _painted(renderings: Any, task: Task) -> dict[str, Any]:
-    given = strict.structure(renderings, Mapping[str, Mapping[str, Any]], "renderings")
-    own = {name: one.colour for name, one in task.paint.items()}
-    return {
-        name: {**one, "colours": own}
-        if one.get("colour") == "flat" and not one.get("colours")
-        else one
-        for name, one in given.items()
-    }
+    rules = strict.structure(values["episode"], task.rules, "episode")
+    kind = Mapping[str, Mapping[str, Any]]
+    renderings = strict.structure(values["renderings"], kind, "renderings")
+    for name, one in renderings.items():
+        if one.get("colour") == "flat" and not one.get("colours"):
+            colours = {thing: flat.colour for thing, flat in task.paint.items()}
+            renderings[name] = {**one, "colours": colours}
+    # Runs from before there were disturbances name none.
+    own = {"task": layout, "episode": rules, "renderings": renderings}
+    return {"disturb": Disturb(), **values, **own}

@@ -19,6 +19,7 @@ from needlehoop.engines.contract import Frame
 from needlehoop.envs.dm_control_env import load
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.workers import Workers
 
 
 class OpenGLEnvironment:
@@ -33,7 +34,7 @@ class OpenGLEnvironment:
         self._size = settings.image_size
         self.environment = load(replace(settings, cams=()), env)
         self._physics = self.environment.physics
-        self._imager = Imager(self._physics.model.ptr, settings)
+        self._imager = Imager(self._physics.model.ptr, settings, Workers(1))
         self._asked = channels_of(settings)
 
     def reset(self) -> dict[str, np.ndarray]:
