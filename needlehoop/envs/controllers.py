@@ -12,18 +12,13 @@ from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_bat
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import Signals
 
-RANDOM = "random"
+NOISE_MEMORY = 0.7
+"""Share of the noise that stays from step to step. It makes the noise lead somewhere."""
 
 
 def controllers(settings: Settings) -> tuple[str, ...]:
     """Names of the controllers of an environment's task."""
-    return (*settings.definition.controllers, RANDOM)
-
-
-NOISE_MEMORY = 0.7
-"""Share of the noise that stays from step to step. It makes the noise lead somewhere."""
-
-_BATCH = 200
+    return (*settings.definition.controllers, "random")
 
 
 def controller(name: str, settings: Settings) -> Controller:
@@ -32,7 +27,7 @@ def controller(name: str, settings: Settings) -> Controller:
     Raises:
         ValueError: an unknown name, or a script for another control mode.
     """
-    if name == RANDOM:
+    if name == "random":
         return random_controller(settings.episode.action_size, settings.seed)
     check_names("controller", [name], controllers(settings))
     return settings.definition.controllers[name](settings.task, settings.episode)
@@ -55,15 +50,9 @@ def random_controller(action_size: int, seed: int) -> Controller:
 
 
 class Perturbation:
-    """Correlated noise on actions, of another strength in every episode.
+    """Correlated noise on actions; an expert under it shows how to correct errors.
 
-    An expert under this noise shows how to correct errors.
-
-    Args:
-        num_envs: environments.
-        size: length of the action.
-        strongest: strengths are uniform up to this, in units of the action.
-        generator: draws it.
+    Each episode draws its strength, uniform up to ``strongest``, in units of the action.
     """
 
     def __init__(self, num_envs: int, size: int, strongest: float, generator: torch.Generator):
@@ -98,13 +87,10 @@ class Perturbation:
 def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
     """What comes of a controller, in one episode of each of ``episodes`` environments.
 
-    Args:
-        settings: environment; ``num_envs`` and cameras are ignored.
-        who: a name from ``controllers``.
-        episodes: how many; episode ``i`` is the same however many there are.
+    ``num_envs`` and cameras of the settings are ignored.
 
     Raises:
         ValueError: fewer than one episode, or an unknown controller.
     """
     blind = replace(settings, cams=())
-    return run_batches(blind, episodes, _BATCH, by_name(who))
+    return run_batches(blind, episodes, size=200, make=by_name(who))

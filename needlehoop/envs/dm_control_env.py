@@ -12,7 +12,6 @@ from typing import Any
 import dm_env
 import numpy as np
 import torch
-from dm_control import mujoco as dm_mujoco
 from dm_control.rl import control
 from dm_env import specs
 
@@ -24,11 +23,7 @@ from needlehoop.envs.simulation import Moment, Simulation
 
 
 class DmControlTask(control.Task):
-    """The dm_control face of a ``Simulation``; its physics is stepped by dm_control.
-
-    Args:
-        simulation: of the one environment of a ``DmControlEngine``.
-    """
+    """The dm_control face of a ``Simulation`` of one environment; dm_control steps its physics."""
 
     moment: Moment
     """What is known now; there from the first reset on."""
@@ -50,10 +45,10 @@ class DmControlTask(control.Task):
         self._generator = generator
         self.simulation.reseed(_seed_of(generator))
 
-    def initialize_episode(self, physics: dm_mujoco.Physics) -> None:
+    def initialize_episode(self, physics: Physics) -> None:
         self.moment = self.simulation.reset()
 
-    def before_step(self, action: np.ndarray, physics: dm_mujoco.Physics) -> None:
+    def before_step(self, action: np.ndarray, physics: Physics) -> None:
         given = torch.as_tensor(np.asarray(action, dtype=np.float64)).unsqueeze(0)
         physics.set_control(self.simulation.act(given)[0].numpy())
 
@@ -61,11 +56,11 @@ class DmControlTask(control.Task):
         physics.refresh()
         self.moment = self.simulation.observe()
 
-    def action_spec(self, physics: dm_mujoco.Physics) -> specs.BoundedArray:
+    def action_spec(self, physics: Physics) -> specs.BoundedArray:
         size = self._settings.episode.action_size
         return specs.BoundedArray((size,), np.float32, -1.0, 1.0, name="action")
 
-    def observation_spec(self, physics: dm_mujoco.Physics) -> OrderedDict[str, specs.Array]:
+    def observation_spec(self, physics: Physics) -> OrderedDict[str, specs.Array]:
         """Known without an observation: dm_control may ask before the first reset."""
         s = self._settings
         found: OrderedDict[str, specs.Array] = OrderedDict()
@@ -76,17 +71,17 @@ class DmControlTask(control.Task):
             found[name] = specs.Array((length,), np.float32, name)
         return found
 
-    def get_observation(self, physics: dm_mujoco.Physics) -> OrderedDict[str, np.ndarray]:
+    def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
         observed: dict[str, Any] = self._observer(self.moment.signals)
         images = observed.pop("pixels", {})
         seen = {name: image[0].permute(1, 2, 0) for name, image in images.items()}
         seen |= {name: vector[0] for name, vector in observed.items()}
         return OrderedDict((name, one.numpy()) for name, one in seen.items())
 
-    def get_reward(self, physics: dm_mujoco.Physics) -> float:
+    def get_reward(self, physics: Physics) -> float:
         return float(self.moment.reward[0])
 
-    def get_termination(self, physics: dm_mujoco.Physics) -> float | None:
+    def get_termination(self, physics: Physics) -> float | None:
         moment = self.moment
         if bool(moment.terminated[0]):
             return 0.0
@@ -97,9 +92,9 @@ class DmControlTask(control.Task):
 def _seed_of(generator: np.random.RandomState) -> int:
     """The number that a generator was just seeded with, or else one drawn from it."""
     # What numpy's legacy seeding with one number puts first is that number.
-    seed = int(generator.get_state(legacy=False)["state"]["key"][0])
-    fresh = np.random.RandomState(seed).get_state(legacy=False)["state"]
     state = generator.get_state(legacy=False)["state"]
+    seed = int(state["key"][0])
+    fresh = np.random.RandomState(seed).get_state(legacy=False)["state"]
     if state["pos"] == fresh["pos"] and np.array_equal(state["key"], fresh["key"]):
         return seed
     return int(generator.randint(2**31))
@@ -108,13 +103,9 @@ def _seed_of(generator: np.random.RandomState) -> int:
 def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     """A dm_control Environment.
 
-    Its episodes are those of environment ``env`` of a batch with the same seed. Images
-    are height x width x channels, one observation per chosen camera; with nothing to observe it
-    reports ``proprio``.
-
-    Args:
-        settings: what to build; ``num_envs`` is ignored.
-        env: which of the seed's environments.
+    Its episodes are those of environment ``env`` of a batch with the same seed; ``num_envs`` is
+    ignored. Images are height x width x channels, one observation per chosen camera; with nothing
+    to observe it reports ``proprio``.
 
     Raises:
         ValueError: settings that do not go together, by key.

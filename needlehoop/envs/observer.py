@@ -33,11 +33,7 @@ def read(task: Task, obs: Observations, signals: Signals) -> dict[str, Tensor]:
 
 
 class Observer:
-    """Looks at a simulation the way an agent does.
-
-    Args:
-        simulation: what is looked at; its settings say with which cameras, and ``obs``.
-    """
+    """Looks at a simulation the way an agent does, as its settings say."""
 
     def __init__(self, simulation: Simulation):
         self._simulation, self._obs = simulation, simulation.settings.obs

@@ -131,14 +131,14 @@ def run_batches(settings: Settings, episodes: int, size: int, make: MakeControll
 def outcome_of(steps: Iterator[Step]) -> Outcome:
     """What came of the episodes of a rollout."""
     last: dict[str, Tensor] = {}
-    columns: tuple[str, ...] = ()
+    columns: dict[str, str] = {}
     human = None
     for step in steps:
         moment = step.moment
         if human is None:
-            human, columns = reference_reward(step.task), tuple(step.task.columns)
+            human, columns = reference_reward(step.task), step.task.columns
         now = {
-            **{name: moment.facts[fact] for name, fact in step.task.columns.items()},
+            **{name: moment.facts[fact] for name, fact in columns.items()},
             "potential": moment.potential,
             "human": potential(human(moment.signals)),
             "steps": moment.steps,

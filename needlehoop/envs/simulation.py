@@ -51,13 +51,7 @@ class Simulation:
     ``act``, then ``engine.step`` with the returned control, then ``observe``: three calls,
     because dm_control steps the physics itself. ``step`` does all three.
 
-    Args:
-        settings: the task, its sizes and rules, and the seed that decides every episode.
-        engine: physics of ``n`` scenes.
-        imager: composes the images of the settings' cameras.
-        reward: terms of the potential.
-        first_env: index of the engine's first environment among all that share the seed.
-        disturbance: what goes wrong; ``None``: nothing.
+    ``first_env``: index of the engine's first environment among all that share the seed.
     """
 
     def __init__(
@@ -104,30 +98,29 @@ class Simulation:
         if self.state is None or mask is None:
             mask = torch.ones(self.num_envs, dtype=torch.bool)
         ids = mask.nonzero().flatten()
-        if len(ids):
-            envs, episodes = self.envs[ids.numpy()], self._episodes[ids.numpy()]
-            rows = [
-                draws(self._seed, env, episode)
-                for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
-            ]
-            starts = self.task.start(self.layout, Chance(torch.from_numpy(np.stack(rows))))
-            fresh = begin(self.task, self.episode, starts)
-            if self.state is None:
-                if stagger:
-                    spread = torch.arange(self.num_envs) * self.episode.max_steps
-                    fresh["steps"] = spread // self.num_envs
-                self.state = fresh
-            else:
-                changed = self.state.clone()
-                changed[ids] = fresh
-                self.state = changed
-            if self.disturbance is not None:
-                own = (ids.numpy(), self._seed, envs, episodes, starts.control)
-                self.disturbance.begin(*own)
-                self._vary(ids)
-            self.engine.reset(ids, starts)
-            self._potential[ids] = 0.0
-            self._episodes[ids.numpy()] += 1
+        if not len(ids):
+            return
+        envs, episodes = self.envs[ids.numpy()], self._episodes[ids.numpy()]
+        rows = [
+            draws(self._seed, env, episode)
+            for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
+        ]
+        starts = self.task.start(self.layout, Chance(torch.from_numpy(np.stack(rows))))
+        fresh = begin(self.task, self.episode, starts)
+        if self.state is not None:
+            changed = self.state.clone()
+            changed[ids] = fresh
+            fresh = changed
+        elif stagger:
+            spread = torch.arange(self.num_envs) * self.episode.max_steps
+            fresh["steps"] = spread // self.num_envs
+        self.state = fresh
+        if self.disturbance is not None:
+            self.disturbance.begin(ids.numpy(), self._seed, envs, episodes, starts.control)
+            self._vary(ids)
+        self.engine.reset(ids, starts)
+        self._potential[ids] = 0.0
+        self._episodes[ids.numpy()] += 1
 
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, nu)``."""
@@ -144,16 +137,12 @@ class Simulation:
 
     def observe(self) -> Moment:
         """Facts, reward and termination after the physics has moved."""
-        return self._moment(pays=True)
+        return self.look(pays=True)
 
     def step(self, action: Tensor) -> Moment:
         """One control step of every environment."""
         self.engine.step(self.act(action))
         return self.observe()
-
-    def look(self) -> Moment:
-        """The present moment once more: nothing moves, nothing is paid."""
-        return self._moment(pays=False)
 
     def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
         """What the cameras show of environments ``ids`` ``(k,)`` (all by default).
@@ -167,12 +156,10 @@ class Simulation:
         return wrong.deliver(images, imager.views, ids)
 
     def deal(self, ids: Tensor, envs: Tensor, amounts: Mapping[str, Tensor]) -> None:
-        """Make environments others from their next episode on.
+        """Make environments ``ids`` ``(k,)`` others from their next episode on.
 
-        Args:
-            ids: which ``(k,)``.
-            envs: indices ``(k,)`` among all of the seed; each begins with its first episode.
-            amounts: of what is wrong there ``(k,)``, by axis.
+        ``envs``: indices ``(k,)`` among all of the seed; each begins with its first episode.
+        ``amounts``: of what is wrong there ``(k,)``, by axis.
         """
         rows = ids.numpy()
         self.envs[rows], self._episodes[rows] = envs.numpy(), 0
@@ -203,7 +190,8 @@ class Simulation:
             self._vary(torch.arange(self.num_envs))
         self.engine.restore(snapshot["engine"])
 
-    def _moment(self, pays: bool) -> Moment:
+    def look(self, pays: bool = False) -> Moment:
+        """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         if bool(diverged.any()):
             data[diverged] = self._before[diverged]

@@ -49,19 +49,7 @@ class TorchRLEnv(EnvBase):
         self._is_restored = False
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
-        self._set_specs(settings)
-
-    def progress(self, done: float) -> None:
-        """Say which share of the training is done: ``disturb.ramp`` follows it.
-
-        It counts for episodes that begin from now on.
-        """
-        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
-        if wrong is not None:
-            wrong.level = min(1.0, done / ramp) if ramp > 0 else 1.0
-
-    def _set_specs(self, settings: Settings) -> None:
-        n, size, episode = settings.num_envs, settings.image_size, settings.episode
+        size, episode = settings.image_size, settings.episode
         column = torch.Size((n, 1))
         self.action_spec = Bounded(
             -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
@@ -79,22 +67,25 @@ class TorchRLEnv(EnvBase):
             observed["pixels"] = pixels
         for name, length in vectors(settings.definition, settings.obs).items():
             observed[name] = Unbounded(shape=torch.Size((n, length)))
-        observed["facts"] = Composite(
-            {name: Binary(1, shape=column, dtype=torch.bool) for name in moment.facts}, shape=(n,)
-        )
-        observed["terms"] = Composite(
-            {name: Unbounded(shape=column) for name in moment.terms}, shape=(n,)
-        )
+        facts, terms, ends = (Composite(shape=(n,)) for _ in range(3))
+        for flags, names in ((facts, moment.facts), (ends, ("done", "terminated", "truncated"))):
+            for name in names:
+                flags[name] = Binary(1, shape=column, dtype=torch.bool)
+        for name in moment.terms:
+            terms[name] = Unbounded(shape=column)
+        observed["facts"], observed["terms"] = facts, terms
         observed["potential"] = Unbounded(shape=column)
         observed["steps"] = Unbounded(shape=column, dtype=torch.int64)
-        self.observation_spec = observed
-        self.done_spec = Composite(
-            {
-                name: Binary(1, shape=column, dtype=torch.bool)
-                for name in ("done", "terminated", "truncated")
-            },
-            shape=(n,),
-        )
+        self.observation_spec, self.done_spec = observed, ends
+
+    def progress(self, done: float) -> None:
+        """Say which share of the training is done: ``disturb.ramp`` follows it.
+
+        It counts for episodes that begin from now on.
+        """
+        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
+        if wrong is not None:
+            wrong.level = min(1.0, done / ramp) if ramp > 0 else 1.0
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides what comes next, as tensors and numbers."""

@@ -117,7 +117,7 @@ def test_told_facts_come_in_the_order_asked_for():
 def test_signals_are_the_whole_state_by_name():
     env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     vector = env.reset()["signals"]
-    signals = env.simulation._moment(pays=False).signals
+    signals = env.simulation.look().signals
     columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
     assert torch.equal(vector, torch.cat(columns, -1))
 
