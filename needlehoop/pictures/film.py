@@ -15,24 +15,14 @@ from needlehoop.envs.simulation import Simulation
 from needlehoop.pictures.stills import Photographer, scaled
 
 
-def record(
-    simulation: Simulation,
-    controller: Controller,
-    episodes: int,
-    out: Path,
-    size: int = 480,
-) -> None:
-    """A video of whole episodes: the scene, and beside it what the cameras see.
+def record(simulation: Simulation, controller: Controller, episodes: int, out: Path) -> None:
+    """A video of whole episodes of one environment: the scene, and beside it what its cameras see.
 
-    Args:
-        simulation: of one environment with the cameras to show.
-        controller: who acts.
-        episodes: how many, one after the other.
-        out: an ``.mp4`` file; written whole or not at all.
-        size: height in px; a multiple of 16.
+    ``out``: an ``.mp4`` file; written whole or not at all.
     """
     settings, engine = simulation.settings, simulation.engine
-    photographer = Photographer(engine.model, size)
+    # A multiple of 16 px.
+    photographer = Photographer(engine.model, 480)
     partial = out.with_name(out.stem + ".partial.mp4")
     rate = 1.0 / settings.period
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -62,17 +52,12 @@ def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
     height = len(scene)
     tile = height // max(3, len(images)) // 16 * 16
     column = Image.new("RGB", (tile, height))
+    font, at = ImageFont.load_default(max(9, tile // 12)), (tile // 32, tile - tile // 32)
     for row, camera in enumerate(settings.cameras):
         image = images[camera.name][0].numpy()
         picture = scaled(image, settings.renderings[camera.rendering], tile)
-        _label(picture, camera.name)
+        # The camera's name in the lower left corner, legible on any ground.
+        write = ImageDraw.Draw(picture).text
+        write(at, camera.name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
         column.paste(picture, (0, row * tile))
     return np.concatenate((scene, np.asarray(column)), 1)
-
-
-def _label(picture: Image.Image, name: str) -> None:
-    """Write a camera's name into the lower left corner, legible on any ground."""
-    font = ImageFont.load_default(max(9, picture.height // 12))
-    place = (picture.height // 32, picture.height - picture.height // 32)
-    draw = ImageDraw.Draw(picture)
-    draw.text(place, name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")

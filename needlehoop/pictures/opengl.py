@@ -23,11 +23,9 @@ from needlehoop.envs.workers import Workers
 
 
 class OpenGLEnvironment:
-    """One dm_control environment with its images from MuJoCo's default renderer.
+    """Environment ``env`` of the seed in dm_control, with images from MuJoCo's default renderer.
 
-    Args:
-        settings: environment with its cameras; ``num_envs`` is ignored.
-        env: which of the seed's environments.
+    ``num_envs`` of the settings is ignored.
     """
 
     def __init__(self, settings: Settings, env: int = 0):

@@ -18,7 +18,7 @@ from needlehoop.disturbances.axes import AXES, amount_at, disturb_of
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller
-from needlehoop.envs.rollout import Step, rollout
+from needlehoop.envs.rollout import rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import Rendering
 
@@ -36,11 +36,7 @@ _INK, _PAPER = (34, 38, 46), (255, 255, 255)
 
 
 class Photographer:
-    """Takes pictures of one MjData from the ``picture`` camera.
-
-    Args:
-        model: a compiled scene.
-        size: pixels.
+    """Takes pictures of one MjData from the ``picture`` camera, ``size`` px wide.
 
     Raises:
         ValueError: a size below 1 or above 4096.
@@ -54,7 +50,7 @@ class Photographer:
         self._tracer = Tracer(model, 1, {PICTURE: Channels(True, False, False)}, size, 2)
 
     def __call__(self, data: mujoco.MjData) -> np.ndarray:
-        """The scene as ``(size, size, 3)`` uint8."""
+        """The scene as RGB ``(size, size, 3)`` uint8."""
         fields = {name: getattr(data, name)[None] for name in FIELDS}
         frame = self._tracer.render(fields)[PICTURE]
         assert frame.bgra is not None
@@ -62,12 +58,7 @@ class Photographer:
 
 
 def portrait(settings: Settings, size: int) -> Image.Image:
-    """The start of an episode from the ``picture`` camera.
-
-    Args:
-        settings: environment; its cameras are ignored.
-        size: pixels.
-    """
+    """The start of an episode from the ``picture`` camera, ``size`` px wide."""
     simulation, _ = build(replace(settings, num_envs=1, cams=()))
     simulation.reset()
     engine = simulation.engine
@@ -88,12 +79,9 @@ def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True)
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
-    """Every view x rendering, at the start and at the goal.
+    """Every view x rendering, at the start and at the goal, in tiles of ``size`` px.
 
-    Args:
-        settings: environment; its cameras are ignored.
-        size: pixels of a tile.
-        raw: show the agent's own ``image_size`` pixels instead of a smooth picture.
+    ``raw`` shows the agent's own ``image_size`` pixels instead of a smooth picture.
 
     Raises:
         ValueError: ``size`` below 16.
@@ -117,9 +105,7 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
 def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image]:
     """What an agent sees through each camera, start and goal side by side, by camera.
 
-    Args:
-        settings: environment; its cameras are ignored.
-        cams: which; by default every rendering of every view.
+    By default through every rendering of every view; the settings' own cameras are ignored.
 
     Raises:
         RuntimeError: the teacher did not reach the goal state.
@@ -149,10 +135,8 @@ def _ordered(settings: Settings) -> list[str]:
 def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]:
     """The images of all cameras at moments of one episode of the task's teacher.
 
-    Args:
-        settings: environment and cameras.
-        wanted: of ``start``; names of facts, the first step at which that is true; ``goal``, a
-            few steps after the task is done.
+    ``wanted``: of ``start``; names of facts, for the first step at which that is true; ``goal``, a
+    few steps after the task is done.
 
     Raises:
         RuntimeError: the teacher did not get that far.
@@ -163,9 +147,11 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
     for step in rollout(simulation, controller(s.definition.teacher, s)):
-        since += bool(since or step.moment.facts[s.definition.goal][0])
-        for name in _reached(step, since > _AFTER_SUCCESS):
-            if name in wanted and name not in seen:
+        facts = {name: bool(fact[0]) for name, fact in step.moment.facts.items()}
+        since += bool(since or facts[s.definition.goal])
+        here = {"start": step.action is None, **facts, "goal": since > _AFTER_SUCCESS}
+        for name in wanted:
+            if name not in seen and here.get(name):
                 seen[name] = {camera: image[0].numpy() for camera, image in step.images().items()}
         if set(wanted) <= set(seen):
             return seen
@@ -173,24 +159,14 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     raise RuntimeError(f"the teacher did not get to {missing} with seed={settings.seed}")
 
 
-def _reached(step: Step, goal: bool) -> list[str]:
-    """Stages that the one environment is at: ``start``, facts that are true, ``goal``."""
-    facts = [name for name, fact in step.moment.facts.items() if bool(fact[0])]
-    return [*(["start"] if step.action is None else []), *facts, *(["goal"] if goal else [])]
-
-
 def disturbed_sheet(
     settings: Settings, levels: Mapping[str, Mapping[str, Sequence[float]]], tile: int
 ) -> Image.Image:
     """A row for each axis that can be seen; undisturbed, then severities 1, 3 and 5 by camera.
 
-    Each tile is what one episode drew: a uniform share of the severity's amount. The episode is
-    the same everywhere.
-
-    Args:
-        settings: with the cameras to show; its own disturbances are ignored.
-        levels: amounts at severities 1 to 5, as in ``conf/levels``.
-        tile: side of a tile, px.
+    Each tile, ``tile`` px wide, is what one episode drew: a uniform share of the severity's amount
+    in ``levels``, as in ``conf/levels``. The episode is the same everywhere. The settings' own
+    disturbances are ignored.
 
     Raises:
         ValueError: no camera.
@@ -232,14 +208,9 @@ def sheet(
     size: int,
     tile: Callable[[int, int, int], Image.Image],
 ) -> Image.Image:
-    """Tiles in rows and in blocks of columns, with the names of all.
+    """Tiles of ``size`` px in rows and in blocks of columns, with the names of all.
 
-    Args:
-        rows: names at the left.
-        blocks: names at the top.
-        columns: names below them, the same in each block.
-        size: of a tile, px.
-        tile: the picture in a row, a block and a column, by their numbers.
+    ``tile`` makes the picture in a row, a block and a column, by their numbers.
     """
     gap, head, font = max(2, size // 32), size // 6, ImageFont.load_default(max(9, size // 12))
     label = round(max(map(font.getlength, rows))) + 4 * gap

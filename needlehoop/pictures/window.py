@@ -28,11 +28,9 @@ _INSTEAD = "`needlehoop expert --video out.mp4` writes a video"
 
 
 class Window:
-    """MuJoCo's viewer on environment 0; opened when first shown.
+    """MuJoCo's viewer on environment 0, from where its settings take pictures.
 
-    Args:
-        simulation: what is shown, from where its settings take pictures.
-        instead: what a machine without a display can do.
+    Opened when first shown. ``instead``: what a machine without a display can do.
 
     Raises:
         RuntimeError: this machine has no display.
@@ -55,9 +53,8 @@ class Window:
         """Bring the window up to this moment; one that was closed by hand stays closed."""
         if self._viewer is None:
             others = set(threading.enumerate())
-            self._viewer = open_window(
-                self._engine.model, self._data, self.simulation.settings.picture
-            )
+            view = self.simulation.settings.picture
+            self._viewer = open_window(self._engine.model, self._data, view)
             self._drawing = [one for one in threading.enumerate() if one not in others]
         if self.is_closed:
             return
@@ -90,12 +87,9 @@ def view(settings: Settings, who: str) -> None:
 
 
 def play(window: Window, act: Controller, episodes: Iterable[int]) -> None:
-    """Run episodes in real time in a window until they are over or it is closed.
+    """Run as many episodes as there are numbers, in real time, until the window is closed.
 
-    Args:
-        window: on a simulation of one environment; closed at the end.
-        act: who acts.
-        episodes: as many as there are numbers.
+    The window is on a simulation of one environment; it is closed at the end.
     """
     try:
         for _ in episodes:
@@ -163,12 +157,9 @@ def _opens(*_: str) -> bool:
 
 
 def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.viewer.Handle:
-    """A window on ``data`` that stands at a view and runs beside the caller's program.
+    """A window that looks from a view at first and runs beside the caller's program.
 
-    Args:
-        model: the scene.
-        data: shown at each ``sync``; changed under ``lock`` alone.
-        view: where to look from at first.
+    It shows ``data`` at each ``sync``; they are changed under ``lock`` alone.
     """
     window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     camera = window.cam
