@@ -15,9 +15,6 @@ from needlehoop.disturbances.axes import AXES, EPISODE, RASTERISED, THING, VIEW,
 from needlehoop.disturbances.sensors import Sensors, Spoiler, flaws
 from needlehoop.engines.contract import ZOOM
 
-_EARLY = 0.25
-"""Share of an episode's time in which a camera may begin to fail."""
-
 _DELIVERY = ("picture.late", "picture.frozen", "picture.black")
 _SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not in _DELIVERY)
 
@@ -29,11 +26,8 @@ class Disturbance:
         amounts: of the axes that may do something, by their keys in ``AXES``.
         model: the scene.
         things: number of the thing that each geom is a part of ``(ngeom,)``.
-        views: names of the cameras that are looked through.
+        views: names of the cameras that are looked through; ``size`` px are their images' sides.
         target: what they look at ``(3,)``, m.
-        size: side of their images, px.
-        max_steps: of an episode.
-        num_envs: ``n``.
     """
 
     def __init__(
@@ -86,14 +80,10 @@ class Disturbance:
     def begin(
         self, ids: np.ndarray, seed: int, envs: np.ndarray, episodes: np.ndarray, control: Tensor
     ) -> None:
-        """Episodes begin.
+        """Episodes begin in rows ``ids`` ``(k,)`` of the batch.
 
-        Args:
-            ids: rows of the batch ``(k,)``.
-            seed: of all environments.
-            envs: their indices among all of the seed ``(k,)``.
-            episodes: counts of the episodes that each had before ``(k,)``.
-            control: commands that hold their starts ``(k, nu)``.
+        ``envs`` ``(k,)``: their indices among all of the seed. ``episodes`` ``(k,)``: how many each
+        had before. ``control`` ``(k, nu)``: commands that hold their starts.
         """
         self._seed = seed
         for name, values in (("envs", envs), ("episodes", episodes), ("steps", 0)):
@@ -191,10 +181,8 @@ class Disturbance:
     ) -> dict[str, Tensor]:
         """The images that arrive now: late, again and again, or black.
 
-        Args:
-            images: taken now ``(k, c, h, w)`` by camera.
-            views: of the cameras, by name.
-            ids: environments ``(k,)``; all by default.
+        Of images ``(k, c, h, w)`` by camera, taken now in environments ``ids`` (all by default);
+        ``views``: of the cameras, by name.
         """
         if not self._may(*_DELIVERY):
             return images
@@ -244,10 +232,9 @@ class Disturbance:
 def failing(drawn: Drawn, steps: np.ndarray, views: int, max_steps: int) -> np.ndarray:
     """Which view fails now ``(k, views)`` bool: one of them, for so many steps as were drawn.
 
-    Args:
-        drawn: how long; then when it begins, and which view.
-        steps: that the episodes have taken ``(k,)``.
+    Drawn are how long; then when it begins, and which view. ``steps``: taken so far ``(k,)``.
     """
-    begins = 1 + np.floor(drawn.free[:, 0] * _EARLY * max_steps)
+    # It begins to fail in the first quarter of an episode's time.
+    begins = 1 + np.floor(drawn.free[:, 0] * 0.25 * max_steps)
     now = (steps >= begins) & (steps < begins + drawn.amount[:, 0])
     return now[:, None] & (np.floor(drawn.free[:, 1] * views)[:, None] == np.arange(views))

@@ -104,13 +104,9 @@ def _expose(
     grain: wp.array2d[float],
     scratch: wp.array2d[float],
 ):
-    """Blur, gain, bias and noise of colours.
+    """Blur, gain, bias and noise of colours BGRA ``(h, 4 w)``; ``grain``: noise, as large.
 
-    Args:
-        image: BGRA ``(h, 4 w)``.
-        flaw: of it.
-        grain: noise ``(h, 4 w)``.
-        scratch: ``(h + SPARE, 4 w + 2 EDGE)``.
+    ``scratch``: ``(h + SPARE, 4 w + 2 EDGE)``.
     """
     height, count = image.shape[0], image.shape[1]
     gain, bias, noise = height, height + 1, height + 2
@@ -215,17 +211,12 @@ def spoil(
 
     Args:
         envs: whose pictures they are, from the ``first`` on.
-        first: see there.
-        view: index.
         flaws: ``(n, views)``.
         starts: where the noise of colours, depth and labels begins in its table, ``(n, views)``.
-        normal: address of a table of normal numbers, float32.
-        uniform: of one of numbers in [0, 1).
-        scratch: of a buffer for ``_expose``.
-        colours: of BGRA pictures ``(k, side, side)``; 0 where there are none.
-        depths: of theirs in m, float32, or 0.
-        geoms: of geom ids, int32, or 0.
-        side: of the pictures, px.
+        normal: address of a table of normal numbers, float32; ``uniform``: of numbers in [0, 1).
+        scratch: address of a buffer for ``_expose``.
+        colours: address of BGRA pictures ``(k, side, side)``; 0 where there are none. So are
+            ``depths`` in m, float32, and ``geoms``, ids, int32.
     """
     at = wp.tid()
     flaw, start = flaws[envs[first + at], view], starts[envs[first + at], view]

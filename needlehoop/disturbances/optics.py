@@ -19,9 +19,6 @@ _NEAREST, _FURTHEST = 0.035, 0.085
 _HEIGHT, _HIDDEN = 0.004, -1.0
 """Of their middles above the table, m; of those that are not there, under it."""
 
-_CELLS = 500.0
-"""Of the table's pattern to a m."""
-
 _KINDS = (
     (mujoco.mjtGeom.mjGEOM_BOX, (0.006, 0.004, 0.003), (0.75, 0.25, 0.20)),
     (mujoco.mjtGeom.mjGEOM_CYLINDER, (0.004, 0.006, 0.0), (0.85, 0.80, 0.30)),
@@ -75,15 +72,11 @@ def lamps(direction: np.ndarray, drawn: Mapping[str, Drawn]) -> np.ndarray:
 
 
 def looks(drawn: Mapping[str, Drawn], things: np.ndarray) -> dict[str, np.ndarray]:
-    """Colours and light, as ``engines.contract.OPTICS`` has them.
-
-    Args:
-        drawn: by the keys of ``AXES``.
-        things: number of the thing that each geom is a part of ``(ngeom,)``.
-    """
+    """Colours and light, as ``OPTICS`` has them; ``things``: of each geom ``(ngeom,)``."""
     texture = drawn["scene.texture"]
     begins = np.floor(texture.free * 2.0**20)
-    grain = np.stack((texture.amount, begins, np.full_like(begins, _CELLS)), -1)
+    # 500 cells of the table's pattern to a m.
+    grain = np.stack((texture.amount, begins, np.full_like(begins, 500.0)), -1)
     return {
         "geom_tint": (1.0 + drawn["scene.colours"].amount)[:, things],
         "geom_sheen": drawn["scene.sheen"].amount[:, things, 0],

@@ -21,10 +21,6 @@ Spoiler = Callable[[str, Frame, slice], None]
 """Changes a view's frames of some rows of a batch, and takes those rows."""
 
 
-_GREY = 128.0
-"""What contrast leaves as it is."""
-
-
 def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
     """The fields of ``Flaw`` for pictures ``(k, views)``, of what was drawn for each axis.
 
@@ -35,21 +31,20 @@ def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
     same = {"blur": "blur", "noise": "noise", "labels": "flips"}
     same |= {name: name for name in ("depth_noise", "depth_step")}
     cover, cast = drawn["picture.cover"], 1.0 + share["cast"]
+    # Contrast leaves this grey as it is.
+    grey = 128.0
     return {
         **{field: drawn[f"picture.{name}"].amount[..., 0] for name, field in same.items()},
         "gain": (1.0 + share["brightness"]) * (1.0 + share["contrast"]) * cast,
-        "bias": -_GREY * share["contrast"] * cast,
+        "bias": -grey * share["contrast"] * cast,
         "drop": np.concatenate((cover.amount, cover.free), -1),
     }
 
 
 class Sensors:
-    """Of ``n`` environments. Noise is cut out of two tables that are always the same.
+    """Of environments. Noise is cut out of two tables that are always the same.
 
-    Args:
-        num_envs: ``n``.
-        views: names of their cameras.
-        size: side of the images, px.
+    ``views``: names of their cameras. ``size``: side of the images, px.
     """
 
     def __init__(self, num_envs: int, views: tuple[str, ...], size: int):
@@ -73,14 +68,11 @@ class Sensors:
             self._fields[name][ids] = values
 
     def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:
-        """What spoils the frames of environments.
+        """What spoils the frames of environments ``ids`` ``(k,)``.
 
-        Args:
-            ids: which ``(k,)``.
-            places: where their noise begins ``(k, views * 3)``, in [0, 1).
+        ``places`` ``(k, views * 3)``: where their noise begins, in [0, 1).
         """
-        shape = (len(ids), len(self._views), 3)
-        self._starts.numpy()[ids] = (places * _PERIOD).reshape(shape)
+        self._starts.numpy()[ids] = (places * _PERIOD).reshape(len(ids), len(self._views), 3)
         envs, side = wp.array(ids, dtype=int, device="cpu"), self._size
 
         def run(view: str, frame: Frame, part: slice) -> None:
