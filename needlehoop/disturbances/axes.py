@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -138,14 +138,6 @@ class Disturb:
         return {key: found[key] for key in AXES if found.get(key, 0.0) > 0}
 
 
-def amount_at(
-    levels: Mapping[str, Mapping[str, Sequence[float]]], key: str, severity: int
-) -> float:
-    """The amount of an axis at a severity of ``conf/levels``, which begin at 1; 0 is none."""
-    group, _, name = key.partition(".")
-    return levels[group][name][severity - 1] if severity else 0.0
-
-
 def disturb_of(amounts: Mapping[str, float]) -> Disturb:
     """The config with these amounts, by their keys in ``AXES``."""
     split: dict[str, Any] = {group: {} for group in GROUPS}
@@ -165,10 +157,8 @@ def uniform(name: str, count: int, *keys: np.ndarray | int) -> np.ndarray:
     They depend on nothing else. So an episode is disturbed in the same way whatever runs beside
     it, and resuming needs no state.
 
-    Args:
-        name: what they are for; another name gives others.
-        count: numbers for each row.
-        keys: seed, environments, episodes, steps: integers, or ``(n,)`` of them.
+    ``name``: what they are for; another name gives others. ``keys``: seed, environments, episodes,
+    steps: integers, or ``(n,)`` of them.
     """
     state = np.full(1, zlib.crc32(name.encode()), np.uint64)
     for key in keys:

@@ -13,7 +13,6 @@ from torch import Tensor
 from needlehoop.disturbances import optics
 from needlehoop.disturbances.axes import AXES, EPISODE, RASTERISED, THING, VIEW, Drawn, uniform
 from needlehoop.disturbances.sensors import Sensors, Spoiler, flaws
-from needlehoop.engines.contract import ZOOM
 
 _DELIVERY = ("picture.late", "picture.frozen", "picture.black")
 _SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not in _DELIVERY)
@@ -156,7 +155,7 @@ class Disturbance:
             time = np.minimum(1.0, self._numbers["steps"] / self._max_steps)
             own = optics.cameras(places[:, at], turns[:, at], self._drawn, time)
             places[:, at], turns[:, at], zoom[:, at] = own
-            found |= {"cam_xpos": places, "cam_xmat": turns, ZOOM: zoom}
+            found |= {"cam_xpos": places, "cam_xmat": turns, "cam_zoom": zoom}
         if self._does("scene."):
             places = fields["geom_xpos"].reshape(n, -1, 3).copy()
             strange = self._drawn["scene.objects"]

@@ -34,24 +34,23 @@ class EngineConfig:
 FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 """Fields of MjData that a picture depends on."""
 
-ZOOM = "cam_zoom"
-"""What a disturbance may add to them: factors of the focal lengths ``(n, ncam)``."""
-
 OPTICS = {
+    "cam_zoom": 1.0,
     "geom_tint": 1.0,
     "geom_sheen": 0.0,
     "lamp_strength": 1.0,
     "table_grain": 0.0,
 }
-"""More of that, and what it is where it is left out.
+"""What a disturbance may add to them, and what it is where it is left out.
 
-``geom_tint`` ``(n, ngeom, 3)``: factors of the colours. ``geom_sheen`` ``(n, ngeom)``: strength of
-highlights. ``lamp_strength`` ``(n, 1)``: factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``:
-how strong a pattern is, where it begins, its cells to a m.
+``cam_zoom`` ``(n, ncam)``: factors of the focal lengths. ``geom_tint`` ``(n, ngeom, 3)``: factors
+of the colours. ``geom_sheen`` ``(n, ngeom)``: strength of highlights. ``lamp_strength`` ``(n, 1)``:
+factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``: how strong a pattern is, where it begins,
+its cells to a m.
 """
 
 Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]
-"""From ``FIELDS`` of all environments, those to draw instead, perhaps with ``ZOOM``, ``OPTICS``."""
+"""From ``FIELDS`` of all environments, those to draw instead, perhaps with ``OPTICS``."""
 
 
 class Frame(NamedTuple):

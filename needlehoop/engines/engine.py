@@ -34,14 +34,10 @@ class Engine(ABC):
     A subclass reads, writes and steps the state; all else is the same in every engine.
 
     Args:
-        model: the compiled scene.
-        robot: in it.
-        num_envs: copies of it.
         substeps: physics steps per control step.
         views: channels to render by view; empty for no cameras.
         size: image width and height, px.
         quality: of the images, see ``Tracer``.
-        config: threads and renderer.
 
     Raises:
         ValueError: a size or scene that can't be rendered.
@@ -148,13 +144,9 @@ class Engine(ABC):
 
     @abstractmethod
     def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
-        """Set a field of MjData or MjModel, or the part ``at`` of it; nothing is forwarded.
+        """Set a field of MjData or MjModel to ``value`` ``(k, ...)``; nothing is forwarded.
 
-        Args:
-            name: of the field.
-            rows: environments ``(k,)``.
-            value: new in each of them ``(k, ...)``.
-            at: index into one environment's field; all of it by default.
+        In environments ``rows`` ``(k,)``. ``at``: index of a part of one environment's field.
         """
 
     @abstractmethod

@@ -15,15 +15,10 @@ from needlehoop.engines.quiet_start import start_warp
 
 
 class Tracer:
-    """Renders ``n`` environments, one after the other.
+    """Renders environments, one after the other, in images ``size`` px wide and high.
 
-    Args:
-        model: the scene.
-        num_envs: environments.
-        views: channels to trace by view, e.g. ``{"front": Channels(True, True, False)}``.
-        size: width and height of the images, px.
-        quality: 1 traces one ray a pixel without shadows (what agents see); k > 1 traces
-            k x k rays with shadows (pictures for people).
+    ``quality``: 1 traces one ray a pixel without shadows (what agents see); k > 1 traces
+    k x k rays with shadows (pictures for people).
     """
 
     def __init__(

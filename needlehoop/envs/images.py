@@ -75,9 +75,17 @@ class Imager:
             parts.append(torch.stack([frame.bgra[..., channel] for channel in (2, 1, 0)], 1))
         elif rendering.colour == "flat":
             assert frame.geom is not None
-            parts.append(_painted(frame.geom, self._palettes[camera.rendering]))
+            # Nothing hit is -1: the palette's first, black entry.
+            entries, shape = (frame.geom + 1).flatten(), frame.geom.shape
+            palette = self._palettes[camera.rendering]
+            planes = [plane.index_select(0, entries).view(shape) for plane in palette]
+            parts.append(torch.stack(planes, 1))
         if rendering.depth != "none":
-            nearness = _nearness(frame, view).unsqueeze(1)
+            assert frame.depth is not None
+            # 1 at the view's near depth, 0 at its far depth and where nothing was hit.
+            nearness = ((view.far - frame.depth) / (view.far - view.near)).clamp(0.0, 1.0)
+            nearness = torch.where(frame.depth > 0, nearness, torch.zeros_like(nearness))
+            nearness = nearness.unsqueeze(1)
             if rendering.depth == "channel":
                 parts.append((255 * nearness).round().to(torch.uint8))
             else:
@@ -94,21 +102,6 @@ def channels_of(settings: Settings) -> dict[str, Channels]:
         needs = Channels(own.colour == "rgb", own.depth != "none", own.colour == "flat")
         asked[camera.view] = Channels(*map(or_, needs, asked.get(camera.view, needs)))
     return asked
-
-
-def _nearness(frame: Frame, view: View) -> Tensor:
-    """1 at the view's near depth, 0 at its far depth and where nothing was hit."""
-    assert frame.depth is not None
-    nearness = ((view.far - frame.depth) / (view.far - view.near)).clamp(0.0, 1.0)
-    return torch.where(frame.depth > 0, nearness, torch.zeros_like(nearness))
-
-
-def _painted(geom: Tensor, palette: Tensor) -> Tensor:
-    """Colours ``(n, 3, h, w)`` of geom ids ``(n, h, w)``."""
-    # Nothing hit is -1: the palette's first, black entry.
-    entries = (geom + 1).flatten()
-    planes = [plane.index_select(0, entries).view(geom.shape) for plane in palette]
-    return torch.stack(planes, 1)
 
 
 def _palette(

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Pixels
-from needlehoop.disturbances.axes import AXES, amount_at, disturb_of
+from needlehoop.disturbances.axes import AXES, disturb_of
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller
@@ -174,17 +174,18 @@ def disturbed_sheet(
     if not settings.cams:
         raise ValueError("cams: choose the cameras to show, such as cams=rgb_front,dep_front")
     axes = [key for key in AXES if not key.startswith("robot.")]
+    # By severity, from none on.
+    ladder = {f"{g}.{name}": (0.0, *row) for g, own in levels.items() for name, row in own.items()}
     cases = [(key, severity) for key in axes for severity in _SEVERITIES]
     own = replace(
         settings,
         num_envs=len(cases),
-        disturb=disturb_of({key: amount_at(levels, key, 5) for key in axes}),
+        disturb=disturb_of({key: ladder[key][5] for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
     simulation, _ = build(own)
     amounts = {
-        key: torch.tensor([amount_at(levels, k, s) if k == key else 0.0 for k, s in cases])
-        for key in axes
+        key: torch.tensor([ladder[key][s] if k == key else 0.0 for k, s in cases]) for key in axes
     }
     first = torch.zeros(len(cases), dtype=torch.int64)
     simulation.deal(torch.arange(len(cases)), first, amounts)

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from needlehoop.engines.contract import OPTICS, ZOOM, Channels, Frame
+from needlehoop.engines.contract import OPTICS, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
 from needlehoop.engines.rasteriser.buffers import PATTERN, FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.kernel import draw
@@ -29,12 +29,7 @@ class Rasteriser:
     Curved geoms are polygons within 0.1 mm. Colours have no shadows and no highlights, as in
     ``Tracer`` with ``quality=1``.
 
-    Args:
-        model: the scene.
-        num_envs: environments.
-        views: channels to draw by view, e.g. ``{"front": Channels(True, True, False)}``.
-        size: width and height of the images, px.
-        threads: how many draw side by side.
+    ``size``: width and height of the images, px.
 
     Raises:
         ValueError: ``size`` below 1 or too large, or a scene that can't be drawn; see
@@ -57,16 +52,23 @@ class Rasteriser:
                 f" than {_MOST} pixels; choose fewer"
             )
         start_warp()
-        self._count, self._size, self._solids = num_envs, size, pack(model)
+        self._size, self._solids = size, pack(model)
         counts = [iter(range(len(views))) for _ in range(3)]
         self._images = {
             view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
             for view, channels in views.items()
         }
-        self._lenses = _lenses(model, self._images)
+        rows = []
+        for view, images in self._images.items():
+            camera = model.camera(view).id
+            if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
+                raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
+            rows.append((camera, *images))
+        dtype: Any = Lens.numpy_dtype()
+        self._lenses = wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
         pixels = size * size
-        images = [num_envs * pixels * sum(asked) for asked in zip(*views.values(), strict=True)]
-        self._buffers = _zeros(FrameBuffers, colour=images[0], depth=images[1], geom=images[2])
+        sizes = [num_envs * pixels * sum(asked) for asked in zip(*views.values(), strict=True)]
+        self._buffers = _zeros(FrameBuffers, colour=sizes[0], depth=sizes[1], geom=sizes[2])
         self._buffers.count = num_envs
         objects = {"geom": model.ngeom, "cam": model.ncam, "light": model.nlight}
         objects |= {"lamp": 1, "table": 1}
@@ -98,14 +100,14 @@ class Rasteriser:
 
         Of environments ``ids`` ``(k,)``, or of all.
         """
-        count = self._count if ids is None else len(ids)
+        count = self._buffers.count if ids is None else len(ids)
         chosen = slice(None) if ids is None else ids
         for name, target in self._fields.items():
             if name in fields:
                 target[:count] = fields[name][chosen].reshape(count, *target.shape[1:])
             elif name in OPTICS:
                 target[:count] = OPTICS[name]
-        zoom = fields[ZOOM][chosen] if ZOOM in fields else 1.0
+        zoom = fields["cam_zoom"][chosen] if "cam_zoom" in fields else OPTICS["cam_zoom"]
         self._fields["cam_tangent"][:count] = self._tangents / zoom
         edges = np.linspace(0, count, len(self._scratch) + 1).astype(int).tolist()
         list(self._map(self._draw, self._scratch, edges[:-1], edges[1:]))
@@ -133,18 +135,6 @@ def _pattern() -> np.ndarray:
     waves = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.fftfreq(side))
     smooth = np.fft.ifft2(np.fft.fft2(noise) * (waves < 0.25)).real
     return (smooth / np.abs(smooth).max()).astype(np.float32)
-
-
-def _lenses(model: mujoco.MjModel, images: Mapping[str, list[int]]) -> wp.array:
-    """A lens for each view, with the images that it makes."""
-    rows = []
-    for view, indices in images.items():
-        camera = model.camera(view).id
-        if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
-            raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
-        rows.append((camera, *indices))
-    dtype: Any = Lens.numpy_dtype()
-    return wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
 
 
 def _zeros(struct: Any, **shapes: int | tuple[int, int]) -> Any:
