@@ -58,8 +58,9 @@ class Disturbance:
         self._levels = np.ones(n)
         self._seed = 0
         self._sensors = Sensors(n, views, size) if views and self._may(*_SENSORS) else None
-        self._commands = int(amounts.get("robot.late", 0)) + 1
         self._sent: np.ndarray | None = None
+        if self._may("robot.late", "robot.lost"):
+            self._sent = np.zeros((int(amounts.get("robot.late", 0)) + 1, n, model.nu))
         self._pictures = int(amounts.get("picture.late", 0)) + 1
         self._kept: dict[str, np.ndarray] = {}
 
@@ -89,9 +90,7 @@ class Disturbance:
             self._numbers[name][ids] = values
         self._levels[ids] = self.level
         self._draw(ids)
-        if self._may("robot.late", "robot.lost"):
-            if self._sent is None:
-                self._sent = np.zeros((self._commands, len(self._levels), control.shape[1]))
+        if self._sent is not None:
             self._sent[:, ids] = control.numpy()
 
     def _draw(self, ids: np.ndarray) -> None:
@@ -138,10 +137,10 @@ class Disturbance:
         chance = uniform("robot.lost.now", 1, self._seed, *keys)
         lost = chance < self._drawn["robot.lost"].amount
         # The servos hold the command before a lost one.
-        before = sent[(steps - 1) % self._commands, rows]
-        sent[steps % self._commands, rows] = np.where(lost, before, control.numpy())
+        before = sent[(steps - 1) % len(sent), rows]
+        sent[steps % len(sent), rows] = np.where(lost, before, control.numpy())
         late = self._drawn["robot.late"].amount[:, 0].astype(int)
-        return torch.from_numpy(sent[(steps - late) % self._commands, rows])
+        return torch.from_numpy(sent[(steps - late) % len(sent), rows])
 
     # What the cameras show.
 

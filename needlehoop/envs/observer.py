@@ -51,10 +51,8 @@ class Observer:
         ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
         an episode's first frame repeated; and what ``read`` gives.
 
-        Args:
-            signals: current.
-            ids: environments whose images are new; all by default.
-            images: what ``look`` returned for them; by default it looks now.
+        ``ids``: environments whose images are new (all by default); ``images``: what ``look``
+        returned for them; by default it looks now.
         """
         new = self.look(ids) if images is None else images
         if self._obs.frame_stack > 1:

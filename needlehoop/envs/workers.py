@@ -20,15 +20,12 @@ _LONGEST_WAIT = 10.0
 
 
 class Workers:
-    """A number of threads.
+    """A number of threads, at least 1, of which the caller is one.
 
     Each of torch's operations runs on the thread that calls it (``torch.set_num_threads(1)``):
     torch's own threads would decide how sums are rounded. So work whose rounding depends on how
     it is cut is cut by what it is, never by how many threads there are, and what comes of it has
     the same bits anywhere.
-
-    Args:
-        threads: at least 1, of which the caller is one.
     """
 
     def __init__(self, threads: int):

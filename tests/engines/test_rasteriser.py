@@ -9,7 +9,7 @@ import torch
 
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import Rasteriser
-from needlehoop.engines.rasteriser.surfaces import surface_of
+from needlehoop.engines.rasteriser.solids import surface_of
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import random_controller
