@@ -200,9 +200,10 @@ def vlm_check(options: argparse.Namespace) -> int:
                 f"{word}: the program is judged, no other reward; choose from its FILE, flavour,"
                 " study, recording, sample, unit"
             )
-    place = {"study": str, "results": str, "recording": str | None, "sample": Count}
-    which = {"flavour": Flavour, "unit": Positive | None, **place}
-    settings, own = environment(options, "check", gates=Gates, **which)
+    place: dict[str, Any] = {"study": str, "results": str, "recording": str | None, "sample": Count}
+    settings, own = environment(
+        options, "check", gates=Gates, flavour=Flavour, unit=Positive | None, **place
+    )
     check_name("study", own.study)
     if files:
         source = read(Path(files[0]))

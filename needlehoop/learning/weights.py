@@ -32,6 +32,8 @@ from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
 
+Steps = Annotated[int, Range(0, 10**15)]
+
 _DTYPES = {torch.float32: ("F32", "BF16"), torch.float64: ("F64",), torch.int64: ("I64",)}
 """Types of numbers that a file may hold, by the policy's own."""
 
@@ -117,8 +119,7 @@ def write_weights(
 def read_step(path: Path) -> int | None:
     """Steps before the evaluation that a best policy's file notes; errors as in ``read_senses``."""
     found = _note(path, "evaluation") or {}
-    kind = Annotated[int, Range(0, 10**15)] | None
-    return strict.structure(found.get("step"), kind, f"{path}: step")
+    return strict.structure(found.get("step"), Steps | None, f"{path}: step")
 
 
 def read_senses(path: Path) -> Senses:

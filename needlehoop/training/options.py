@@ -14,6 +14,8 @@ from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
 
+Steps = Annotated[int, Range(1, 10**15)]
+
 
 def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
     """Check all settings of a training except its reward's program, which may not exist yet.
@@ -30,7 +32,7 @@ def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
         resume=str | None,
         overwrite=bool,
         existing=Annotated[str, OneOf("auto", "stop", "resume")],
-        until=Annotated[int, Range(1, 10**15)] | None,
+        until=Steps | None,
         trust=bool,
         objective=str,
     )
