@@ -77,14 +77,14 @@ def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, 
     worth = [
         total(
             human,
-            tool_midpoint=one.robot["tool"],
-            pickup_point=one.free["needle"][:3],
-            lift_position=one.mocap["lift_position"],
-            needle_tip=one.free["needle"][:3],
-            goal=one.mocap["hoop"],
-            jaw_command=one.robot["jaw"],
+            tool_midpoint=begun.robot["tool"][i],
+            pickup_point=begun.free["needle"][i, :3],
+            lift_position=begun.mocap["lift_position"][i],
+            needle_tip=begun.free["needle"][i, :3],
+            goal=begun.mocap["hoop"][i],
+            jaw_command=begun.robot["jaw"][i],
         )
-        for one in begun
+        for i in range(len(begun))
     ]
     assert min(worth) > 0
     assert max(worth) - human.time < 0.5
