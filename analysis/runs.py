@@ -106,4 +106,7 @@ if __name__ == "__main__":
     parser.add_argument("to", type=Path, help="folder of the tables")
     parser.add_argument("studies", type=Path, nargs="+", help="folders of studies")
     given = parser.parse_args()
-    add(given.to, given.studies)
+    try:
+        add(given.to, given.studies)
+    except ValueError as error:
+        parser.error(str(error))
