@@ -75,7 +75,7 @@ def _pixels(settings: Settings) -> tuple[int, int]:
     """Pixels of needle and hoop while the expert does the task: as seen, and with nothing else
     in the scene."""
     (view,) = {name.partition("_")[2] for name in settings.cams}
-    simulation, _ = build(replace(settings, cams=(f"seg_{view}",)))
+    simulation = build(replace(settings, cams=(f"seg_{view}",)))
     model = simulation.engine.model
     wanted = np.array(
         [model.geom(i).name.startswith(("needle", "hoop")) for i in range(model.ngeom)]

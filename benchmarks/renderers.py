@@ -26,7 +26,7 @@ if __name__ == "__main__":
         engines = {}
         for kind in RENDERERS:
             chosen = replace(settings, cams=cams, num_envs=ENVS, engine=EngineConfig(1, kind))
-            simulation, _ = build(chosen)
+            simulation = build(chosen)
             simulation.reset()
             engines[kind] = simulation.engine
         least = dict.fromkeys(RENDERERS, float("inf"))

@@ -46,7 +46,7 @@ def shake(settings: Settings, episodes: int) -> Stability:
     Raises:
         RuntimeError: MuJoCo itself reports a diverged simulation.
     """
-    simulation, _ = build(replace(settings, cams=()))
+    simulation = build(replace(settings, cams=()))
     engine = simulation.engine
     generator = torch.Generator().manual_seed(settings.seed)
     n, size = settings.num_envs, settings.episode.action_size

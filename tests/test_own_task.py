@@ -18,7 +18,6 @@ import needlehoop
 from needlehoop.cli.main import main
 from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
-from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.tasks import registry
@@ -32,7 +31,7 @@ def forgotten(monkeypatch):
     monkeypatch.setattr(registry, "_added", {})
 
 
-def built(*words: str) -> tuple[Simulation, Imager]:
+def built(*words: str) -> Simulation:
     return build(compose_settings([f"task_dir={FOLDER}", *words]))
 
 
@@ -47,7 +46,7 @@ def test_it_is_short():
 
 
 def test_the_expert_puts_the_cube_on_the_spot():
-    simulation, _ = built(f"num_envs={200 if ALL else 50}", "seed=4000")
+    simulation = built(f"num_envs={200 if ALL else 50}", "seed=4000")
     act, moment = expert_of(simulation), simulation.reset()
     assert not moment.facts["success"].any()
     done = moment.facts["success"].clone()
@@ -63,7 +62,7 @@ def test_the_expert_puts_the_cube_on_the_spot():
 
 
 def test_a_cube_held_over_the_spot_is_not_placed():
-    simulation, _ = built("num_envs=6")
+    simulation = built("num_envs=6")
     act, moment = expert_of(simulation), simulation.reset()
     for _ in range(simulation.episode.max_steps):
         action = act(moment.signals)
@@ -75,7 +74,7 @@ def test_a_cube_held_over_the_spot_is_not_placed():
 
 
 def test_random_actions_keep_the_physics_finite():
-    simulation, _ = built("num_envs=10")
+    simulation = built("num_envs=10")
     generator = torch.Generator().manual_seed(0)
     simulation.reset()
     for step in range(100):
@@ -91,7 +90,7 @@ def test_random_actions_keep_the_physics_finite():
 
 def test_both_engines_have_the_same_bits():
     words = ["num_envs=2", "cams=[dep_front,seg_side]", "image_size=24", "engine.threads=1"]
-    (one, look_one), (other, look_other) = (built(*words, f"engine={kind}") for kind in KINDS)
+    one, other = (built(*words, f"engine={kind}") for kind in KINDS)
     act, moment = expert_of(one), one.reset()
     other.reset()
     for _ in range(30):
@@ -100,7 +99,7 @@ def test_both_engines_have_the_same_bits():
         assert torch.equal(moment.reward, same.reward)
         assert torch.equal(one.engine.sensordata(), other.engine.sensordata())
     assert moment.facts["has_held"].all()
-    images, again = look_one(one.engine.render()), look_other(other.engine.render())
+    images, again = one.images(), other.images()
     assert all(torch.equal(images[name], again[name]) for name in images)
 
 
@@ -261,4 +260,4 @@ def test_an_installed_package_has_a_task(tmp_path, monkeypatch):
     settings = compose_settings(["task=cube_on_spot", "num_envs=1"])
     assert settings.definition.name == "cube_on_spot"
     assert settings.reward["kind"] == "human"
-    assert build(settings)[0].reset()
+    assert build(settings).reset()

@@ -88,7 +88,7 @@ def expert(options: argparse.Namespace) -> None:
     from needlehoop.pictures.film import record
 
     cams = settings.cams or ("rgb_default", "dep_front", "seg_side")
-    simulation, _ = build(replace(settings, cams=cams, num_envs=1))
+    simulation = build(replace(settings, cams=cams, num_envs=1))
     record(simulation, controller(who, settings), asked.video_episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")

@@ -43,8 +43,8 @@ def compile_scene(settings: Settings) -> mujoco.MjModel:
     return scene_spec(settings).compile()
 
 
-def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
-    """A simulation on the engine of the settings, and the imager that it has of its cameras.
+def build(settings: Settings, first_env: int = 0) -> Simulation:
+    """A simulation on the engine of the settings, with the images of its cameras.
 
     ``first_env``: index of the first environment among all that share the seed.
 
@@ -68,4 +68,4 @@ def build(settings: Settings, first_env: int = 0) -> tuple[Simulation, Imager]:
         seen = (things(model, task.paint), views, target, s.image_size)
         wrong = Disturbance(s.disturb.amounts, model, *seen, s.episode.max_steps, s.num_envs)
     reward = rewards.load(s.reward, task)
-    return Simulation(s, engine, imager, reward, first_env, wrong), imager
+    return Simulation(s, engine, imager, reward, first_env, wrong)

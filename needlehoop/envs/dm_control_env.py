@@ -115,7 +115,7 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     if not (s.cams or vectors(s.definition, s.obs)):
         # Something has to be observed.
         s = replace(s, obs=replace(s.obs, proprio=True))
-    simulation, _ = build(s, first_env=env)
+    simulation = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)
     task: Any = DmControlTask(simulation)
     substeps = s.episode.substeps

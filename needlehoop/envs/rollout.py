@@ -81,7 +81,7 @@ def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation
         raise ValueError(f"episodes: {episodes} must be at least 1")
     for first in range(0, episodes, size):
         own = replace(settings, num_envs=min(size, episodes - first))
-        yield build(own, first_env=first)[0]
+        yield build(own, first_env=first)
 
 
 @dataclass(frozen=True)

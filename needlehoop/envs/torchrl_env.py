@@ -42,7 +42,7 @@ class TorchRLEnv(EnvBase):
 
     def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
         self.settings, self._stagger = settings, stagger
-        self.simulation, _ = build(settings, first_env)
+        self.simulation = build(settings, first_env)
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
         self.workers = Workers(settings.engine.threads or available_cpus())

@@ -90,7 +90,7 @@ class GymnasiumVectorEnv(VectorEnv):
             "render_fps": 1.0 / settings.period,
             "autoreset_mode": self.autoreset_mode,
         }
-        self.simulation = build(settings)[0]
+        self.simulation = build(settings)
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
         model = self.simulation.engine.model

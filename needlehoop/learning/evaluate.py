@@ -212,5 +212,5 @@ def _share(found: Mapping[str, Any], name: str) -> str:
 
 def _alone(job_env: Settings, agent: Agent, seed: int) -> tuple[Simulation, Controller]:
     """One environment, and the agent as its controller."""
-    simulation, _ = build(replace(job_env, num_envs=1, seed=seed))
+    simulation = build(replace(job_env, num_envs=1, seed=seed))
     return simulation, acting(agent.actor)(simulation)

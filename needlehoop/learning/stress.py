@@ -106,7 +106,7 @@ def stress(
     most = {key: max(c.amounts.get(key, 0.0) for c in tried) for key in AXES}
     disturb = disturb_of({key: amount for key, amount in most.items() if amount})
     own = replace(settings, num_envs=min(size, total), disturb=disturb)
-    simulation, _ = build(own)
+    simulation = build(own)
     controller = make(simulation)
     amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
     names = (*task.columns, "return", "steps")

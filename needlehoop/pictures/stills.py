@@ -59,7 +59,7 @@ class Photographer:
 
 def portrait(settings: Settings, size: int) -> Image.Image:
     """The start of an episode from the ``picture`` camera, ``size`` px wide."""
-    simulation, _ = build(replace(settings, num_envs=1, cams=()))
+    simulation = build(replace(settings, num_envs=1, cams=()))
     simulation.reset()
     engine = simulation.engine
     return Image.fromarray(Photographer(engine.model, size)(engine.data(0)))
@@ -143,7 +143,7 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     """
     # The episode must go on after success.
     s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
-    simulation, _ = build(s)
+    simulation = build(s)
     seen: dict[str, dict[str, np.ndarray]] = {}
     since = 0
     for step in rollout(simulation, controller(s.definition.teacher, s)):
@@ -183,7 +183,7 @@ def disturbed_sheet(
         disturb=disturb_of({key: ladder[key][5] for key in axes}),
         episode=replace(settings.episode, end_on_success=False),
     )
-    simulation, _ = build(own)
+    simulation = build(own)
     amounts = {
         key: torch.tensor([ladder[key][s] if k == key else 0.0 for k, s in cases]) for key in axes
     }

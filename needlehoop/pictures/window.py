@@ -82,7 +82,7 @@ def view(settings: Settings, who: str) -> None:
     """
     check_display(_INSTEAD)
     alone = replace(settings, num_envs=1, cams=())
-    simulation, _ = build(alone)
+    simulation = build(alone)
     play(Window(simulation, _INSTEAD), controller(who, alone), count())
 
 

@@ -53,7 +53,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     ``ValueError`` for settings that the scripts cannot drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
-    simulation, goal = build(blind)[0], blind.definition.goal
+    simulation, goal = build(blind), blind.definition.goal
     flights = {
         who: _fly(simulation, gates.seed, controller(who, blind), goal)
         for who in ("expert", CHEAT, "random")
@@ -63,7 +63,7 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     last = {who: flight.last(goal) for who, flight in flights.items()}
     # Uniformly random actions, of more episodes.
     own = replace(blind, num_envs=gates.random_episodes)
-    steps = _fly(build(own)[0], gates.seed, controller("random", own)).signals
+    steps = _fly(build(own), gates.seed, controller("random", own)).signals
     before, after = steps[:-1].reshape(-1), steps[1:].reshape(-1)
     after.elapsed = before.elapsed.clone()
     return Trajectories(moments, last, before, after, _stopped(blind, gates))
@@ -125,7 +125,7 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     that reach the goal all the same are left out. ``elapsed`` is that of the finished ones.
     """
     s = replace(settings, num_envs=gates.stop_episodes)
-    task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)[0]
+    task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)
     flight = _fly(simulation, gates.seed, act, task.goal)
     finished, found = flight.last(task.goal), {}
     opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name != task.goal]
@@ -183,7 +183,7 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     Over 8 whole episodes of the task's teacher, and 8 of a random policy.
     """
     s = _blind(settings, 8)
-    simulation, _ = build(s)
+    simulation = build(s)
     moments = [
         _fly(simulation, s.seed, controller(who, s)).signals
         for who in (s.definition.teacher, "random")

@@ -26,7 +26,7 @@ SEVERE = (CAMS, "num_envs=3", "seed=5", "disturb=severe", "image_size=32")
 def flown(*words: str, steps: int = 25, first: int = 0) -> tuple[list, list]:
     """Sensor data and images of a few steps of the expert's."""
     settings = compose_settings(words)
-    simulation, _ = build(settings, first)
+    simulation = build(settings, first)
     moment, act = simulation.reset(), controller("smooth", settings)
     felt, seen = [], [simulation.images()]
     for _ in range(steps):
@@ -71,8 +71,8 @@ def test_it_is_disturbed_at_all(severe):
 
 
 def test_none_dealt_is_as_if_there_were_nothing():
-    plain, _ = build(compose_settings([*SEVERE, "disturb=none"]))
-    wrong, _ = build(compose_settings(SEVERE))
+    plain = build(compose_settings([*SEVERE, "disturb=none"]))
+    wrong = build(compose_settings(SEVERE))
     wrong.deal(torch.arange(3), torch.arange(3), {})
     plain.reset(), wrong.reset()
     action = torch.rand(3, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
@@ -86,8 +86,8 @@ def test_none_dealt_is_as_if_there_were_nothing():
 @pytest.mark.parametrize("key", AXES)
 def test_an_axis_alone_shows_nothing_of_the_others(key):
     """Where all axes are built and one acts a little, the picture is nearly the undisturbed one."""
-    plain, _ = build(compose_settings([*SEVERE, "disturb=none", "image_size=64"]))
-    wrong, _ = build(compose_settings([*SEVERE, "image_size=64"]))
+    plain = build(compose_settings([*SEVERE, "disturb=none", "image_size=64"]))
+    wrong = build(compose_settings([*SEVERE, "image_size=64"]))
     few = 1.0 if AXES[key].whole else 1e-9
     wrong.deal(torch.arange(3), torch.arange(3), {key: torch.full((3,), few)})
     plain.reset(), wrong.reset()
@@ -134,7 +134,7 @@ def test_an_axis_shows_in_the_cameras_that_it_touches(word, views):
 
 def test_a_shifted_camera_shows_what_a_moved_view_would():
     settings = compose_settings(["cams=[seg_front]", "num_envs=1", "disturb.camera.shift=0.01"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     simulation.reset()
     seen = simulation.images()["seg_front"]
     by = simulation.disturbance._drawn["camera.shift"].amount[0, 0]
@@ -144,7 +144,7 @@ def test_a_shifted_camera_shows_what_a_moved_view_would():
         compose_settings(["cams=[seg_front]", "num_envs=1"]),
         views={**settings.views, "front": moved},
     )
-    plain, _ = build(other)
+    plain = build(other)
     plain.reset()
     assert float((plain.images()["seg_front"] == seen).float().mean()) > 0.999
 
@@ -152,7 +152,7 @@ def test_a_shifted_camera_shows_what_a_moved_view_would():
 def test_each_view_is_as_many_steps_late_as_it_drew():
     words = (CAMS, "num_envs=2", "seed=4", "image_size=32")
     plain, wrong = flown(*words, steps=8)[1], flown(*words, "disturb.picture.late=3", steps=8)[1]
-    simulation, _ = build(compose_settings([*words, "disturb.picture.late=3"]))
+    simulation = build(compose_settings([*words, "disturb.picture.late=3"]))
     simulation.reset()
     late = simulation.disturbance._drawn["picture.late"].amount[..., 0].astype(int)
     assert len(np.unique(late)) > 1
@@ -165,7 +165,7 @@ def test_each_view_is_as_many_steps_late_as_it_drew():
 
 def test_the_tip_stands_beside_where_it_was_told_to():
     settings = compose_settings(["num_envs=2", "disturb.robot.offset=0.005"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     moment = simulation.reset()
     for _ in range(15):
         moment = simulation.step(torch.zeros(2, 5, dtype=torch.float64))

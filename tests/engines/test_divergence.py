@@ -17,7 +17,7 @@ from needlehoop.learning.learner import Learner
 
 def built(kind: str) -> Simulation:
     words = ["num_envs=3", "episode.max_steps=6", "engine.threads=2", f"engine.kind={kind}"]
-    return build(compose_settings(words))[0]
+    return build(compose_settings(words))
 
 
 def break_down(simulation: Simulation, env: int, value: float = float("nan")) -> None:

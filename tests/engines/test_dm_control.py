@@ -40,7 +40,7 @@ def same_state(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> 
 )
 def test_both_engines_have_the_same_state_sensors_and_images(words):
     pairs = {kind: built(kind, *words, "episode.max_steps=20") for kind in KINDS}
-    (one, look_one), (other, look_other) = pairs.values()
+    one, other = pairs.values()
     script = one.task.controllers["expert"](one.layout, one.episode)
     moment = one.reset()
     other.reset()
@@ -54,7 +54,7 @@ def test_both_engines_have_the_same_state_sensors_and_images(words):
             moment = one.reset(over)
             other.reset(over)
             ids = over.nonzero().flatten()
-            few, others = look_one(one.engine.render(ids)), look_other(other.engine.render(ids))
+            few, others = one.images(ids), other.images(ids)
             assert all(torch.equal(few[name], others[name]) for name in few)
         action = script(moment.signals)
         moment, same = one.step(action), other.step(action)
@@ -64,7 +64,7 @@ def test_both_engines_have_the_same_state_sensors_and_images(words):
         begun |= bool(moment.facts[one.task.phases[0].ends].any())
         over = moment.terminated | moment.truncated
         if step % 9 == 0:
-            images, again = look_one(one.engine.render()), look_other(other.engine.render())
+            images, again = one.images(), other.images()
             assert all(torch.equal(images[name], again[name]) for name in images)
     assert begun
     assert resets > 1
@@ -72,7 +72,7 @@ def test_both_engines_have_the_same_state_sensors_and_images(words):
 
 @pytest.mark.parametrize(("first", "second"), [KINDS, KINDS[::-1], ("dm_control", "dm_control")])
 def test_one_engine_goes_on_from_the_others_snapshot(first, second):
-    (one, _), (other, _) = built(first), built(second)
+    one, other = built(first), built(second)
     script = Expert(one.layout, one.episode)
     moment = one.reset()
     for _ in range(14):

@@ -43,7 +43,7 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
     settings = compose_settings(
         ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
     )
-    batch, _ = build(settings)
+    batch = build(settings)
     singles = [dm_env.load(settings, env=i) for i in range(3)]
     script, chance = Expert(settings.task, settings.episode), random_controller(5, seed=1)
     moment = batch.reset()
@@ -81,7 +81,7 @@ def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
 
 def test_one_environment_agrees_with_dm_control_in_the_other_control_mode():
     settings = compose_settings(["num_envs=1", "episode.control=pose"])
-    batch, _ = build(settings)
+    batch = build(settings)
     single = dm_env.load(settings)
     act = random_controller(settings.episode.action_size, seed=3)
     moment = batch.reset()
@@ -95,11 +95,11 @@ def test_one_environment_agrees_with_dm_control_in_the_other_control_mode():
 
 def pictures(renderer, threads, steps=6, envs=5):
     settings = compose_settings([*CAMS, f"num_envs={envs}", "seed=2"])
-    simulation, imager = build(replace(settings, engine=EngineConfig(threads, renderer)))
+    simulation = build(replace(settings, engine=EngineConfig(threads, renderer)))
     act = random_controller(5, seed=0)
     moment, seen = simulation.reset(), []
     for _ in range(steps):
-        seen.append(imager(simulation.engine.render()))
+        seen.append(simulation.images())
         moment = simulation.step(act(moment.signals))
     return seen
 
@@ -125,11 +125,11 @@ def test_every_world_shows_every_object_in_every_frame(renderer):
 @pytest.mark.parametrize("ids", [[3], [7, 1, 4]])
 def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, ids):
     settings = compose_settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
-    simulation, imager = build(settings)
+    simulation = build(settings)
     moment = simulation.reset()
     simulation.step(random_controller(5, seed=0)(moment.signals))
-    whole = {name: image.clone() for name, image in imager(simulation.engine.render()).items()}
-    few = imager(simulation.engine.render(torch.tensor(ids)))
+    whole = {name: image.clone() for name, image in simulation.images().items()}
+    few = simulation.images(torch.tensor(ids))
     for name, image in few.items():
         assert torch.equal(image, whole[name][ids]), name
 
@@ -139,9 +139,9 @@ def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(ren
     # Two cameras on one view are rendered once; each must see what it would see alone.
     def look(cams):
         settings = compose_settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
-        simulation, imager = build(settings)
+        simulation = build(settings)
         simulation.reset()
-        return imager(simulation.engine.render())
+        return simulation.images()
 
     both = look("dep_front,seg_front")
     assert torch.equal(both["dep_front"], look("dep_front")["dep_front"])
@@ -149,8 +149,8 @@ def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(ren
 
 
 def test_an_episode_does_not_depend_on_its_neighbours():
-    wide, _ = build(compose_settings(["num_envs=6"]))
-    narrow, _ = build(compose_settings(["num_envs=2"]), first_env=3)
+    wide = build(compose_settings(["num_envs=6"]))
+    narrow = build(compose_settings(["num_envs=2"]), first_env=3)
     act = random_controller(5, seed=0)
     a, b = wide.reset(), narrow.reset()
     for _ in range(40):
@@ -161,7 +161,7 @@ def test_an_episode_does_not_depend_on_its_neighbours():
 
 def test_a_needle_that_nobody_touches_stays_still():
     settings = compose_settings(["num_envs=2"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     before = simulation.reset().signals
     # 400 control steps are 4,000 physics steps; the tool stays where it is.
     for _ in range(400):
@@ -186,7 +186,7 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
 
 def test_a_held_needle_follows_the_tool():
     settings = compose_settings(["num_envs=4"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     script = Expert(settings.task, settings.episode)
     moment = simulation.reset()
     while not bool(moment.signals.grasped.all()):
@@ -202,6 +202,6 @@ def test_a_held_needle_follows_the_tool():
 
 
 def test_an_episode_is_not_begun_by_stepping():
-    simulation, _ = build(compose_settings())
+    simulation = build(compose_settings())
     with pytest.raises(RuntimeError, match="reset"):
         simulation.step(torch.zeros(8, 5))

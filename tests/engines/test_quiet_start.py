@@ -12,10 +12,10 @@ SCRIPT = """
 import os, sys
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
-simulation, imager = build(compose_settings(
+simulation = build(compose_settings(
     ["cams=rgb_front", "num_envs=1", "image_size=16", "engine.threads=1", "engine.renderer=NAME"]))
 simulation.reset()
-assert imager(simulation.engine.render())
+assert simulation.images()
 if "NAME" == "rasteriser":
     assert "mujoco_warp" not in sys.modules
 os.write(2, b"still heard")

@@ -26,7 +26,7 @@ ENVS = 8
 def scene():
     """The compiled scene, and the fields of MjData by state."""
     settings = compose_settings([f"num_envs={ENVS}", "cams=[rgb_front]", "seed=11"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     engine = simulation.engine
     fields = {}
 
@@ -291,7 +291,7 @@ def test_no_pixels_and_too_many_are_refused(scene, size, message):
 def test_pictures_for_people_are_traced(kind, quality, renderer):
     words = ["num_envs=1", "image_size=8", "cams=[rgb_front]", "engine.threads=1"]
     settings = compose_settings([*words, f"engine.renderer={kind}", f"quality={quality}"])
-    assert isinstance(build(settings)[0].engine._renderer, renderer)
+    assert isinstance(build(settings).engine._renderer, renderer)
 
 
 def test_surfaces_are_closed_and_face_outwards(model):

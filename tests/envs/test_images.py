@@ -21,9 +21,9 @@ ALL = [
 @pytest.fixture(scope="module")
 def shown():
     settings = compose_settings([f"cams=[{','.join(ALL)}]", "num_envs=40", "seed=3"])
-    simulation, imager = build(settings)
+    simulation = build(settings)
     simulation.reset()
-    return settings, imager(simulation.engine.render())
+    return settings, simulation.images()
 
 
 def pixels_of(image, colour):
@@ -36,9 +36,9 @@ def pixels_of(image, colour):
 @pytest.mark.parametrize("difficulty", ["near", "standard", "wide"])
 def test_the_needle_covers_twenty_pixels_at_the_start(view, difficulty):
     settings = compose_settings([f"cams=[seg_{view}]", "num_envs=40", f"task={difficulty}"])
-    simulation, imager = build(settings)
+    simulation = build(settings)
     simulation.reset()
-    image = imager(simulation.engine.render())[f"seg_{view}"]
+    image = simulation.images()[f"seg_{view}"]
     assert pixels_of(image, settings.renderings["seg"].colours["needle"]).min() >= 20
 
 
@@ -108,9 +108,9 @@ def test_depth_shading_keeps_the_classes_and_darkens_what_is_far(shown):
 def test_depth_alone_is_an_option():
     overrides = ["cams=[dep_front]", "renderings.dep.colour=none", "num_envs=1"]
     settings = compose_settings(overrides)
-    simulation, imager = build(settings)
+    simulation = build(settings)
     simulation.reset()
-    assert imager(simulation.engine.render())["dep_front"].shape == (1, 1, 64, 64)
+    assert simulation.images()["dep_front"].shape == (1, 1, 64, 64)
 
 
 def test_views_stand_where_they_say():
@@ -136,7 +136,7 @@ def test_the_tracer_sees_what_mujoco_casts_rays_at():
     # MuJoCo's own ray casting, pixel by pixel, as the oracle of camera model and shapes.
     cams = "cams=[segdep_default,segdep_front,segdep_side]"
     settings = compose_settings([cams, "num_envs=1", "engine.renderer=tracer", "image_size=32"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     simulation.reset()
     engine = simulation.engine
     frames, data, size = engine.render(), engine.data(0), settings.image_size

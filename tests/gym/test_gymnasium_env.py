@@ -21,7 +21,7 @@ ID = "needlehoop:needlehoop/NeedleHoop-v0"
 def expert_actions(seed, steps):
     """What the expert does in a seed's first episode, as Gymnasium's float32 ``(steps, 5)``."""
     settings = compose_settings(["num_envs=1", f"seed={seed}"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     act = controller("expert", settings)
     moment, actions = simulation.reset(), []
     for _ in range(steps):

@@ -139,7 +139,7 @@ def test_touch_is_contact_of_that_jaw_with_the_needle(
 
 def test_signals_of_a_simulation_have_the_shapes_of_the_table(settings):
     small = dataclasses.replace(settings, num_envs=2)
-    simulation, _ = build(small)
+    simulation = build(small)
     simulation.reset()
     signals = simulation.step(torch.zeros(2, 5)).signals
     assert signals.batch_size == (2,)

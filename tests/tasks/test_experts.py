@@ -103,7 +103,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(
     # A learner does what the expert would do on average over what may be there, and is wrong
     # about it in the same way throughout an episode.
     settings = compose_settings(["num_envs=40", f"task={task}"])
-    simulation, _ = build(settings)
+    simulation = build(settings)
     generator = torch.Generator().manual_seed(0)
     script = controller(who, settings)
     bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
@@ -135,7 +135,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(
 @pytest.mark.parametrize("who", ["expert", "smooth"])
 def test_actions_are_within_bounds_and_of_one_control_mode(task, who):
     settings = compose_settings([f"task={task}"])
-    script, (simulation, _) = controller(who, settings), build(settings)
+    script, simulation = controller(who, settings), build(settings)
     moment = simulation.reset()
     for _ in range(60):
         action = script(moment.signals)

@@ -790,7 +790,7 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
 @pytest.fixture(scope="module")
 def begun(settings):
     """The smooth expert, and what it sees with the open tool at the pickup point."""
-    simulation, _ = build(settings)
+    simulation = build(settings)
     seen = simulation.reset().signals.clone()
     seen.tool_midpoint = seen.pickup_point.clone()
     return Smooth(settings.task, settings.episode), seen

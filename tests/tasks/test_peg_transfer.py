@@ -39,7 +39,7 @@ class Stage:
     def __init__(self, *words: str):
         self.settings = peg_settings("num_envs=1", *words)
         self.layout = self.settings.task
-        self.simulation, _ = build(self.settings)
+        self.simulation = build(self.settings)
         self.simulation.reset()
 
     def put(self, x: float, y: float, z: float, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> Moment:
@@ -198,7 +198,7 @@ def test_over_is_the_whole_hole():
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
     settings = peg_settings("num_envs=200", "seed=3", layout=layout)
-    simulation, _ = build(settings)
+    simulation = build(settings)
     moment = simulation.reset()
     facts = moment.facts
     assert not (facts["success"] | facts["over"] | facts["arrived"] | facts["grasped"]).any()
@@ -215,7 +215,7 @@ def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
 
 
 def test_a_block_that_nobody_touches_stays_still():
-    simulation, _ = build(peg_settings("num_envs=3", layout="wide"))
+    simulation = build(peg_settings("num_envs=3", layout="wide"))
     before = simulation.reset().signals.block_position.clone()
     for _ in range(250):
         simulation.engine.step(simulation.act(torch.zeros(3, 5)))
@@ -245,7 +245,7 @@ def test_a_layout_that_makes_no_sense_is_refused(word, message):
 @pytest.mark.parametrize("grasp", ["weld", pytest.param("friction", marks=pytest.mark.full)])
 def test_hostile_actions_leave_the_physics_finite_and_the_block_outside_of_things(grasp):
     settings = peg_settings("num_envs=9", f"episode.grasp={grasp}", layout="wide")
-    simulation, _ = build(settings)
+    simulation = build(settings)
     script = Expert(settings.task, settings.episode)
     generator = torch.Generator().manual_seed(1)
     moment, deepest, ram = simulation.reset(), 0.0, torch.zeros(9, 5, dtype=torch.float64)

@@ -29,7 +29,7 @@ def settings_of(*words: str) -> Settings:
 
 
 def simulation_of(*words: str) -> Simulation:
-    return build(settings_of(*words))[0]
+    return build(settings_of(*words))
 
 
 def places(*offsets: tuple[float, float, float]) -> list[Tensor]:
@@ -195,9 +195,9 @@ def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
 
 @pytest.mark.parametrize("view", ["default", "front", "side"])
 def test_target_and_marks_are_seen(view):
-    simulation, imager = build(settings_of(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide"))
+    simulation = build(settings_of(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide"))
     simulation.reset()
-    flat = imager(simulation.engine.render())[f"seg_{view}"].permute(0, 2, 3, 1).reshape(40, -1, 3)
+    flat = simulation.images()[f"seg_{view}"].permute(0, 2, 3, 1).reshape(40, -1, 3)
     for name, least in (("target", 5), ("marks", 3), ("phantom", 60)):
         colour = torch.tensor(TASK.classes[name].colour, dtype=torch.uint8)
         counts = (flat == colour).all(-1).sum(-1)

@@ -199,7 +199,7 @@ def test_the_agents_image_size_is_told(settings):
 def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
     """At the start of many episodes, and while the expert carries the needle."""
     s = replace(settings, num_envs=32, cams=(), reward=NONE)
-    simulation, _ = build(s)
+    simulation = build(s)
     act = Expert(s.task, s.episode)
     moment = simulation.reset()
     start = moment.signals
