@@ -18,7 +18,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
 from needlehoop.config.strict import shown
-from needlehoop.runs.reading import UnreadableError, read_yaml
+from needlehoop.runs.reading import named, read_yaml
 
 CAMERAS = "cameras"
 """The key of the chosen cameras in a composed config."""
@@ -199,7 +199,5 @@ def check_cameras(cameras: Mapping[str, Any]) -> None:
 
 def read_option(file: Path) -> dict[str, Any]:
     """An option's values; ``ValueError`` names a file that is no small mapping in YAML."""
-    try:
+    with named(file):
         return read_yaml(file)
-    except UnreadableError as error:
-        raise ValueError(f"{file} {error}") from error

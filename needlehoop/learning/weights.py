@@ -30,7 +30,7 @@ from needlehoop.learning.encoder import EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import Job
 from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.reading import UnreadableError, check_plain, parse_json
+from needlehoop.runs.reading import check_plain, named, parse_json
 
 Steps = Annotated[int, Range(0, 10**15)]
 
@@ -200,11 +200,10 @@ def _note(path: Path, name: str) -> Any:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     try:
-        check_plain(path)
+        with named(path):
+            check_plain(path)
         with safe_open(path, framework="pt") as file:
             yield file
-    except UnreadableError as error:
-        raise ValueError(f"{path} {error}") from error
     except FileNotFoundError as error:
         raise ValueError(f"{path}: no such file") from error
     except SafetensorError as error:

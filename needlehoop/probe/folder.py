@@ -14,7 +14,7 @@ from needlehoop.probe.frames import KINDS, Quantities
 from needlehoop.probe.scores import ProbeResults
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.machine import peak_memory, provenance
-from needlehoop.runs.reading import TABLE, UnreadableError, read_text, read_yaml
+from needlehoop.runs.reading import TABLE, UnreadableError, named, read_text, read_yaml
 from needlehoop.runs.run import Run
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
@@ -52,10 +52,8 @@ class Folder:
         own, held = dict(config), path / CONFIG
         before: dict[str, Any] = {}
         if path.exists() and any(file.is_file() for file in path.iterdir()):
-            try:
+            with named(held, "choose another study="):
                 before = read_yaml(held) if held.is_file() else {}
-            except UnreadableError as error:
-                raise ValueError(f"{held} {error}; choose another study=") from error
             if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
             other = sorted(
@@ -101,14 +99,12 @@ class Folder:
             ValueError: the file is not one that ``save`` wrote.
         """
         path, asked = errors_of(self.path, seed, name), self.asked
-        try:
+        with named(path, "delete it to have it made again"):
             header, *rows = read_text(path, TABLE).splitlines()
             if header != ",".join(self._columns) or any(
                 row.count(",") != header.count(",") for row in rows
             ):
                 raise UnreadableError("is not a probe's")
-        except UnreadableError as error:
-            raise ValueError(f"{path} {error}; delete it to have it made again") from error
         # What is no number, such as an empty cell, becomes NaN.
         cells = np.genfromtxt(rows, delimiter=",", ndmin=2)[:, 2 + len(asked.phases) :]
         return cells.reshape(len(rows), len(asked.phases), len(asked.names))

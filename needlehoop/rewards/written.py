@@ -16,7 +16,7 @@ from needlehoop.config.strict import Count, OneOf, Positive, Real
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import check_finite, potential
-from needlehoop.runs.reading import UnreadableError, read_text
+from needlehoop.runs.reading import named, read_text
 from needlehoop.runs.shipped import RECORDINGS
 
 if TYPE_CHECKING:
@@ -158,10 +158,8 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
 
 def read(path: Path) -> Source:
     """The program in a file; ``ValueError`` if it is no plain file, too large, empty or no text."""
-    try:
+    with named(f"reward.path: {str(path)!r}"):
         return Source(read_text(path), str(path))
-    except UnreadableError as error:
-        raise ValueError(f"reward.path: {str(path)!r} {error}") from error
 
 
 def scaled(source: Source, unit: float | None, key: str) -> Source:

@@ -11,6 +11,8 @@ import math
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,18 @@ _COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\u
 
 class UnreadableError(ValueError):
     """A file that is not what its name says; the message says why, without its name."""
+
+
+@contextmanager
+def named(file: Any, advice: str = "") -> Iterator[None]:
+    """Turns an ``UnreadableError`` into a ``ValueError`` that begins with the file.
+
+    ``file``: its path, or a text with its key. ``advice``: what to do, after a semicolon.
+    """
+    try:
+        yield
+    except UnreadableError as error:
+        raise ValueError(f"{file} {error}{advice and f'; {advice}'}") from error
 
 
 def read_bytes(path: Path, most: int = TEXT, within: Path | None = None) -> bytes:

@@ -9,8 +9,7 @@ import os
 import shutil
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +29,7 @@ from needlehoop.runs.files import (
     write_whole,
 )
 from needlehoop.runs.machine import provenance
-from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes, read_json, read_yaml
+from needlehoop.runs.reading import TABLE, UnreadableError, named, read_bytes, read_json, read_yaml
 
 _TABLES = (METRICS, EVALUATIONS)
 
@@ -39,6 +38,10 @@ _BORN = {CONFIG, MANIFEST, REWARD}
 
 _LARGEST = 8_000_000_000
 """Bytes of a checkpoint, at most."""
+
+_ADVICE = (
+    "put it back, or begin the run again with overwrite=true, which keeps this one under a number"
+)
 
 
 class Checkpoint(NamedTuple):
@@ -126,7 +129,8 @@ class Run:
             ValueError: the file is damaged.
         """
         if self._config is None:
-            with _reading(self.folder / CONFIG) as path:
+            path = self.folder / CONFIG
+            with named(path, _ADVICE):
                 self._config = read_yaml(path)
         return self._config
 
@@ -136,7 +140,8 @@ class Run:
         Raises:
             ValueError: the file is damaged.
         """
-        with _reading(self.folder / MANIFEST) as path:
+        path = self.folder / MANIFEST
+        with named(path, _ADVICE):
             return read_json(path) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
@@ -188,7 +193,7 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it), and nothing can go on from there"
             )
-        with _reading(path):
+        with named(path, _ADVICE):
             return _read_checkpoint(path)
 
     def go_on(self, checkpoint: Checkpoint | None) -> None:
@@ -300,18 +305,6 @@ def _texts(found: Any, kind: type) -> bool:
     return isinstance(found, Mapping) and all(
         isinstance(key, str) and isinstance(value, kind) for key, value in found.items()
     )
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[Path]:
-    """Adds to what is wrong with a file which it is, and what to do."""
-    try:
-        yield path
-    except UnreadableError as error:
-        raise ValueError(
-            f"{path} {error}; put it back, or begin the run again with overwrite=true, which keeps"
-            " this one under a number"
-        ) from error
 
 
 class _Plain(yaml.SafeDumper):

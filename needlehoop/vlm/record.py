@@ -16,7 +16,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from needlehoop.config import strict
 from needlehoop.runs.files import naming, write_whole
 from needlehoop.runs.machine import commit
-from needlehoop.runs.reading import RECORD, UnreadableError, read_bytes, read_json
+from needlehoop.runs.reading import RECORD, named, read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.vlm.config import TRANSCRIPT
 from needlehoop.vlm.messages import (
@@ -288,10 +288,8 @@ def _line(exchange: Exchange) -> str:
 
 
 def _bytes(path: Path, most: int) -> bytes:
-    try:
+    with named(path):
         return read_bytes(path, most)
-    except UnreadableError as error:
-        raise ValueError(f"{path} {error}") from error
 
 
 def _named(who: Mapping[str, Any]) -> str:

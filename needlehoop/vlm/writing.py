@@ -19,7 +19,7 @@ from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
-from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.runs.reading import named, read_json
 from needlehoop.runs.run import Run
 from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
 from needlehoop.vlm import description
@@ -219,10 +219,8 @@ def read_run(folder: Path, size: int) -> Trained:
             raise ValueError(
                 f"revise: {folder} was trained on no program, so there is none to revise"
             )
-    try:
+    with named(f"revise: {folder / METRICS}"):
         rows, _ = read_rows(folder / METRICS, _RANGES, folder)
-    except UnreadableError as error:
-        raise ValueError(f"revise: {folder / METRICS} {error}") from error
     film = folder / VIDEO
     return Trained(
         str(folder),

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.reading import UnreadableError, parse_json, read_bytes
+from needlehoop.runs.reading import UnreadableError, named, parse_json, read_bytes
 from needlehoop.vlm.config import ManualConfig
 from needlehoop.vlm.messages import Part, Reply, Request, UnansweredError
 
@@ -58,12 +58,11 @@ class Manual:
         while True:
             path = next((place / name for name in ANSWERS if (place / name).is_file()), place)
             try:
-                answer = b"" if path == place else read_bytes(path).strip()
+                with named(path):
+                    answer = b"" if path == place else read_bytes(path).strip()
                 # It has not changed since the last look, so nobody is still writing it.
                 if answer and answer == before:
                     return answer.decode("utf-8-sig")
-            except UnreadableError as error:
-                raise ValueError(f"{path} {error}") from error
             except UnicodeDecodeError as error:
                 raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
             if not answer and not is_told:
