@@ -176,7 +176,7 @@ def export(options: argparse.Namespace) -> None:
     out = Path(asked.out or "psm")
     check_place(out, asked.overwrite)
     name, spec = _SPECS[what]
-    write_folder(out, {**mjcf(spec(settings), name), **papers()}, asked.overwrite)
+    write_folder(out, {**mjcf(spec(settings), name), **papers()})
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
 
 

@@ -44,26 +44,24 @@ def papers() -> dict[str, str]:
 
 
 def check_place(out: Path, overwrite: bool) -> None:
-    """Raises ``ValueError`` where an export may not be written; see ``write_folder``."""
+    """Raises ``ValueError`` where an export may not be written."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"out: {str(out)!r} is a file; name a folder")
     if out.exists() and not overwrite:
         raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
 
 
-def write_folder(out: Path, files: Mapping[str, str], overwrite: bool) -> None:
+def write_folder(out: Path, files: Mapping[str, str]) -> None:
     """Write files below a folder, all of them or none.
 
     Args:
-        out: the folder; it is made. In one that exists only what an export has written is
-            replaced, and nothing is deleted.
+        out: the folder, of which ``check_place`` says whether it may exist; it is made. In one
+            that exists only what an export has written is replaced, and nothing is deleted.
         files: texts by path below ``out``.
-        overwrite: whether ``out`` may exist.
 
     Raises:
-        ValueError: ``out`` exists, or a file in it that no export has written is in the way.
+        ValueError: a file in ``out`` that no export has written is in the way.
     """
-    check_place(out, overwrite)
     own = _written_before(out)
     foreign = sorted(name for name in files if (out / name).exists() and name not in own)
     if foreign:
