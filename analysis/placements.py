@@ -17,8 +17,7 @@ from scipy.stats import rankdata
 
 from analysis.protocol import means
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller
-from needlehoop.envs.rollout import rollout
+from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data.answers import read_answers

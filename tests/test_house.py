@@ -96,7 +96,7 @@ def test_every_package_says_what_lives_there():
 def test_imports_are_found_wherever_they_stand():
     source = "from needlehoop import runs\ndef f():\n    from needlehoop.cli import look\n"
     assert imported(source) == {"runs", "cli"}
-    assert imported("import needlehoop.envs.rollout\nimport os") == {"envs"}
+    assert imported("import needlehoop.envs.controllers\nimport os") == {"envs"}
 
 
 def file_of(*parts: str) -> Path | None:

@@ -14,9 +14,17 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-from needlehoop.envs.controllers import Perturbation, by_name, controller
+from needlehoop.envs.controllers import (
+    Controller,
+    MakeController,
+    Perturbation,
+    Step,
+    batches,
+    by_name,
+    controller,
+    rollout,
+)
 from needlehoop.envs.observer import read
-from needlehoop.envs.rollout import Controller, MakeController, Step, batches, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.tasks.contract import Task

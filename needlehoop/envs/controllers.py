@@ -1,19 +1,26 @@
-"""Controllers by name, noise on their actions, and trials of them."""
+"""Controllers by name, the episodes that they fly, and what came of these."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from needlehoop.config.strict import check_names
-from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
+from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings
+from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
+from needlehoop.tasks.contract import Controller, Task
 
 NOISE_MEMORY = 0.7
 """Share of the noise that stays from step to step. It makes the noise lead somewhere."""
+
+MakeController = Callable[[Simulation], Controller]
+"""Makes a controller for the environments of a simulation."""
 
 
 def controllers(settings: Settings) -> tuple[str, ...]:
@@ -82,6 +89,135 @@ class Perturbation:
 
     def _draw(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._generator, dtype=torch.float64)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of ``n`` environments.
+
+    ``action`` ``(n, action_size)`` led to ``moment``; there is none at the start. ``alive``
+    ``(n,)`` bool: the moment belongs to an episode. The last moment of an episode still does.
+    """
+
+    simulation: Simulation
+    moment: Moment
+    action: Tensor | None
+    alive: Tensor
+
+    @property
+    def task(self) -> Task:
+        """Whose episodes these are."""
+        return self.simulation.task
+
+    @property
+    def signals(self) -> Signals:
+        """Of this moment."""
+        return self.moment.signals
+
+    @property
+    def goes_on(self) -> Tensor:
+        """Episodes ``(n,)`` bool that have a step after this one."""
+        return self.alive & ~(self.moment.terminated | self.moment.truncated)
+
+    def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
+        """See ``Simulation.images``: they are rendered now, so ask before the next step."""
+        return self.simulation.images(ids)
+
+
+def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
+    """The next episode of every environment, step by step, from its start until all are over.
+
+    The simulation is reset by this call.
+    """
+    moment, action = simulation.reset(), None
+    alive = torch.ones(simulation.num_envs, dtype=torch.bool)
+    while True:
+        step = Step(simulation, moment, action, alive)
+        yield step
+        alive = step.goes_on
+        if not bool(alive.any()):
+            return
+        action = controller(moment.signals)
+        moment = simulation.step(action)
+
+
+def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation]:
+    """The first ``episodes`` environments of the settings' seed, ``size`` at a time.
+
+    Episode ``i`` is the same however many there are. ``settings.num_envs`` is ignored.
+
+    Raises:
+        ValueError: fewer than one episode.
+    """
+    if episodes < 1:
+        raise ValueError(f"episodes: {episodes} must be at least 1")
+    for first in range(0, episodes, size):
+        own = replace(settings, num_envs=min(size, episodes - first))
+        yield build(own, first_env=first)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How episodes ended, ``(n,)`` each, at each episode's own last step."""
+
+    facts: dict[str, Tensor]
+    """What was true, by the names of ``Task.columns``."""
+    potential: Tensor
+    human: Tensor
+    """The potential of the human reward with its default values."""
+    steps: Tensor
+
+    @property
+    def success(self) -> Tensor:
+        """Whether the task was done."""
+        return self.facts["success"]
+
+    def summary(self) -> dict[str, float | int]:
+        """Rates over episodes, mean final potential (the return) and mean length."""
+        return {
+            "episodes": len(self.steps),
+            **{name: float(fact.double().mean()) for name, fact in self.facts.items()},
+            "return": float(self.potential.mean()),
+            "return_min": float(self.potential.min()),
+            "return_max": float(self.potential.max()),
+            "return_human": float(self.human.mean()),
+            "steps": float(self.steps.double().mean()),
+        }
+
+
+def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
+    """What came of one episode in each of ``episodes`` environments; see ``batches``."""
+    outcomes = [
+        outcome_of(rollout(simulation, make(simulation)))
+        for simulation in batches(settings, episodes, size)
+    ]
+    return Outcome(
+        {name: torch.cat([o.facts[name] for o in outcomes]) for name in outcomes[0].facts},
+        *(
+            torch.cat([getattr(outcome, name) for outcome in outcomes])
+            for name in ("potential", "human", "steps")
+        ),
+    )
+
+
+def outcome_of(steps: Iterator[Step]) -> Outcome:
+    """What came of the episodes of a rollout."""
+    last: dict[str, Tensor] = {}
+    columns: dict[str, str] = {}
+    human = None
+    for step in steps:
+        moment = step.moment
+        if human is None:
+            human, columns = reference_reward(step.task), step.task.columns
+        now = {
+            **{name: moment.facts[fact] for name, fact in columns.items()},
+            "potential": moment.potential,
+            "human": potential(human(moment.signals)),
+            "steps": moment.steps,
+        }
+        last = {k: torch.where(step.alive, v, last[k]) if last else v for k, v in now.items()}
+    facts = {name: last.pop(name) for name in columns}
+    return Outcome(facts, **last)
 
 
 def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:

@@ -13,8 +13,8 @@ from scipy.stats import binomtest
 from torch import Tensor
 
 from needlehoop.envs.build import build
+from needlehoop.envs.controllers import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.observer import Observer
-from needlehoop.envs.rollout import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.agent import Actor, Agent

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from needlehoop.disturbances.axes import AXES, GROUPS, disturb_of
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import MakeController
+from needlehoop.envs.controllers import MakeController
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.evaluate import wilson
 

@@ -12,8 +12,7 @@ import torch
 from needlehoop import rewards
 from needlehoop.config.changing import changed
 from needlehoop.disturbances.axes import Disturb
-from needlehoop.envs.controllers import by_name, controllers
-from needlehoop.envs.rollout import MakeController
+from needlehoop.envs.controllers import MakeController, by_name, controllers
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from tqdm import tqdm
 
-from needlehoop.envs.rollout import Controller, rollout
+from needlehoop.envs.controllers import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.pictures.stills import Photographer, scaled

@@ -17,8 +17,7 @@ from needlehoop.config.strict import Pixels
 from needlehoop.disturbances.axes import AXES, disturb_of
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
-from needlehoop.envs.controllers import controller
-from needlehoop.envs.rollout import rollout
+from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import Rendering
 

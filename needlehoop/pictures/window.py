@@ -18,8 +18,7 @@ import mujoco.viewer
 import numpy as np
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller
-from needlehoop.envs.rollout import Controller, rollout
+from needlehoop.envs.controllers import Controller, controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.cameras import View

@@ -10,8 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.envs.controllers import NOISE_MEMORY, controller
-from needlehoop.envs.rollout import Controller, batches, rollout
+from needlehoop.envs.controllers import NOISE_MEMORY, Controller, batches, controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals, columns

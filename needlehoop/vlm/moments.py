@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, controllers
-from needlehoop.envs.rollout import Controller, rollout
+from needlehoop.envs.controllers import Controller, controller, controllers, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.rewards import NONE

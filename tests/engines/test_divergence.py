@@ -8,7 +8,7 @@ import torch
 
 from needlehoop.config import composing
 from needlehoop.envs.build import build
-from needlehoop.envs.rollout import outcome_of, rollout
+from needlehoop.envs.controllers import outcome_of, rollout
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.job import typed_job

@@ -12,7 +12,7 @@ import torch
 from study_files import BUFFER, TASK, UPDATES, write_answers, write_run
 
 import needlehoop
-from needlehoop.envs.rollout import Outcome
+from needlehoop.envs.controllers import Outcome
 from needlehoop.learning.evaluate import with_intervals
 from needlehoop.runs.files import EVALUATION, EVALUATIONS, METRICS
 from needlehoop.runs.run import Run

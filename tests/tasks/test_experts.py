@@ -6,8 +6,7 @@ from strength import ALL
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, controllers, run_trials
-from needlehoop.envs.rollout import outcome_of, rollout
+from needlehoop.envs.controllers import controller, controllers, outcome_of, rollout, run_trials
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
 
