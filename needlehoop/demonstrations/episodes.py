@@ -106,25 +106,26 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
     for simulation in batches(settings, episodes, _BATCH):
         act = make(simulation)
         steps = rollout(simulation, lambda signals, act=act: act(signals).clamp(-1.0, 1.0))
-        rows = [_row(settings, step) for step in steps]
+        rows = [_row(simulation, step) for step in steps]
         for env in range(simulation.num_envs):
             yield _episode(rows, env)
 
 
-def _row(settings: Settings, step: Step) -> TensorDict:
+def _row(simulation: Simulation, step: Step) -> TensorDict:
     """What was seen, done and paid at a step ``(n,)``; images ``(n, h, w, c)``; no action: zero."""
-    n, size = len(step.alive), settings.episode.action_size
+    settings, moment, action = simulation.settings, step.moment, step.action
+    shape, obs = (len(step.alive), settings.episode.action_size), settings.obs
     row = {
-        "images": {name: image.permute(0, 2, 3, 1) for name, image in step.images().items()},
-        "vectors": read(settings.definition, replace(settings.obs, proprio=True), step.signals),
-        "action": torch.zeros(n, size) if step.action is None else step.action.float(),
-        "reward": step.moment.reward.float(),
+        "images": {name: image.permute(0, 2, 3, 1) for name, image in simulation.images().items()},
+        "vectors": read(settings.definition, replace(obs, proprio=True), moment.signals),
+        "action": torch.zeros(shape) if action is None else action.float(),
+        "reward": moment.reward.float(),
         "alive": step.alive,
-        "success": step.moment.facts["success"],
-        "terminated": step.moment.terminated,
+        "success": moment.facts["success"],
+        "terminated": moment.terminated,
     }
     # A copy: some are buffers, used again for the next step.
-    return TensorDict(row, [n]).clone()
+    return TensorDict(row, shape[:1]).clone()
 
 
 def _episode(rows: list[TensorDict], env: int) -> Demonstration:

@@ -14,7 +14,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
-from needlehoop.tasks.contract import Controller, Task
+from needlehoop.tasks.contract import Controller
 
 NOISE_MEMORY = 0.7
 """Share of the noise that stays from step to step. It makes the noise lead somewhere."""
@@ -99,29 +99,14 @@ class Step:
     ``(n,)`` bool: the moment belongs to an episode. The last moment of an episode still does.
     """
 
-    simulation: Simulation
     moment: Moment
     action: Tensor | None
     alive: Tensor
 
     @property
-    def task(self) -> Task:
-        """Whose episodes these are."""
-        return self.simulation.task
-
-    @property
-    def signals(self) -> Signals:
-        """Of this moment."""
-        return self.moment.signals
-
-    @property
     def goes_on(self) -> Tensor:
         """Episodes ``(n,)`` bool that have a step after this one."""
         return self.alive & ~(self.moment.terminated | self.moment.truncated)
-
-    def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """See ``Simulation.images``: they are rendered now, so ask before the next step."""
-        return self.simulation.images(ids)
 
 
 def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
@@ -132,7 +117,7 @@ def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
     moment, action = simulation.reset(), None
     alive = torch.ones(simulation.num_envs, dtype=torch.bool)
     while True:
-        step = Step(simulation, moment, action, alive)
+        step = Step(moment, action, alive)
         yield step
         alive = step.goes_on
         if not bool(alive.any()):
@@ -188,8 +173,7 @@ class Outcome:
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """What came of one episode in each of ``episodes`` environments; see ``batches``."""
     outcomes = [
-        outcome_of(rollout(simulation, make(simulation)))
-        for simulation in batches(settings, episodes, size)
+        outcome_of(simulation, make(simulation)) for simulation in batches(settings, episodes, size)
     ]
     return Outcome(
         {name: torch.cat([o.facts[name] for o in outcomes]) for name in outcomes[0].facts},
@@ -200,15 +184,12 @@ def run_batches(settings: Settings, episodes: int, size: int, make: MakeControll
     )
 
 
-def outcome_of(steps: Iterator[Step]) -> Outcome:
-    """What came of the episodes of a rollout."""
+def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
+    """What came of a rollout."""
+    columns, human = simulation.task.columns, reference_reward(simulation.task)
     last: dict[str, Tensor] = {}
-    columns: dict[str, str] = {}
-    human = None
-    for step in steps:
+    for step in rollout(simulation, controller):
         moment = step.moment
-        if human is None:
-            human, columns = reference_reward(step.task), step.task.columns
         now = {
             **{name: moment.facts[fact] for name, fact in columns.items()},
             "potential": moment.potential,

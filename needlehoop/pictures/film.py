@@ -35,7 +35,7 @@ def record(simulation: Simulation, controller: Controller, episodes: int, out: P
         ):
             for _ in range(episodes):
                 for step in rollout(simulation, controller):
-                    frame = _frame(settings, photographer(engine.data(0)), step.images())
+                    frame = _frame(settings, photographer(engine.data(0)), simulation.images())
                     bar.update()
                     # An episode's last frame stands for half a second.
                     for _ in range(1 if bool(step.goes_on.any()) else round(rate / 4)):

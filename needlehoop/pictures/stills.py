@@ -151,7 +151,8 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
         here = {"start": step.action is None, **facts, "goal": since > _AFTER_SUCCESS}
         for name in wanted:
             if name not in seen and here.get(name):
-                seen[name] = {camera: image[0].numpy() for camera, image in step.images().items()}
+                images = simulation.images()
+                seen[name] = {camera: image[0].numpy() for camera, image in images.items()}
         if set(wanted) <= set(seen):
             return seen
     missing = ", ".join(name for name in wanted if name not in seen)
@@ -190,7 +191,7 @@ def disturbed_sheet(
     simulation.deal(torch.arange(len(cases)), first, amounts)
     flight = rollout(simulation, controller(own.definition.teacher, own))
     # Every step is looked at: cameras that deliver late give what they saw before.
-    *_, images = (step.images() for step in islice(flight, _STEPS + 1))
+    *_, images = (simulation.images() for _ in islice(flight, _STEPS + 1))
 
     def picture(row: int, block: int, column: int) -> Image.Image:
         camera = own.cameras[block]

@@ -136,7 +136,7 @@ def collect(
     images, moments, numbers = [], [], []
     for simulation in batches(settings, episodes, _BATCH):
         phases = [
-            torch.where(step.alive, phase_of(asked, step.signals), -1)
+            torch.where(step.alive, phase_of(asked, step.moment.signals), -1)
             for step in rollout(simulation, _cast(simulation))
         ]
         chosen = _spread(torch.stack(phases).numpy(), len(asked.phases), per_phase)
@@ -144,8 +144,8 @@ def collect(
         for step, wanted in zip(rollout(simulation, _cast(simulation)), chosen, strict=True):
             ids = torch.from_numpy(np.flatnonzero(wanted))
             if len(ids):
-                images.append(step.images(ids))
-                moments.append(step.signals[ids])
+                images.append(simulation.images(ids))
+                moments.append(step.moment.signals[ids])
                 numbers.append(int(simulation.envs[0]) + ids)
         tick(simulation.num_envs)
     signals: Any = torch.cat(moments)

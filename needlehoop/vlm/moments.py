@@ -106,7 +106,7 @@ def _fly(
     done = torch.zeros(simulation.num_envs, dtype=torch.bool)
     for step in islice(rollout(simulation, act), most):
         facts = {name: fact.clone() for name, fact in step.moment.facts.items()}
-        steps.append((step.signals.clone(), facts, step.alive))
+        steps.append((step.moment.signals.clone(), facts, step.alive))
         done |= ~step.alive | facts.get(goal, done)
         if bool(done.all()):
             break

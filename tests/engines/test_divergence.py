@@ -8,7 +8,7 @@ import torch
 
 from needlehoop.config import composing
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import outcome_of, rollout
+from needlehoop.envs.controllers import outcome_of
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.job import typed_job
@@ -80,7 +80,7 @@ def test_an_evaluation_counts_it(kind):
             break_down(simulation, 0)
         return torch.zeros(3, 5)
 
-    outcome = outcome_of(rollout(simulation, act))
+    outcome = outcome_of(simulation, act)
     assert outcome.facts["diverged"].tolist() == [True, False, False]
     assert outcome.steps.tolist() == [3, 6, 6]
     assert outcome.summary()["diverged"] == pytest.approx(1 / 3)

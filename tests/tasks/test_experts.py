@@ -6,7 +6,7 @@ from strength import ALL
 from torch import Tensor
 
 from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, controllers, outcome_of, rollout, run_trials
+from needlehoop.envs.controllers import controller, controllers, outcome_of, run_trials
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.signals import Signals
 
@@ -127,7 +127,7 @@ def test_only_the_smooth_expert_can_do_with_what_images_give(
         guesses.jaw, guesses.jaw_command = guesses.jaw + turned, guesses.jaw_command + turned
         return script(guesses).view(16, 40, 5).mean(0)
 
-    assert least <= outcome_of(rollout(simulation, learner)).success.double().mean() <= most
+    assert least <= outcome_of(simulation, learner).success.double().mean() <= most
 
 
 @pytest.mark.parametrize("task", ["standard", "peg_transfer", "reach"])
