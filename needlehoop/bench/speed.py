@@ -151,7 +151,7 @@ def _random_steps(env: TorchRLEnv, steps: int) -> Work:
 def _opengl_steps(settings: Settings) -> Work:
     """Steps of one dm_control environment that MuJoCo's default renderer draws; ``NO_OPENGL``."""
     # Finds an OpenGL library when it is imported, or raises.
-    from needlehoop.pictures.opengl import OpenGLEnvironment
+    from needlehoop.bench.opengl import OpenGLEnvironment
 
     environment = OpenGLEnvironment(settings)
     environment.reset()

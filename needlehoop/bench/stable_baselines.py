@@ -36,7 +36,7 @@ class OpenGLGymEnvironment(gymnasium.Env):
 
     def __init__(self, settings: Settings, env: int):
         # Finds an OpenGL library when it is imported, or raises.
-        from needlehoop.pictures.opengl import OpenGLEnvironment
+        from needlehoop.bench.opengl import OpenGLEnvironment
 
         self._environment = OpenGLEnvironment(settings, env)
         size = settings.image_size
