@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 
 from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
-from needlehoop.pictures.stills import stages
+from needlehoop.pictures.stills import stages, to_rgb
 from needlehoop.runs.reading import read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
@@ -164,11 +164,10 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
 
     A depth channel is shown in grey, to the right of the colours.
     """
-    flat = np.ascontiguousarray(image.transpose(1, 2, 0))
-    if rendering.depth != "channel":
-        return flat
-    depth = np.repeat(flat[:, :, -1:], 3, axis=2)
-    return depth if rendering.colour == "none" else _side_by_side(flat[:, :, :3], depth)
+    shown = to_rgb(image, rendering.depth)
+    if rendering.depth != "channel" or rendering.colour == "none":
+        return shown
+    return _side_by_side(to_rgb(image[:3], "none"), shown)
 
 
 def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
