@@ -28,13 +28,14 @@ _LARGEST = 2 << 20
 """Bytes of an agent's packed file, 2 MiB. In bfloat16 one of two cameras has 2.8 MB."""
 
 
-def initial_weights(job: Job) -> dict[str, Tensor]:
-    """The weights of the agent that a job is to begin with, that of the run ``job.init``.
+def initial_weights(job: Job) -> dict[str, Tensor] | None:
+    """The weights of the agent that a job is to begin with, that of the run ``job.init``, if any.
 
     Raises:
         ValueError: no such run, none trained yet, or one with other networks.
     """
-    assert job.init is not None
+    if job.init is None:
+        return None
     run = Run.open(Path(job.init), "init")
     theirs = checked_job(run.config())
     # The order of cameras and which facts are told count as well.

@@ -106,7 +106,7 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.probe.report import all_tables, ranking_figure, view_map
     from needlehoop.study.render.style import save, styled
 
-    views = strict.as_type(values["grid"], Grid, "grid")
+    views = strict.value(values, "grid", Grid)
     grid = views if options.grid else None
     plan = _plan(values, standing, grid)
     place = Path(plan.results) / plan.study
@@ -147,7 +147,7 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
     if grid:
         settings = replace(standing, views=grid.views(standing.views))
         given = [f"{grid.rendering}_{name}" for name in grid.names()]
-    heads = strict.as_type(values["algo"], PpoConfig, "algo").network
+    heads = strict.value(values, "algo", PpoConfig).network
     sets = camera_sets(given, settings)
     return strict.as_type({**values, "env": settings, "camera_sets": sets, "heads": heads}, Plan)
 

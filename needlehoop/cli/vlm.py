@@ -91,7 +91,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
 
     own = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
-        strict.as_type(values["gates"], Gates, "gates")
+        strict.value(values, "gates", Gates)
         _understood(values)
     from needlehoop.training.which_run import rules_of
     from needlehoop.vlm.conversation import NoAnswerError

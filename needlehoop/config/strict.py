@@ -95,13 +95,8 @@ def structure(values: Any, kind: Any, path: str = "") -> Any:
     return found
 
 
-def as_type(values: Mapping[str, Any], kind: type[T], path: str = "") -> T:
-    """The values that a dataclass names, as one; with a ``path`` there may be no others.
-
-    Errors are as in ``structure``.
-    """
-    if path:
-        return structure(values, kind, path)
+def as_type(values: Mapping[str, Any], kind: type[T]) -> T:
+    """The values that a dataclass names, as one; errors are as in ``structure``."""
     names = getattr(kind, "__dataclass_fields__", {})
     return structure({name: values[name] for name in names}, kind)
 

@@ -39,7 +39,7 @@ def check_options(values: Mapping[str, Any]) -> SimpleNamespace:
     if options.resume is not None and not options.resume.strip():
         raise ValueError("resume: give the folder of a run")
     inquiry(values)
-    strict.as_type(values["gates"], Gates, "gates")
+    strict.value(values, "gates", Gates)
     if options.resume is None:
         written = not isinstance(values["reward"], Mapping) or "program" in values["reward"]
         job = typed_job({**values, **({"reward": NONE} if written else {})})

@@ -99,7 +99,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         # Its reward is the one that was typed, source included.
         yield from _continued(run, trust=True, again=True)
         return
-    weights = None if job.init is None else initial_weights(job)
+    weights = initial_weights(job)
     if against := objections(values, job.env):
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
@@ -135,8 +135,7 @@ def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
         if again and not run.manifest().get("steps") and not path.exists():
             run.go_on(None)
             run.note(**provenance(), wall_time=0.0, stopped=False)
-            weights = None if job.init is None else initial_weights(job)
-            yield Session(job, run, weights=weights)
+            yield Session(job, run, weights=initial_weights(job))
             return
         checkpoint = run.checkpoint()
         if other := _differing(checkpoint.config, values):
@@ -182,14 +181,13 @@ def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
     reward = rewards.load(settings.reward, settings.definition)
     if not isinstance(reward, written.Written):
         return []
-    found = card(reward.program, settings, strict.as_type(values["gates"], Gates, "gates"))
+    found = card(reward.program, settings, strict.value(values, "gates", Gates))
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 
 def rules_of(values: Mapping[str, Any]) -> ProgramRules:
     """The language of rewards and its judge, for a composed config."""
-    gates = strict.as_type(values["gates"], Gates, "gates")
-    return program_rules(settings_from(dict(values)), gates)
+    return program_rules(settings_from(dict(values)), strict.value(values, "gates", Gates))
 
 
 def _with_agent(run: Run, words: list[str], command: str) -> str:

@@ -36,7 +36,7 @@ FOOLED = "reward = 9 * exp(-50 * distance(needle_tip, goal))"
 
 
 def made(overrides: list[str]) -> Gates:
-    return strict.as_type(composing.compose(overrides, "check")["gates"], Gates, "gates")
+    return strict.value(composing.compose(overrides, "check"), "gates", Gates)
 
 
 @pytest.fixture(scope="module")

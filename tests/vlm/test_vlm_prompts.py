@@ -60,7 +60,7 @@ BAD = (
 @pytest.fixture(scope="module")
 def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     """Requests for a reward of a model that never gets it right, with the real judge."""
-    gates = strict.as_type(composing.compose([], "check")["gates"], Gates, "gates")
+    gates = strict.value(composing.compose([], "check"), "gates", Gates)
     gates = replace(gates, episodes=1, random_signals=50, random_episodes=1, stop_episodes=1)
     gates = replace(gates, audit="refuse")
     quick = replace(settings, engine=replace(settings.engine, threads=1))
