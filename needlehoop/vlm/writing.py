@@ -21,7 +21,7 @@ from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.reading import named, read_json
 from needlehoop.runs.run import Run
-from needlehoop.study.data.contents import RETURN_RANGE, Rows, read_rows
+from needlehoop.study.data.contents import Rows, read_rows
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card
@@ -156,9 +156,6 @@ DESCENT = ".descent.json"
 
 _ROWS, _STILLS = 10, 6
 
-_RANGES = {"return": RETURN_RANGE, "success": (0.0, 1.0)}
-"""Columns that rows of the metrics must have; they are empty before any episode has ended."""
-
 
 @dataclass(frozen=True)
 class Trained:
@@ -220,7 +217,7 @@ def read_run(folder: Path, size: int) -> Trained:
                 f"revise: {folder} was trained on no program, so there is none to revise"
             )
     with named(f"revise: {folder / METRICS}"):
-        rows, _ = read_rows(folder / METRICS, _RANGES, folder)
+        rows, _ = read_rows(folder / METRICS, {}, folder)
     film = folder / VIDEO
     return Trained(
         str(folder),
@@ -233,13 +230,16 @@ def read_run(folder: Path, size: int) -> Trained:
 
 
 def _curves(rows: Rows) -> str:
-    """Some rows of the metrics, evenly over the training; terms by their names in the program."""
+    """Some rows of the metrics, evenly over the training; terms by their names in the program.
+
+    A dash stands where no episode ended.
+    """
     # Facts would tell what success is.
     columns = ["return", *(c for c in rows if c.startswith("term_")), "success"]
     names = (column.removeprefix("term_") for column in columns[:-1])
     lines = [", ".join(("step", *names, "done"))]
     for row in sorted({round(i * (len(rows["step"]) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
-        values = (f"{rows[column][row]:.3g}" for column in columns)
+        values = ("-" if np.isnan(v := rows[c][row]) else f"{v:.3g}" for c in columns)
         lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
     return "\n".join(lines)
 

@@ -443,9 +443,14 @@ def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, c
     config["reward"]["program"] = {"text": "reward = 3\n", "origin": str(place / "text_2.txt")}
     (run / "config.yaml").write_text(yaml.safe_dump(config))
     (run / "video.mp4").unlink()
+    # In a run's first buffers no episode may end.
+    table = (run / "metrics.csv").read_text().splitlines()
+    (run / "metrics.csv").write_text("\n".join([table[0], "1,1000,1,,,,", *table[2:]]) + "\n")
     server.script[:] = [first]
     assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={run}", *words]) == 0
-    assert "There is no film" in json.dumps(server.requests[-1])
+    asked = json.dumps(server.requests[-1])
+    assert "There is no film" in asked
+    assert "1000, -, -, -\\n4000, 0.571, 0.8, 0.25" in asked
     line = json.loads((place / "text_3.descent.json").read_text())["line"]
     assert [Path(one["program"]).name for one in line] == ["text.txt", "text_2.txt"]
 
