@@ -18,6 +18,7 @@ from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
 from needlehoop.study.stats.agreement import agreement
+from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
 from needlehoop.study.stats.statistics import Interval
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
@@ -117,11 +118,11 @@ def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float
         return
     measured, published = paper.measured(), paper.lists()
     for name, members in published.items():
-        yield LISTS[name], "the paper's measured", {one: measured[one] for one in members}
-    yield "all", "the paper's measured", measured
-    for name, ranking in zip(published, paper.answers().rankings, strict=True):
-        said = {cameras: -place for cameras, place in ranking.places.items()}
-        yield LISTS[name], "the paper's VLM", said
+        yield LISTS[name], PAPERS_MEASURED, {one: measured[one] for one in members}
+    yield "all", PAPERS_MEASURED, measured
+    told = said(paper.SOURCE, paper.answers())
+    for name, scores in zip(published, told.lists.values(), strict=True):
+        yield LISTS[name], told.who, scores
 
 
 def _place(best: int, worst: int) -> Cell:
