@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.study.data import paper
 from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Message, Part, Request, mistakes
 from needlehoop.vlm.record import Exchange, Record
@@ -144,8 +143,7 @@ def in_words(found: Mapping[str, int]) -> str:
 
 def papers_totals() -> str:
     """The paper's totals in words; it does not say how many answers were invalid."""
-    with (RECORDINGS / "paper" / "totals.csv").open(newline="", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = paper.rows("totals.csv")
     return f"{row['prompts']} prompts, {row['tokens']} tokens"
 
 

@@ -51,26 +51,26 @@ def task() -> str:
 
 def measured() -> dict[str, float]:
     """Returns of Table II by camera set, with the human reward."""
-    return {row["cameras"]: float(row["measured_return"]) for row in _rows("table_2.csv")}
+    return {row["cameras"]: float(row["measured_return"]) for row in rows("table_2.csv")}
 
 
 def lists() -> dict[str, tuple[str, ...]]:
     """The camera sets of each of the three lists, the best measured first."""
     found: dict[str, tuple[str, ...]] = {}
-    for row in _rows("table_2.csv"):
+    for row in rows("table_2.csv"):
         found[row["list"]] = (*found.get(row["list"], ()), row["cameras"])
     return found
 
 
 def answers() -> Answers:
     """Table I, and the predicted orders of Table II."""
-    rows = _rows("table_2.csv")
+    predicted = rows("table_2.csv")
     rankings = []
     for name in lists():
-        own = [row for row in rows if row["list"] == name]
+        own = [row for row in predicted if row["list"] == name]
         places = {row["cameras"]: float(row["predicted_rank"]) for row in own}
         rankings.append(Ranking(dict(sorted(places.items(), key=lambda item: item[1])), {}))
-    questions = [Answer(row["question"], row["answer"], "") for row in _rows("table_1.csv")]
+    questions = [Answer(row["question"], row["answer"], "") for row in rows("table_1.csv")]
     return Answers(SOURCE, tuple(questions), tuple(rankings))
 
 
@@ -84,10 +84,11 @@ def rewards() -> dict[tuple[str, str], tuple[float | None, str]]:
             float(row["measured_return"]) if row["measured_return"] else None,
             row["remark"],
         )
-        for row in _rows("figure_7.csv")
+        for row in rows("figure_7.csv")
     }
 
 
-def _rows(name: str) -> list[dict[str, str]]:
+def rows(name: str) -> list[dict[str, str]]:
+    """A table of the recording ``paper``, row by row."""
     with (RECORDINGS / "paper" / name).open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
