@@ -73,7 +73,7 @@ HEAVY = (
     "needlehoop.learning.stress.stress",
     "needlehoop.bench.speed.measure",
     "needlehoop.bench.speed.measure_training",
-    "needlehoop.demonstrations.episodes.new_folder",
+    "needlehoop.runs.files.new_folder",
     "needlehoop.vlm.inquiry.Inquiry",
     "needlehoop.vlm.card.card",
 )

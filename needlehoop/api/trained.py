@@ -11,12 +11,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from needlehoop.demonstrations.episodes import new_folder
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device
 from needlehoop.learning.weights import Senses, as_bfloat16, check_same, read_actor, read_senses
-from needlehoop.runs.files import POLICIES, POLICY, csv_text
+from needlehoop.runs.files import POLICIES, POLICY, csv_text, new_folder
 from needlehoop.runs.run import Run
 from needlehoop.study.data.records import Record, read_study
 from needlehoop.study.stats.run import Final, final

@@ -15,6 +15,7 @@ from textwrap import fill
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from needlehoop.runs.files import check_free
 from needlehoop.runs.shipped import CONF
 
 if TYPE_CHECKING:
@@ -107,6 +108,5 @@ def new_file(out: str | Path, suffix: str, overwrite: bool, key: str = "out") ->
     path = Path(out)
     if suffix and path.suffix.lower() != suffix:
         raise ValueError(f"{key}: {str(out)!r} must end in {suffix}")
-    if path.exists() and not overwrite:
-        raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
+    check_free(path, overwrite, key)
     return path

@@ -242,7 +242,8 @@ def demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.config.changing import parted
     from needlehoop.config.options import typed
     from needlehoop.demonstrations import layout
-    from needlehoop.demonstrations.episodes import demonstrate, new_folder, scripted
+    from needlehoop.demonstrations.episodes import demonstrate, scripted
+    from needlehoop.runs.files import new_folder
     from needlehoop.runs.machine import provenance
 
     words = options.overrides

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -139,27 +136,3 @@ def _episode(rows: list[TensorDict], env: int) -> Demonstration:
         success=bool(own["success"][-1]),
         terminated=bool(own["terminated"][-1]),
     )
-
-
-@contextmanager
-def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
-    """A folder to write into, which becomes ``out`` when all went well and else vanishes.
-
-    With ``overwrite`` it replaces what is there, once all is written.
-
-    Raises:
-        ValueError: there is something, and ``overwrite`` is false.
-    """
-    if out.exists() and not overwrite:
-        raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
-    partial = out.with_name(out.name + ".partial")
-    # What a killed export left.
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
-    try:
-        yield partial
-        if out.is_dir():
-            shutil.rmtree(out)
-        partial.replace(out)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)

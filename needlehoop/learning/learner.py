@@ -23,6 +23,7 @@ from needlehoop.learning.ppo import Ppo
 from needlehoop.learning.weights import Senses
 from needlehoop.runs.files import DAGGER, PPO
 from needlehoop.runs.machine import available_cpus
+from needlehoop.runs.run import ADVICE
 
 _MOST_DIVERGED = 0.01
 """Share of the episodes whose physics may diverge."""
@@ -160,8 +161,7 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
     if "wall_time" not in state or done is None or done != update or not 0 < done <= job.updates:
         raise ValueError(
             f"{path} does not fit its run of {job.updates} updates: update: {update}, that of"
-            f" learner.{method}: {done}; put it back, or begin the run again with overwrite=true,"
-            " which keeps this one under a number"
+            f" learner.{method}: {done}; {ADVICE}"
         )
 
 

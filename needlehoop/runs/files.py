@@ -7,6 +7,7 @@ import hashlib
 import io
 import os
 import re
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
@@ -95,6 +96,35 @@ def check_folder(key: str, path: str) -> None:
     too_long = len(path.encode()) > _LONGEST_PATH or max(map(len, parts)) > _LONGEST_PART
     if not path.strip() or too_long or path.startswith("~"):
         raise ValueError(f"{key}: {path[:40]!r} is no path of a folder")
+
+
+def check_free(out: Path, overwrite: bool, key: str = "out") -> None:
+    """Raises ``ValueError`` where something is there that may not be overwritten."""
+    if out.exists() and not overwrite:
+        raise ValueError(f"{key}: {str(out)!r} exists; choose another or say overwrite=true")
+
+
+@contextmanager
+def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
+    """A folder to write into, which becomes ``out`` when all went well and else vanishes.
+
+    With ``overwrite`` it replaces what is there, once all is written.
+
+    Raises:
+        ValueError: there is something, and ``overwrite`` is false.
+    """
+    check_free(out, overwrite)
+    partial = out.with_name(out.name + ".partial")
+    # What a killed export left.
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if out.is_dir():
+            shutil.rmtree(out)
+        partial.replace(out)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -39,9 +39,10 @@ _BORN = {CONFIG, MANIFEST, REWARD}
 _LARGEST = 8_000_000_000
 """Bytes of a checkpoint, at most."""
 
-_ADVICE = (
+ADVICE = (
     "put it back, or begin the run again with overwrite=true, which keeps this one under a number"
 )
+"""What to do about a damaged file of a run."""
 
 
 class Checkpoint(NamedTuple):
@@ -130,7 +131,7 @@ class Run:
         """
         if self._config is None:
             path = self.folder / CONFIG
-            with named(path, _ADVICE):
+            with named(path, ADVICE):
                 self._config = read_yaml(path)
         return self._config
 
@@ -141,7 +142,7 @@ class Run:
             ValueError: the file is damaged.
         """
         path = self.folder / MANIFEST
-        with named(path, _ADVICE):
+        with named(path, ADVICE):
             return read_json(path) if path.exists() else {}
 
     def note(self, **facts: Any) -> None:
@@ -193,7 +194,7 @@ class Run:
                 f"{self.folder} has no {CHECKPOINT}: it ended before the first one (or was copied"
                 " without it), and nothing can go on from there"
             )
-        with named(path, _ADVICE):
+        with named(path, ADVICE):
             return _read_checkpoint(path)
 
     def go_on(self, checkpoint: Checkpoint | None) -> None:

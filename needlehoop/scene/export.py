@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from needlehoop.config import strict
+from needlehoop.runs.files import check_free
 from needlehoop.runs.reading import read_json
 
 RECORD = "export.json"
@@ -47,8 +48,7 @@ def check_place(out: Path, overwrite: bool) -> None:
     """Raises ``ValueError`` where an export may not be written."""
     if out.exists() and not out.is_dir():
         raise ValueError(f"out: {str(out)!r} is a file; name a folder")
-    if out.exists() and not overwrite:
-        raise ValueError(f"out: {str(out)!r} exists; choose another or say overwrite=true")
+    check_free(out, overwrite)
 
 
 def write_folder(out: Path, files: Mapping[str, str]) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from needlehoop.cli.main import main
-from needlehoop.demonstrations.episodes import Demonstration, demonstrate, new_folder, scripted
+from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
 from needlehoop.demonstrations.lerobot_layout import proprio_names, spread
 from needlehoop.envs.settings import compose_settings
+from needlehoop.runs.files import new_folder
 from needlehoop.tasks.registry import find
 
 TASK = find("needle_hoop")
