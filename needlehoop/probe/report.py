@@ -17,6 +17,7 @@ from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
+from needlehoop.study.report.tables import agreed
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
 from needlehoop.study.stats.statistics import Interval
@@ -92,19 +93,8 @@ def _agreements(results: ProbeResults) -> Table:
     rows: list[Row] = []
     for name, against, predicted, theirs in sides:
         found = agreement(predicted, theirs)
-        rows.append(
-            {
-                Column("list"): name,
-                Column("against"): against,
-                Column("n"): found.n,
-                Column("tau-b", form=".2f"): found.tau,
-                Column("p", form=".2f"): found.tau_p,
-                Column("rho", form=".2f"): found.rho,
-                Column("best hit"): found.top_hit,
-                Column("worst hit"): found.bottom_hit,
-                Column("regret", form=".2f"): found.regret,
-            }
-        )
+        sizes: Row = {Column("list"): name, Column("against"): against, Column("n"): found.n}
+        rows.append(sizes | agreed(found))
     note = (
         "The probe's order predicts the other one. p by permutation, two-sided; regret: by how much"
         " the probe's first choice falls short of the best there, in that side's unit."

@@ -283,13 +283,13 @@ def agreements(findings: StudyFindings) -> Table:
                 if not (missing := len(members - set(values))):
                     both.append((scores, {cameras: values[cameras] for cameras in members}))
                     brier = one.brier(members, values)
-                    rows.append(row | _agreed(agreement(*both[-1])) | {_BRIER: brier})
+                    rows.append(row | agreed(agreement(*both[-1])) | {_BRIER: brier})
                 elif truth == MEASURED:
                     remark = f"{missing} of {len(members)} not measured"
-                    rows.append(row | _agreed(None, remark) | {_BRIER: None})
+                    rows.append(row | agreed(None, remark) | {_BRIER: None})
             if len(both) > 1:
                 row = who | {_LIST: "all lists"}
-                rows.append(row | _agreed(pooled(both)) | {_BRIER: None})
+                rows.append(row | agreed(pooled(both)) | {_BRIER: None})
     note = (
         f"{TRAINING.name.capitalize()}: the mean of all training episodes, by steps, which says how"
         " soon cameras let the task be learnt. Two-sided permutation p-values. Regret: the return"
@@ -300,7 +300,7 @@ def agreements(findings: StudyFindings) -> Table:
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
-def _agreed(found: Agreement | None, remark: str = "") -> Row:
+def agreed(found: Agreement | None, remark: str = "") -> Row:
     """The columns of an agreement; without one, a remark in its place."""
     best: Cell = found and found.top_hit
     worst: Cell = found and found.bottom_hit
