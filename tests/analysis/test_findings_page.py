@@ -143,17 +143,18 @@ def test_sentences_on_survival_have_the_tables_numbers():
 def test_sentences_on_places_have_the_tables_numbers():
     rows = rows_of("places")
     words = " ".join(PAGE.split())
-    assert {row["camera"]: row["azimuth, °"] for row in rows}[rows[0]["camera"]] == "-34"
+    assert {row["camera"]: row["azimuth, °"] for row in rows}[rows[0]["camera"]] == "24"
     runs = analysis.runs("placements").pivot(index="cameras", columns="seed", values="success")
     best = runs.mean(axis=1).max()
-    assert f"34 degrees to the right of the front, threads in {100 * best:.0f} of 100" in words
+    assert f"24 degrees to the left of the front, threads in {100 * best:.0f} of 100" in words
     assert runs.loc["rgb_p08"].max() == 0
     alike = runs.corr("spearman").to_numpy()[~np.eye(runs.shape[1], dtype=bool)].mean()
-    assert f"Two seeds order the places alike (ρ {alike:.2f})" in words
-    assert runs.shape[1] == 2
+    assert f"Three seeds order the places alike (ρ {alike:.2f})" in words
+    assert runs.shape[1] == 3
     found = [row for row in rows_of("placements") if row["prediction"] != BLIND]
     rho = {row["prediction"]: row["ρ (95 %)"].split()[0] for row in found}
-    model = rho.pop("claude")
+    (p,) = [row["p"] for row in found if row["prediction"] == "claude"]
+    model = f"{rho.pop('claude')} (p {p})"
     rules = sorted(rho.values())
     assert f"agrees with success by ρ {model}, three rules by {rules[0]} to {rules[-1]}" in words
 
