@@ -65,7 +65,7 @@ class Dagger(Trainer):
             rows = torch.randint(len(frames), (self.config.minibatch,), generator=self._generator)
             rows = rows.to(frames.device)
             labels = frames[LABEL].index_select(0, rows)
-            slopes, told = self._judge(self.running.forward(seen, rows), labels)
+            slopes, told = self._judge(self._forward(seen, rows), labels)
             self.running.backward(slopes)
             self._optimizer.step(self.running.write)
             totals.update(told)
@@ -77,6 +77,21 @@ class Dagger(Trainer):
             "learning_rate": rate,
             "share": share,
         }
+
+    def _forward(self, seen: list[Tensor], rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What the agent says of a minibatch, whose images are moved at random first."""
+        most, count = self.config.picture_shift, len(rows)
+        if not most:
+            return self.running.forward(seen, rows)
+        chosen = [x.index_select(0, rows) for x in seen]
+        part = -(-count // self.config.shards)
+        for i, key in enumerate(self.agent.seen_keys):
+            if key[0] == "folded":
+                ways = torch.randint(-most, most + 1, (2, count), generator=self._generator)
+                down, right = (way.to(rows.device).split(part) for way in ways)
+                moved = self._workers.map(self.agent.fold.moved, chosen[i].split(part), down, right)
+                chosen[i] = torch.cat(moved)
+        return self.running.forward(chosen, torch.arange(count, device=rows.device))
 
     def _judge(
         self, said: Sequence[Tensor], label: Tensor

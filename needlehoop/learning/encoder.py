@@ -64,6 +64,29 @@ class Fold(nn.Module):
         blocks = last.view(-1, h // k, k, w // k, k * c).permute(0, 1, 3, 2, 4)
         return blocks.reshape(*lead, h // k, w // k, k * k * c)
 
+    def moved(self, folded: Tensor, down: Tensor, right: Tensor) -> Tensor:
+        """Folded images ``(n, h/k, w/k, k*k*c)``, each moved by whole pixels; edges are repeated.
+
+        Args:
+            down: by how many, ``(n,)``; negative: up.
+            right: likewise.
+        """
+        k = self._stem
+        n, rows, columns, size = folded.shape
+
+        def sources(side: int, moves: Tensor) -> Tensor:
+            pixels = torch.arange(side * k, device=folded.device)
+            return (pixels - moves[:, None]).clamp(0, side * k - 1).view(n, side, k)
+
+        y, x = sources(rows, down), sources(columns, right)
+        # Where a pixel lies among all: image by image, block by block.
+        above = (y // k * columns * k + y % k) * k
+        beside = x // k * k * k + x % k
+        first = torch.arange(n, device=folded.device) * (rows * columns * k * k)
+        at = first.view(n, 1, 1, 1, 1) + above[:, :, None, :, None] + beside[:, None, :, None, :]
+        pixels = folded.reshape(-1, size // k**2)
+        return pixels.index_select(0, at.flatten()).view_as(folded)
+
 
 class Encoder(nn.Module):
     """ML-Agents' ResNet for one camera: a folded image to float32 ``(..., out)``.

@@ -92,6 +92,9 @@ class DaggerConfig:
     """Share of the steps after which the learner acts in every new episode. Before, its part of
     the episodes grows."""
     network: HeadConfig
+    picture_shift: Annotated[int, Range(0, 64)] = 0
+    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
+    from."""
 
 
 @dataclass(frozen=True)

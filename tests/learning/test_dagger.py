@@ -83,11 +83,12 @@ def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is()
     assert not changed & value
 
 
-def test_a_resumed_run_gives_the_same_bits():
+@pytest.mark.parametrize("more", [(), ("algo.picture_shift=2",)])
+def test_a_resumed_run_gives_the_same_bits(more):
     stop = 2
-    whole = learner()
+    whole = learner(*more)
     expected = [told for _, told in whole]
-    begun = learner()
+    begun = learner(*more)
     for _, _ in begun:
         if begun.done_updates == stop:
             break
@@ -95,7 +96,7 @@ def test_a_resumed_run_gives_the_same_bits():
     file = io.BytesIO()
     torch.save(begun.state_dict(), file)
     file.seek(0)
-    rest = learner(state=torch.load(file, weights_only=True))
+    rest = learner(*more, "engine.threads=2", state=torch.load(file, weights_only=True))
     assert rest.done_updates == stop
     found = [told for _, told in rest]
     clocks = {"seconds_collect", "seconds_update"}
@@ -105,6 +106,18 @@ def test_a_resumed_run_gives_the_same_bits():
         }
     ours, theirs = whole.agent.state_dict(), rest.agent.state_dict()
     assert [name for name in ours if not torch.equal(ours[name], theirs[name])] == []
+
+
+def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
+    plain, shifted = (
+        [(buffer.clone(), told) for buffer, told in learner(f"algo.picture_shift={most}")]
+        for most in (0, 2)
+    )
+    # The expert flies the first buffer; images are kept as they were seen.
+    (first, told), (other, told_shifted) = plain[0], shifted[0]
+    key = ("folded", "seg_side")
+    assert torch.equal(first[key], other[key])
+    assert told["loss_imitation"] != told_shifted["loss_imitation"]
 
 
 def test_memory_keeps_the_newest_frames():
@@ -117,6 +130,7 @@ def test_memory_keeps_the_newest_frames():
     [
         ("minibatches", 0, r"algo\.minibatches: 0 must be at least 1"),
         ("bend", 0, r"algo\.bend: 0\.?0? must be positive"),
+        ("picture_shift", 65, r"algo\.picture_shift: 65 must be at most 64"),
         ("noise", -1, r"algo\.noise: -1\.?0? is negative"),
         ("epochs", 3, r"algo: unknown key epochs"),
         ("kind", "bc", r"algo\.kind: 'bc' is unknown; choose from dagger"),

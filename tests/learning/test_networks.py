@@ -46,6 +46,20 @@ def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> Agen
     return Agent(images, vectors, 5, encoder, replace(HEADS, **heads), torch.float32)
 
 
+@pytest.mark.parametrize("stem", [1, 4])
+def test_a_folded_image_is_moved_as_it_would_be_before(stem):
+    images, fold = random_images(3, 3, 16, 24), Fold(stem)
+    down, right = torch.tensor([0, 3, -2]), torch.tensor([-1, 0, 5])
+    wide = torch.nn.functional.pad(images.float(), (5, 5, 5, 5), mode="replicate").byte()
+    expected = torch.stack(
+        [
+            one[:, 5 - y : 21 - y, 5 - x : 29 - x]
+            for one, y, x in zip(wide, down.tolist(), right.tolist(), strict=True)
+        ]
+    )
+    assert torch.equal(fold.moved(fold(images), down, right), fold(expected))
+
+
 @pytest.mark.parametrize("stem", [2, 4])
 def test_fold_is_pixel_unshuffle_with_its_channels_in_another_order(stem):
     image = random_images(3, 4, 16, 8)
