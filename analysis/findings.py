@@ -30,6 +30,7 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import runs_of, stress_of
+from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.render.style import save, styled
@@ -57,6 +58,9 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "evidence.md"
 
 STUDIES = ("fast", "table2", "rewards")
+
+PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
+"""The protocol's study of another task, and what Q1's success is called where it predicts that."""
 
 IMITATED = "imitation"
 """The protocol's runs, where their success predicts what earlier studies measured."""
@@ -107,7 +111,7 @@ def study(name: str) -> StudyFindings:
 
 @cache
 def runs(name: str) -> pd.DataFrame:
-    """The runs of one of docs/protocol.md's studies: ``protocol``, or ``placements``."""
+    """The runs of one of docs/protocol.md's studies, by its folder in results/."""
     return runs_of(ROOT / "results" / name)
 
 
@@ -117,6 +121,17 @@ def foretellers() -> tuple[Prediction, ...]:
     found, left_out = predictions(None, ROOT / "results", [*paper.lists().values()], "protocol")
     assert not left_out, left_out
     return found
+
+
+@cache
+def peg_foretellers() -> tuple[Prediction, ...]:
+    """Who predicted the same camera sets for the peg transfer: a model, and the needle's runs."""
+    ranked = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
+    orders = [
+        dict(zip(own["cameras"], -own["place"], strict=True)) for _, own in ranked.groupby("list")
+    ]
+    needle = scored(NEEDLE, means(runs("protocol")), paper.lists().values())
+    return Prediction("claude", {frozenset(order): order for order in orders}), needle
 
 
 @cache
@@ -238,6 +253,9 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
     "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
+    "pegs": lambda: sets_table(runs(PEGS), "placed"),
+    "pegs_traits": lambda: traits_table(runs(PEGS)),
+    "pegs_foretold": lambda: foretold_table(peg_foretellers(), means(runs(PEGS))),
     "places": lambda: placements.places_table(runs("placements")),
     "placements": lambda: placements.foretold_table(placements.scores(), runs("placements")),
     "survival": lambda: survival.sets_table(runs("protocol"), survived()),

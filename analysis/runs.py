@@ -27,6 +27,9 @@ RUN = ["disturb", "cameras", "seed"]
 DISTURB = CONF / "disturb"
 """Options of what runs are trained under."""
 
+_SHARES = ("success", "grasped", "lifted", "touched", "return")
+"""Of an evaluation; no task but the needle's has ``touched``."""
+
 RUNS, STRESS = "runs.csv", "stress.csv"
 
 
@@ -63,7 +66,7 @@ def _run(run: Record) -> list[dict[str, Any]]:
     found, end = run.evaluation, final(run)
     assert found is not None
     assert end is not None
-    shares = {name: found[name] for name in ("success", "grasped", "lifted", "touched", "return")}
+    shares = {name: found[name] for name in _SHARES if name in found}
     return [
         _key(run)
         | {"commit": run.manifest["commit"], "minutes": run.manifest["wall_time"] / 60}

@@ -5,13 +5,16 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import kendalltau
 from study_files import texts_of
 
 from analysis import findings as analysis
-from analysis.comparisons import is_two_sided
+from analysis.comparisons import has_depth, is_two_sided
+from analysis.placements import correlations
 from analysis.protocol import BLIND, PREREGISTERED, RULE, held, means, predicted
+from needlehoop.study.render.table import Column
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.run import TRAINING
 
@@ -136,8 +139,37 @@ def test_sentences_on_survival_have_the_tables_numbers():
     under = {row["axis"]: row["trained under moderate, %"] for row in rows_of("survival_axes")}
     mean = analysis.survived().query("disturb == 'moderate'")["success"].mean()
     assert f"All disturbances at once leave {left['all']} %." in words
+    robust = ROOT / "results" / "robust" / "dep_front+seg_side"
+    kept = [pd.read_csv(path) for path in sorted(robust.glob("expert+*stack-3/*/stress.csv"))]
+    which = "severity == 3 and axis not in ['none', 'all']"
+    each = " and ".join(f"{100 * own.query(which)['success'].mean():.0f}" for own in kept)
+    assert f"leave [{each} %](robustness.md#what-it-shows-so-far) under each axis" in words
     assert f"thread in {under['none']} % undisturbed and {100 * mean:.0f} under each axis" in words
     assert f"all at once they do better, in {under['all']} %." in words
+
+
+def test_sentences_on_the_peg_transfer_have_the_tables_numbers():
+    words = " ".join(PAGE.split())
+    found = rows_of("pegs")
+    assert {len(row["placed by seed, %"].split(", ")) for row in found} == {1}
+    assert "So far each has one of its three seeds" in words
+    placed = {row["cameras"]: int(row["placed by seed, %"]) for row in found}
+    poor = [name for name in placed if not (is_two_sided(name) or has_depth(name))]
+    rest = [placed[name] for name in placed if name not in poor]
+    said = f"{len(rest)} of {len(placed)} sets place the block in {min(rest)} to {max(rest)} of 100"
+    assert said in words
+    assert max(placed[name] for name in poor) < min(rest)
+    names = listed([f"`{name}` ({placed[name]})" for name in sorted(poor)])
+    assert f"The other three, {names}, see one view and no depth." in words
+    view = rows_of("pegs_traits")[0]["success, points (95 %)"].replace("+", "")
+    assert f"A second view adds {view.replace(' (', ' points (')}" in words
+    needle = pd.DataFrame({"needle": means(analysis.runs("protocol"))})
+    (_, rho, *_), _ = correlations(needle, analysis.runs(analysis.PEGS))
+    assert f"Success with the needle agrees by ρ {Column('ρ', form='.2f').text(rho)}" in words
+    foretold = {row["prediction"]: row for row in rows_of("pegs_foretold")}
+    p = foretold["claude"]["p beyond the rule"]
+    assert f"order knows no more than the rule (p {p})" in words
+    assert float(p) > 0.05
 
 
 def test_sentences_on_places_have_the_tables_numbers():
