@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import mujoco
@@ -55,18 +56,22 @@ def read_configs_once() -> Iterator[Callable[..., DictConfig]]:
     parser = OverridesParser.create()
     groups = {"cams", *(path.name for path in composing.CONF.iterdir() if path.is_dir())}
 
-    def compose(name: str, overrides: list[str] | None = None) -> DictConfig:
+    def compose(name: str, overrides: list[str] | None = None, **more: Any) -> DictConfig:
         words = parser.parse_overrides(list(overrides or ()))
         # Additions, deletions and Hydra's own keys change more than the value of a key; what a run
         # recorded is another config for each run.
-        if name == RECORDED or any(
-            word.is_sweep_override()
-            or word.type is not OverrideType.CHANGE
-            or word.package
-            or word.key_or_group.startswith("hydra")
-            for word in words
+        if (
+            name == RECORDED
+            or more
+            or any(
+                word.is_sweep_override()
+                or word.type is not OverrideType.CHANGE
+                or word.package
+                or word.key_or_group.startswith("hydra")
+                for word in words
+            )
         ):
-            return real(name, overrides=overrides)
+            return real(name, overrides=overrides, **more)
         searched = GlobalHydra.instance().config_loader().get_search_path().get_path()
         choices = [word.input_line for word in words if word.key_or_group in groups]
         key = (name, *(place.path for place in searched), *choices)

@@ -47,7 +47,7 @@ def vlm_rank(options: argparse.Namespace) -> None:
     from needlehoop.config import composing, strict
 
     values = composing.compose(options.overrides, "vlm_rank")
-    from needlehoop.study.data.sweeps import planned
+    from needlehoop.training.planned import planned
     from needlehoop.vlm.album import read_folder
     from needlehoop.vlm.questions import Lists, Questions
 

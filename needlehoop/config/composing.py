@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +53,22 @@ def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any
 
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
     """The same, where Hydra is set up and knows the options already."""
+    with _explained(overrides, config):
+        return plain(hydra_compose(config, overrides=list(overrides)))
+
+
+def swept(overrides: Sequence[str]) -> dict[str, Any]:
+    """What an experiment that is among these words sweeps over, where Hydra is set up."""
+    with _explained(overrides, "config"):
+        whole = hydra_compose("config", overrides=list(overrides), return_hydra_config=True)
+        return dict(whole.hydra.sweeper.params or {})
+
+
+@contextmanager
+def _explained(overrides: Sequence[str], config: str) -> Iterator[None]:
     options.check_choice(overrides, CONF)
     try:
-        return plain(hydra_compose(config, overrides=list(overrides)))
+        yield
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(options.of_words(_explain(error, config), overrides)) from error
 

@@ -9,8 +9,8 @@ import pytest
 from study_files import BUFFER, UPDATES, write_run
 
 from needlehoop.cli.main import main
-from needlehoop.study.data.records import Place, read_study
-from needlehoop.study.data.sweeps import planned, read_job_ends
+from needlehoop.study.data.records import read_study
+from needlehoop.study.data.sweeps import read_job_ends
 from needlehoop.study.report.status import (
     DONE,
     FAILED,
@@ -146,51 +146,6 @@ def test_an_experiment_says_what_nobody_has_started(study, tmp_path, capsys):
     assert "3 other runs are in" in said
 
 
-def test_planned_runs_are_those_that_the_words_sweep_over():
-    words = ["cams=[rgb_front, dep_side],[seg_side]", "reward=human,sparse", "seed=2"]
-    assert [*planned(words)] == [
-        Place("rgb_front+dep_side", "human", 2),
-        Place("rgb_front+dep_side", "sparse", 2),
-        Place("seg_side", "human", 2),
-        Place("seg_side", "sparse", 2),
-    ]
-    full, table2, paid = (
-        {*planned([f"experiment={name}"])} for name in ("full", "table2", "rewards")
-    )
-    assert table2 < full
-    assert (len(full), len(table2)) == (20, 14)
-    # Those of another model than the paper's.
-    assert {place.reward for place in paid - full} == {"vlm_text_claude", "vlm_img_claude"}
-    assert (len(paid), len(paid - full)) == (12, 6)
-
-
-def test_runs_that_an_expert_teaches_are_planned_by_their_algorithm():
-    found = planned(["algo=dagger", "cams=[seg_side]", "seed=0,1"])
-    assert [*found] == [Place("seg_side", "expert", 0), Place("seg_side", "expert", 1)]
-    assert found[Place("seg_side", "expert", 0)] == {"steps": "64000"}
-    imitation = planned(["experiment=imitation"])
-    assert len(imitation) == 17 * 3
-    table2 = {place.cameras for place in planned(["experiment=table2"])}
-    assert table2 <= {place.cameras for place in imitation}
-
-
-def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
-    for word, said in (
-        ("experiment=table3", "'table3' is unknown; choose from fast, full, imitation"),
-        ("stpes=5", "'stpes=5' is not understood; choose from experiment, algo, cams, reward"),
-        ("task=wide", "'task=wide' is not understood: a run's files do not name it"),
-        ("conf_dir=nowhere", "conf_dir: 'nowhere' is no folder"),
-        ("cams=rgb_back", "cams: 'rgb_back' is unknown; choose from dep_default, dep_front"),
-        ("cams=[]", "cams: '' is unknown"),
-        ("seed=1", "cams: give experiment=… or cams=…"),
-        ("seed=x", "seed: 'x' is not a whole number"),
-    ):
-        assert main(["status", str(tmp_path), word]) == 2
-        assert said in capsys.readouterr().err
-    with pytest.raises(ValueError, match="reward: 'humane' is unknown; choose from file, human"):
-        planned(["experiment=table2", "reward=humane"])
-
-
 def test_a_run_of_other_settings_is_not_what_was_asked_for(tmp_path, capsys):
     """Of ``make demo``'s size, say: finished, and none of an experiment's."""
     study = tmp_path / "main"
@@ -208,15 +163,6 @@ def test_a_run_of_other_settings_is_not_what_was_asked_for(tmp_path, capsys):
     assert "other: dep_front+seg_side/human/seed0: algo.gamma=0.99, not 0.9" in (
         capsys.readouterr().out
     )
-
-
-def test_a_study_of_own_cameras_is_planned_with_their_folder(tmp_path):
-    (tmp_path / "conf/view").mkdir(parents=True)
-    (tmp_path / "conf/view/wrist.yaml").write_text("azimuth: 0.0\n")
-    words = ["cams=rgb_wrist", f"conf_dir={tmp_path}/conf"]
-    assert [*planned(words)] == [Place("rgb_wrist", "human", 0)]
-    with pytest.raises(ValueError, match="'rgb_wrist' is unknown"):
-        planned(words[:1])
 
 
 def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):

@@ -24,8 +24,8 @@ from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.job import typed_job
 from needlehoop.runs.files import check_name, name_of
 from needlehoop.study.data.records import read_study
-from needlehoop.study.data.sweeps import planned
 from needlehoop.training import sweep
+from needlehoop.training.planned import planned
 
 ROOT = Path(__file__).parents[2]
 
