@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.runs.shipped import RECORDINGS
+from needlehoop.scene.cameras import View
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.render.style import INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
@@ -37,8 +39,10 @@ _FAR = 10.0
 
 ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
 MODEL = "claude"
+ALONE, APART = "success of each alone", "angle nearest 90°"
 
 
+@cache
 def settings_of(cameras: str) -> Settings:
     """The wide task, seen through one of the drawn cameras."""
     return compose_settings(
@@ -61,13 +65,43 @@ def rules(cameras: list[str]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
-def scores() -> pd.DataFrame:
-    """Of the single cameras: by the rules, and by the model that ranked them; higher is better."""
-    found = pd.read_csv(RULES, index_col="camera")
+def scores(cameras: int = 1) -> pd.DataFrame:
+    """Of the sets of so many cameras: by the rules, and by the model that ranked them; higher is
+    better. A rule's score of a pair is the mean of its cameras'."""
     answers, _ = read_answers(RECORDINGS / "claude_placements", ".", "rankings_sets.json")
     assert answers is not None
-    (places,) = (one.places for one in answers.rankings if {*one.places} == {*found.index})
-    return found.assign(**{MODEL: -pd.Series(places)})
+    single = pd.read_csv(RULES, index_col="camera")
+    (places,) = (
+        one.places
+        for one in answers.rankings
+        if all(len(name.split("+")) == cameras for name in one.places)
+    )
+    found = pd.DataFrame({name: single.loc[name.split("+")].mean() for name in places}).T
+    return found.assign(**{MODEL: -pd.Series(places)}).sort_index()
+
+
+def pair_scores(runs: pd.DataFrame) -> pd.DataFrame:
+    """Of the pairs; with the success of their cameras alone, and the angle between their views."""
+    found, single = scores(2), means(of_size(runs, 1))
+    pairs = [name.split("+") for name in found.index]
+    alone = [np.mean([single[camera] for camera in pair]) for pair in pairs]
+    return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
+
+
+def of_size(runs: pd.DataFrame, cameras: int) -> pd.DataFrame:
+    """The runs that see so many cameras."""
+    return runs.query("cameras.str.count('[+]') == @cameras - 1")
+
+
+def _view(camera: str) -> View:
+    return settings_of(CAMERAS[0]).views[camera.partition("_")[2]]
+
+
+def _apart(pair: list[str]) -> float:
+    """The angle between the directions from which two cameras look, degrees."""
+    around, up = np.radians([(view.azimuth, view.elevation) for view in map(_view, pair)]).T
+    toward = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    return float(np.degrees(np.arccos(toward[:, 0] @ toward[:, 1])))
 
 
 def _pixels(settings: Settings) -> tuple[int, int]:
@@ -125,27 +159,36 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, .
 
 
 def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
-    """Each prediction of the single cameras beside a blind choice."""
+    """Each prediction of these camera sets beside a blind choice."""
     return Table("placements", "", CORRELATIONS, tuple(correlations(scores, runs)))
 
 
-def places_table(runs: pd.DataFrame) -> Table:
-    """Each single camera's place and success, the best first, and what was foretold of it."""
-    found = scores()
-    places = (-found).rank(method="min").astype(int)
+def places_table(runs: pd.DataFrame, cameras: int = 1) -> Table:
+    """Place and success of each set of so many cameras, the best first, and what was foretold."""
+    places = (-scores(cameras)).rank(method="min").astype(int)
+    told = (MODEL, PIXELS, HIDDEN, ELEVATION)
     rows = []
-    views = settings_of(CAMERAS[0]).views
-    for name in means(runs):
+    for name in means(of_size(runs, cameras)):
         own = runs[runs["cameras"] == name]
-        view = views[name.partition("_")[2]]
-        told = [places.loc[name, who] for who in (MODEL, PIXELS, HIDDEN, ELEVATION)]
-        success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
-        rows.append((name, view.azimuth, view.elevation, success, sampled, *map(int, told)))
+        views = [_view(camera) for camera in name.split("+")]
+        rows.append(
+            (
+                name,
+                [view.azimuth for view in views],
+                [view.elevation for view in views],
+                own["success"].tolist(),
+                float(np.mean(own["sampled"])),
+                *(int(places.loc[name, who]) for who in told),
+            )
+        )
     columns = (
-        Column("camera"), Column("azimuth", "°", ".0f"), Column("elevation", "°", ".0f"),
-        Column("threaded by seed", "%", ".0f", 100.0), Column.share("sampled"),
-        *(Column(f"place by {who}") for who in (MODEL, PIXELS, HIDDEN, ELEVATION)),
-    )  # fmt: skip
+        Column("camera" if cameras == 1 else "cameras"),
+        Column("azimuth", "°", ".0f"),
+        Column("elevation", "°", ".0f"),
+        Column("threaded by seed", "%", ".0f", 100.0),
+        Column.share("sampled"),
+        *(Column(f"place by {who}") for who in told),
+    )
     return Table("places", "", columns, tuple(rows))
 
 
@@ -169,15 +212,14 @@ def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interva
 
 def map_figure(runs: pd.DataFrame) -> Figure:
     """Two maps of the hemisphere seen from above: what each place gave, and what was foretold."""
-    measured, foretold = pd.Series(means(runs)), scores()[MODEL]
-    known = settings_of(CAMERAS[0]).views
+    measured, foretold = pd.Series(means(of_size(runs, 1))), scores()[MODEL]
     maps = {
         "threaded, of 100": (100 * measured, "{:.0f}"),
         f"place foretold by {MODEL}": (-foretold, "{:.0f}"),
     }
     figure, grid = new_figure(56, 1, 2, subplot_kw={"projection": "polar"})
     for axes, (title, (values, form)) in zip(grid[0], maps.items(), strict=True):
-        views = [known[name.partition("_")[2]] for name in values.index]
+        views = [_view(name) for name in values.index]
         angles = np.radians([view.azimuth for view in views])
         down = [90.0 - view.elevation for view in views]
         # Best is dark on both maps.

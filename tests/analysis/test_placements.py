@@ -7,6 +7,8 @@ import pytest
 from study_files import cells_of
 
 from analysis.placements import (
+    ALONE,
+    APART,
     CAMERAS,
     ELEVATION,
     HIDDEN,
@@ -14,6 +16,8 @@ from analysis.placements import (
     PIXELS,
     foretold_table,
     map_figure,
+    pair_scores,
+    places_table,
     rules,
     scores,
 )
@@ -31,6 +35,21 @@ def test_a_camera_behind_the_arm_sees_less_of_needle_and_hoop():
         [beside[PIXELS], beside[HIDDEN]], abs=1e-4
     )
     assert kept[MODEL].idxmax() == "rgb_p10"
+
+
+def test_a_pair_is_scored_by_its_two_cameras():
+    runs = pd.DataFrame(
+        [{"cameras": name, "success": i / 20, "sampled": 1.0} for i, name in enumerate(CAMERAS)]
+        + [{"cameras": "rgb_p05+rgb_p10", "success": 0.8, "sampled": 0.9}]
+    )
+    pair, single = pair_scores(runs).loc["rgb_p05+rgb_p10"], scores()
+    for rule in (PIXELS, HIDDEN, ELEVATION):
+        assert pair[rule] == pytest.approx(single.loc[["rgb_p05", "rgb_p10"], rule].mean())
+    assert pair[ALONE] == pytest.approx((4 + 9) / 2 / 20)
+    # Both 34 degrees up, 174 degrees of azimuth apart.
+    assert pair[APART] == pytest.approx(-(111.8 - 90.0), abs=0.1)
+    (row,) = cells_of(places_table(runs, cameras=2))
+    assert (row["azimuth, °"], row["threaded by seed, %"]) == ([30.0, -144.0], [0.8])
 
 
 def test_a_map_has_every_camera_on_both_sides():
