@@ -6,7 +6,7 @@ results/placements/rules.csv, in half a minute; ``analysis.findings`` reads it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -71,26 +71,23 @@ def scores(cameras: int = 1) -> pd.DataFrame:
     answers, _ = read_answers(RECORDINGS / "claude_placements", ".", "rankings_sets.json")
     assert answers is not None
     single = pd.read_csv(RULES, index_col="camera")
-    (places,) = (
-        one.places
-        for one in answers.rankings
-        if all(len(name.split("+")) == cameras for name in one.places)
-    )
+    (places,) = (one.places for one in answers.rankings if _size(one.places) == cameras)
     found = pd.DataFrame({name: single.loc[name.split("+")].mean() for name in places}).T
     return found.assign(**{MODEL: -pd.Series(places)}).sort_index()
 
 
-def pair_scores(runs: pd.DataFrame) -> pd.DataFrame:
+def _size(names: Iterable[str]) -> int:
+    """Cameras of each of these sets."""
+    (size,) = {name.count("+") + 1 for name in names}
+    return size
+
+
+def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
     """Of the pairs; with the success of their cameras alone, and the angle between their views."""
-    found, single = scores(2), means(of_size(runs, 1))
+    found, measured = scores(2), means(singles)
     pairs = [name.split("+") for name in found.index]
-    alone = [np.mean([single[camera] for camera in pair]) for pair in pairs]
+    alone = [np.mean([measured[camera] for camera in pair]) for pair in pairs]
     return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
-
-
-def of_size(runs: pd.DataFrame, cameras: int) -> pd.DataFrame:
-    """The runs that see so many cameras."""
-    return runs.query("cameras.str.count('[+]') == @cameras - 1")
 
 
 def _view(camera: str) -> View:
@@ -163,32 +160,23 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     return Table("placements", "", CORRELATIONS, tuple(correlations(scores, runs)))
 
 
-def places_table(runs: pd.DataFrame, cameras: int = 1) -> Table:
-    """Place and success of each set of so many cameras, the best first, and what was foretold."""
+def places_table(runs: pd.DataFrame) -> Table:
+    """Place and success of each single camera or pair, the best first, and what was foretold."""
+    cameras = _size(runs["cameras"])
     places = (-scores(cameras)).rank(method="min").astype(int)
     told = (MODEL, PIXELS, HIDDEN, ELEVATION)
     rows = []
-    for name in means(of_size(runs, cameras)):
-        own = runs[runs["cameras"] == name]
-        views = [_view(camera) for camera in name.split("+")]
-        rows.append(
-            (
-                name,
-                [view.azimuth for view in views],
-                [view.elevation for view in views],
-                own["success"].tolist(),
-                float(np.mean(own["sampled"])),
-                *(int(places.loc[name, who]) for who in told),
-            )
-        )
+    for name in means(runs):
+        own, views = runs[runs["cameras"] == name], [_view(one) for one in name.split("+")]
+        seen = [[view.azimuth for view in views], [view.elevation for view in views]]
+        success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
+        rows.append((name, *seen, success, sampled, *(int(places.loc[name, who]) for who in told)))
     columns = (
         Column("camera" if cameras == 1 else "cameras"),
-        Column("azimuth", "°", ".0f"),
-        Column("elevation", "°", ".0f"),
-        Column("threaded by seed", "%", ".0f", 100.0),
-        Column.share("sampled"),
+        Column("azimuth", "°", ".0f"), Column("elevation", "°", ".0f"),
+        Column("threaded by seed", "%", ".0f", 100.0), Column.share("sampled"),
         *(Column(f"place by {who}") for who in told),
-    )
+    )  # fmt: skip
     return Table("places", "", columns, tuple(rows))
 
 
@@ -212,7 +200,7 @@ def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interva
 
 def map_figure(runs: pd.DataFrame) -> Figure:
     """Two maps of the hemisphere seen from above: what each place gave, and what was foretold."""
-    measured, foretold = pd.Series(means(of_size(runs, 1))), scores()[MODEL]
+    measured, foretold = pd.Series(means(runs)), scores()[MODEL]
     maps = {
         "threaded, of 100": (100 * measured, "{:.0f}"),
         f"place foretold by {MODEL}": (-foretold, "{:.0f}"),
