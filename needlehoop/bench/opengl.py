@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from typing import Any
 
+import gymnasium
 import mujoco
 import numpy as np
 import torch
@@ -13,7 +15,7 @@ import torch
 # needs a display.
 os.environ.setdefault("MUJOCO_GL", "egl")
 
-import dm_env
+from gymnasium import spaces
 
 from needlehoop.engines.contract import Frame
 from needlehoop.envs.dm_control_env import load
@@ -22,28 +24,35 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.workers import Workers
 
 
-class OpenGLEnvironment:
+class OpenGLEnvironment(gymnasium.Env):
     """Environment ``env`` of the seed in dm_control, with images from MuJoCo's default renderer.
 
-    ``num_envs`` of the settings is ignored.
+    Images are ``(c, h, w)`` uint8 by camera. ``num_envs`` of the settings is ignored.
     """
 
     def __init__(self, settings: Settings, env: int = 0):
-        self._size = settings.image_size
-        self.environment = load(replace(settings, cams=()), env)
-        self._physics = self.environment.physics
+        self._size = size = settings.image_size
+        self._environment = load(replace(settings, cams=()), env)
+        self._physics = self._environment.physics
         self._imager = Imager(self._physics.model.ptr, settings, Workers(1))
         self._asked = channels_of(settings)
+        images: dict[str, spaces.Space] = {}
+        for camera in settings.cameras:
+            shape = (settings.renderings[camera.rendering].channels, size, size)
+            images[camera.name] = spaces.Box(0, 255, shape, np.uint8)
+        self.observation_space = spaces.Dict(images)
+        self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
 
-    def reset(self) -> dict[str, np.ndarray]:
-        """Begin an episode; images ``(c, h, w)`` uint8 by camera."""
-        self.environment.reset()
-        return self._look()
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self._environment.reset()
+        return self._look(), {}
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], dm_env.TimeStep]:
-        """Images after an action, and what dm_control says."""
-        moment = self.environment.step(action)
-        return self._look(), moment
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        moment = self._environment.step(action)
+        over = moment.last()
+        terminated = over and moment.discount == 0.0
+        return self._look(), float(moment.reward), terminated, over and not terminated, {}
 
     def _look(self) -> dict[str, np.ndarray]:
         frames = {}

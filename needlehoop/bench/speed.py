@@ -160,7 +160,8 @@ def _opengl_steps(settings: Settings) -> Work:
     def run() -> None:
         for _ in range(_DM_CONTROL_STEPS):
             action = generator.uniform(-1, 1, settings.episode.action_size)
-            if environment.step(action)[1].last():
+            _, _, terminated, truncated, _ = environment.step(action)
+            if terminated or truncated:
                 environment.reset()
 
     return _DM_CONTROL_STEPS, run

@@ -8,8 +8,6 @@ from functools import partial
 from statistics import harmonic_mean
 from typing import Any
 
-import gymnasium
-import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
@@ -18,7 +16,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
 
 from needlehoop.bench.speed import NO_OPENGL, about, rounds_of
-from needlehoop.envs.settings import Settings
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype
 from needlehoop.learning.job import Job
@@ -29,33 +26,6 @@ DM_CONTROL_ENVS = 8
 
 STEPS = 32
 """Of each environment per round; times the above, one minibatch."""
-
-
-class OpenGLGymEnvironment(gymnasium.Env):
-    """The dm_control environment, seen by MuJoCo's renderer, as a gymnasium one."""
-
-    def __init__(self, settings: Settings, env: int):
-        # Finds an OpenGL library when it is imported, or raises.
-        from needlehoop.bench.opengl import OpenGLEnvironment
-
-        self._environment = OpenGLEnvironment(settings, env)
-        size = settings.image_size
-        images: dict[str, spaces.Space] = {}
-        for camera in settings.cameras:
-            shape = (settings.renderings[camera.rendering].channels, size, size)
-            images[camera.name] = spaces.Box(0, 255, shape, np.uint8)
-        self.observation_space = spaces.Dict(images)
-        self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        return self._environment.reset(), {}
-
-    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        images, moment = self._environment.step(action)
-        over = moment.last()
-        terminated = over and moment.discount == 0.0
-        return images, float(moment.reward), terminated, over and not terminated, {}
 
 
 class Encoders(BaseFeaturesExtractor):
@@ -86,10 +56,13 @@ def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
     Raises:
         RuntimeError: this machine has no OpenGL.
     """
-    makers: list[Any] = [
-        partial(OpenGLGymEnvironment, job.env, env) for env in range(DM_CONTROL_ENVS)
-    ]
     try:
+        # Finds an OpenGL library when it is imported, or raises.
+        from needlehoop.bench.opengl import OpenGLEnvironment
+
+        makers: list[Any] = [
+            partial(OpenGLEnvironment, job.env, env) for env in range(DM_CONTROL_ENVS)
+        ]
         # Stepped one after the other.
         drawn = DummyVecEnv(makers)
         drawn.reset()
