@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -241,7 +243,6 @@ def demonstrations(options: argparse.Namespace) -> None:
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
     from needlehoop.config.options import typed
-    from needlehoop.demonstrations import layout
     from needlehoop.demonstrations.episodes import demonstrate, scripted
     from needlehoop.runs.files import new_folder
     from needlehoop.runs.machine import provenance
@@ -256,7 +257,7 @@ def demonstrations(options: argparse.Namespace) -> None:
     if not asked.out:
         raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
     out = Path(asked.out)
-    write = layout(asked.format, out.name)
+    write = _writer(asked.format, out.name)
     from needlehoop.envs.settings import settings_from
     from needlehoop.learning.job import pick_device
     from needlehoop.learning.subject import of_run
@@ -285,3 +286,19 @@ def demonstrations(options: argparse.Namespace) -> None:
         f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
         f" {counts['successful']} successful"
     )
+
+
+def _writer(name: str, dataset: str) -> Callable[..., None]:
+    """What writes datasets of a format; ``dataset`` is the name of the folder."""
+    strict.check_names("format", [name], ("minari", "lerobot"))
+    try:
+        found = import_module(f"needlehoop.demonstrations.{name}_layout")
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"format={name} needs {error.name}: pip install 'needlehoop[{name}]'"
+        ) from error
+    if name == "minari" and not re.fullmatch(r"[\w.-]+-v\d+", dataset):
+        raise ValueError(
+            f"out: {dataset!r} is no name for Minari, which wants a version: such as smooth-v0"
+        )
+    return found.write
