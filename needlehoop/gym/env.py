@@ -19,7 +19,7 @@ from needlehoop.gym.vector import (
     real_numbers,
     row,
 )
-from needlehoop.pictures.window import Window, has_display
+from needlehoop.pictures.window import Window, check_display, has_display
 
 MODES = ("human", "rgb_array")
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
@@ -67,7 +67,8 @@ class GymnasiumEnv(gymnasium.Env):
         """The simulation inside: signals, state, engine."""
         self._window = None
         if render_mode == "human":
-            self._window = Window(self.simulation, "render_mode=rgb_array gives pictures")
+            check_display("render_mode=rgb_array gives pictures")
+            self._window = Window(self.simulation)
         self.observation_space = self._alone.single_observation_space
         self.action_space = self._alone.single_action_space
         # METADATA has every mode; this has those that work on this machine.

@@ -100,9 +100,9 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 
 
 def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
-    """The same episodes in a window; raises ``RuntimeError`` where there is no display."""
+    """The same episodes in a window, on a machine that has a display."""
     simulation, act = _alone(job_env, agent, seed)
-    play(Window(simulation, "a film shows the same"), act, range(episodes))
+    play(Window(simulation), act, range(episodes))
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:

@@ -23,20 +23,14 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.cameras import View
 
-_INSTEAD = "`needlehoop expert --video out.mp4` writes a video"
-
 
 class Window:
     """MuJoCo's viewer on environment 0, from where its settings take pictures.
 
-    Opened when first shown. ``instead``: what a machine without a display can do.
-
-    Raises:
-        RuntimeError: this machine has no display.
+    Opened when first shown. Whoever makes one calls ``check_display`` before.
     """
 
-    def __init__(self, simulation: Simulation, instead: str):
-        check_display(instead)
+    def __init__(self, simulation: Simulation):
         self.simulation, self._engine = simulation, simulation.engine
         # Data of its own: the engine's are on the move while the window draws.
         self._data = mujoco.MjData(self._engine.model)
@@ -79,10 +73,9 @@ def view(settings: Settings, who: str) -> None:
         RuntimeError: this machine has no display.
         ValueError: an unknown controller.
     """
-    check_display(_INSTEAD)
+    check_display("`needlehoop expert --video out.mp4` writes a video")
     alone = replace(settings, num_envs=1, cams=())
-    simulation = build(alone)
-    play(Window(simulation, _INSTEAD), controller(who, alone), count())
+    play(Window(build(alone)), controller(who, alone), count())
 
 
 def play(window: Window, act: Controller, episodes: Iterable[int]) -> None:
