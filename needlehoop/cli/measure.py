@@ -145,8 +145,9 @@ def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan
 
     settings, given = standing, values["combinations"]
     if grid:
-        settings = replace(standing, views=grid.views(standing.views))
-        given = [f"{grid.rendering}_{name}" for name in grid.names()]
+        views = grid.views(standing.views)
+        settings = replace(standing, views=views)
+        given = [f"{grid.rendering}_{name}" for name in views]
     heads = strict.value(values, "algo", PpoConfig).network
     sets = camera_sets(given, settings)
     return strict.as_type({**values, "env": settings, "camera_sets": sets, "heads": heads}, Plan)

@@ -62,22 +62,17 @@ class Grid:
                 raise ValueError(f"grid.{key}: {list(values)} must be two or more, rising")
 
     def views(self, known: Mapping[str, View]) -> dict[str, View]:
-        """The grid's views by name.
+        """The grid's views by name, such as ``az-30-el45``: row by row, an elevation each.
 
         Raises:
             ValueError: ``like`` is unknown, or an angle that no view can have.
         """
         strict.check_names("grid.like", [self.like], [*known])
         base = replace(known[self.like], fovy=self.fovy)
-        places = product(self.elevations, self.azimuths)
         return {
-            name: replace(base, azimuth=azimuth, elevation=elevation)
-            for name, (elevation, azimuth) in zip(self.names(), places, strict=True)
+            f"az{azimuth:g}-el{elevation:g}": replace(base, azimuth=azimuth, elevation=elevation)
+            for elevation, azimuth in product(self.elevations, self.azimuths)
         }
-
-    def names(self) -> list[str]:
-        """Names of the views, such as ``az-30-el45``: row by row, an elevation each."""
-        return [f"az{a:g}-el{e:g}" for e, a in product(self.elevations, self.azimuths)]
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ def ranking_figure(results: ProbeResults) -> Figure:
 def view_map(results: ProbeResults, grid: Grid, standing: Mapping[str, View]) -> Figure:
     """Scores over azimuth and elevation; ``standing``, which agents can choose, are marked."""
     azimuths, elevations = grid.azimuths, grid.elevations
-    scores = [results.score(f"{grid.rendering}_{name}").value for name in grid.names()]
+    scores = [results.score(f"{grid.rendering}_{name}").value for name in grid.views(standing)]
     values = np.array(scores).reshape(len(elevations), len(azimuths))
     figure, [[axes]] = new_figure(62)
     image = axes.pcolormesh(
