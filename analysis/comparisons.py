@@ -96,28 +96,20 @@ _SEGMENTATION = ("rgb_front+seg_side", "seg_front+rgb_side")
 _SAME = ("dep_front+dep_side", "seg_front+seg_side")
 _BEST, _REVERSED = ("dep_front+seg_side",), ("seg_front+dep_side",)
 _SINGLE = ("rgb_default", "dep_default", "seg_default")
+_TWICE, _TWO_KINDS = ("rgb_default+dep_default",), ("rgb_default+seg_default",)
+_PAIRS = (*_COLOUR, *_DEPTH, *_SEGMENTATION, *_SAME, *_BEST, *_REVERSED)
 
 CLAIMS = (
-    Claim(
-        "front and side views together beat single cameras",
-        (*_COLOUR, *_DEPTH, *_SEGMENTATION, *_SAME, *_BEST, *_REVERSED),
-        _SINGLE,
-    ),
+    Claim("front and side views together beat single cameras", _PAIRS, _SINGLE),
     Claim("depth beside colour beats colour alone", _DEPTH, _COLOUR),
     Claim("depth is better in front than at the side", _DEPTH[:1], _DEPTH[1:]),
-    Claim(
-        "depth beside colour wants two views, not one twice", _DEPTH, ("rgb_default+dep_default",)
-    ),
+    Claim("depth beside colour wants two views, not one twice", _DEPTH, _TWICE),
     Claim("segmentation beside colour beats colour alone", _SEGMENTATION, _COLOUR),
     Claim("segmentation is better at the side than in front", _SEGMENTATION[:1], _SEGMENTATION[1:]),
-    Claim(
-        "segmentation beside colour helps even from one view",
-        ("rgb_default+seg_default",),
-        ("rgb_default",),
-    ),
+    Claim("segmentation beside colour helps even from one view", _TWO_KINDS, _SINGLE[:1]),
     Claim("depth in front with segmentation at the side beats the reverse", _BEST, _REVERSED),
     Claim("depth with segmentation beats two of the same", _BEST, _SAME),
-    Claim("one segmentation camera beats one of colour", ("seg_default",), ("rgb_default",)),
+    Claim("one segmentation camera beats one of colour", _SINGLE[2:], _SINGLE[:1]),
 )
 """What the paper's discussion says of its camera sets (section V), in its order."""
 

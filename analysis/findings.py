@@ -56,11 +56,15 @@ from needlehoop.study.stats.run import (
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "evidence.md"
+PROTOCOL = ROOT / "results" / "protocol"
 
 STUDIES = ("fast", "table2", "rewards")
 
 PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
 """The protocol's study of another task, and what Q1's success is called where it predicts that."""
+
+PAIRS = "placement_pairs"
+"""Two of the cameras at random places."""
 
 IMITATED = "imitation"
 """The protocol's runs, where their success predicts what earlier studies measured."""
@@ -134,16 +138,9 @@ def peg_foretellers() -> tuple[Prediction, ...]:
     return Prediction("claude", {frozenset(order): order for order in orders}), needle
 
 
-@cache
-def stress() -> pd.DataFrame:
-    """What disturbances cost the protocol's runs."""
-    return stress_of(ROOT / "results" / "protocol")
-
-
-@cache
 def survived() -> pd.DataFrame:
-    """The same, run by run."""
-    return survival.survival(stress())
+    """What disturbances cost the protocol's runs."""
+    return survival.survival(stress_of(PROTOCOL))
 
 
 def _results() -> Table:
@@ -156,20 +153,10 @@ def _results() -> Table:
     rows = []
     for one in study("fast").ranked:
         end = longer.get(one.cameras)
-        rows.append(
-            (
-                one.cameras,
-                one.success and one.success.value,
-                [final.success for final in one.finals],
-                one.value.value,
-                one.middle(TRAINING),
-                one.cheat and one.cheat.value,
-                end and end.success and end.success.value,
-                end and end.value.value,
-                end and end.middle(TRAINING),
-                theirs.get(one.cameras),
-            )
-        )
+        own = [one.middle(measure) for measure in (RETURN, TRAINING, CHEAT)]
+        later = [end and end.middle(measure) for measure in (SUCCESS, RETURN, TRAINING)]
+        success = (one.middle(SUCCESS), one.values(SUCCESS))
+        rows.append((one.cameras, *success, *own, *later, theirs.get(one.cameras)))
     columns = (
         Column("cameras"), Column.share("threaded"), Column("by seed", form=".0f", scale=100.0),
         Column("return", form=".2f"), Column("over training", form=".2f"), Column.share("cheat"),
@@ -258,8 +245,12 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "pegs_foretold": lambda: foretold_table(peg_foretellers(), means(runs(PEGS))),
     "places": lambda: placements.places_table(runs("placements")),
     "placements": lambda: placements.foretold_table(placements.scores(), runs("placements")),
+    "pairs": lambda: placements.places_table(runs(PAIRS)),
+    "pairs_foretold": lambda: placements.foretold_table(
+        placements.pair_scores(runs("placements")), runs(PAIRS)
+    ),
     "survival": lambda: survival.sets_table(runs("protocol"), survived()),
-    "survival_axes": lambda: survival.axes_table(stress()),
+    "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
     "survival_foretold": lambda: survival.foretold_table(runs("protocol"), survived()),
     "results": _results,
     "luck": _luck,

@@ -232,7 +232,6 @@ def map_figure(runs: pd.DataFrame) -> Figure:
 
 def main() -> None:
     """Write what the rules say."""
-    RULES.parent.mkdir(exist_ok=True)
     rules(CAMERAS).to_csv(RULES, index_label="camera", float_format="%.4f")
     print(RULES)
 

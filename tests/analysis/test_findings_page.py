@@ -12,8 +12,8 @@ from study_files import texts_of
 
 from analysis import findings as analysis
 from analysis.comparisons import has_depth, is_two_sided
-from analysis.placements import correlations
-from analysis.protocol import BLIND, PREREGISTERED, RULE, held, means, predicted
+from analysis.placements import ELEVATION, HIDDEN, MODEL, PIXELS, correlations
+from analysis.protocol import PREREGISTERED, RULE, held, means, predicted
 from needlehoop.study.render.table import Column
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.run import TRAINING
@@ -177,17 +177,37 @@ def test_sentences_on_places_have_the_tables_numbers():
     assert {row["camera"]: row["azimuth, °"] for row in rows}[rows[0]["camera"]] == "24"
     runs = analysis.runs("placements").pivot(index="cameras", columns="seed", values="success")
     best = runs.mean(axis=1).max()
-    assert f"24 degrees to the left of the front, threads in {100 * best:.0f} of 100" in words
+    assert f"24 degrees to the left of the front, in {100 * best:.0f}." in words
     assert runs.loc["rgb_p08"].max() == 0
     alike = runs.corr("spearman").to_numpy()[~np.eye(runs.shape[1], dtype=bool)].mean()
-    assert f"Three seeds order the places alike (ρ {alike:.2f})" in words
+    assert f"Three seeds order the single cameras alike (ρ {alike:.2f})" in words
     assert runs.shape[1] == 3
-    found = [row for row in rows_of("placements") if row["prediction"] != BLIND]
-    rho = {row["prediction"]: row["ρ (95 %)"].split()[0] for row in found}
-    (p,) = [row["p"] for row in found if row["prediction"] == "claude"]
-    model = f"{rho.pop('claude')} (p {p})"
-    rules = sorted(rho.values())
-    assert f"agrees with success by ρ {model}, three rules by {rules[0]} to {rules[-1]}" in words
+    said, rules = {}, []
+    for marker in ("placements", "pairs_foretold"):
+        found = {row["prediction"]: row for row in rows_of(marker)}
+        rho = {who: found[who]["ρ (95 %)"].split()[0] for who in (MODEL, PIXELS, HIDDEN, ELEVATION)}
+        said[marker] = f"{rho.pop(MODEL)} (p {found[MODEL]['p']})"
+        rules += map(float, rho.values())
+    singles, pairs = said.values()
+    assert (
+        f"agrees with success by ρ {singles} for single cameras and by {pairs} for pairs,"
+        f" three rules by {max(rules):.2f} at most" in words
+    )
+
+
+def test_sentences_on_pairs_have_the_tables_numbers():
+    words = " ".join(PAGE.split())
+    single, pair = (means(analysis.runs(name)) for name in ("placements", analysis.PAIRS))
+    mean, both = (100 * np.mean([*own.values()]) for own in (single, pair))
+    assert f"thread in {mean:.0f} of 100 episodes on average" in words
+    assert f"20 random pairs of the same cameras thread in {both:.0f}," in words
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    assert f"succeed in {both:.0f} of 100 episodes there, single ones in {mean:.0f}." in readme
+    gained = [own - max(single[one] for one in name.split("+")) for name, own in pair.items()]
+    assert f"each at least {100 * min(gained):.0f} points above the better" in words
+    seeds = {len(row["threaded by seed, %"].split(", ")) for row in rows_of("pairs")}
+    assert seeds == {1}
+    assert "of the random pairs have one seed of three so far" in words
 
 
 def listed(cells: list[str]) -> str:
