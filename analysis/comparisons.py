@@ -19,7 +19,7 @@ from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.findings import Result, StudyFindings
 from needlehoop.study.stats.run import Measure
-from needlehoop.study.stats.statistics import Interval
+from needlehoop.study.stats.statistics import ENOUGH, Interval
 
 
 def is_two_sided(cameras: str) -> bool:
@@ -51,13 +51,8 @@ def luck(findings: StudyFindings, measure: Measure) -> tuple[Estimated, int | st
         Of the variance of single runs, the cameras' share: the intraclass correlation of one-way
         random effects with its 95 % interval, no number below 0. Then the seeds for reliable means
         (Spearman and Brown's formula), or that no number of them is enough.
-
-    Raises:
-        ValueError: fewer than two camera sets with two seeds.
     """
     groups = [own for own in findings.by_set(measure).values() if len(own) >= _LEAST]
-    if len(groups) < 2:
-        raise ValueError("luck: fewer than two camera sets have two seeds")
     sizes = np.array([len(group) for group in groups], dtype=float)
     free, free_within = len(groups) - 1, int(sizes.sum()) - len(groups)
     # What stands for the number of seeds where sets have unlike numbers of them.
@@ -142,9 +137,6 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
     return found
 
 
-_LEAST_PAIRS = 3
-"""Pairs from which on there is an interval."""
-
 _IMAGES = (("vlm_img", "vlm_text"), ("vlm_img_claude", "vlm_text_claude"))
 """A writer that saw the first image, and the same one told by words alone."""
 
@@ -184,7 +176,7 @@ def difference(pairs: Sequence[tuple[Result, Result]], measure: Measure) -> Esti
     known = [one - other for one, other in found if one is not None and other is not None]
     if len(known) < len(pairs):
         return None
-    if len(known) < _LEAST_PAIRS:
+    if len(known) < ENOUGH:
         return Estimated(float(np.mean(known)))
     if len({*known}) == 1:
         return Estimated(known[0], Interval(known[0], known[0]))

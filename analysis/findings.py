@@ -127,7 +127,6 @@ def foretellers() -> tuple[Prediction, ...]:
     return found
 
 
-@cache
 def peg_foretellers() -> tuple[Prediction, ...]:
     """Who predicted the same camera sets for the peg transfer: a model, and the needle's runs."""
     ranked = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
@@ -264,7 +263,7 @@ TABLES: Mapping[str, Callable[[], Table]] = {
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "foretold": lambda: foretold_figure(foretellers(), means(runs("protocol"))),
-    "where_cameras": lambda: placements.map_figure(runs("placements")),
+    "where_cameras": lambda: placements.places_figure(runs("placements"), runs(PAIRS)),
     "survival": lambda: survival.survival_figure(survived()),
 }
 """PNG files of docs/."""

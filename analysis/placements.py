@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,7 +24,7 @@ from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.scene.cameras import View
 from needlehoop.study.data.answers import read_answers
-from needlehoop.study.render.style import INK, new_figure
+from needlehoop.study.render.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
 from needlehoop.study.stats.statistics import Interval
 
@@ -57,11 +58,8 @@ def rules(cameras: list[str]) -> pd.DataFrame:
         settings = settings_of(name)
         view = settings.views[name.partition("_")[2]]
         seen, alone = _pixels(settings)
-        rows[name] = {
-            ELEVATION: -abs(view.elevation - 45.0),
-            PIXELS: float(seen),
-            HIDDEN: seen / alone,
-        }
+        level = -abs(view.elevation - 45.0)
+        rows[name] = {ELEVATION: level, PIXELS: float(seen), HIDDEN: seen / alone}
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
@@ -198,35 +196,43 @@ def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interva
     return Interval(float(low), float(high))
 
 
-def map_figure(runs: pd.DataFrame) -> Figure:
-    """Two maps of the hemisphere seen from above: what each place gave, and what was foretold."""
-    measured, foretold = pd.Series(means(runs)), scores()[MODEL]
-    maps = {
-        "threaded, of 100": (100 * measured, "{:.0f}"),
-        f"place foretold by {MODEL}": (-foretold, "{:.0f}"),
-    }
-    figure, grid = new_figure(56, 1, 2, subplot_kw={"projection": "polar"})
-    for axes, (title, (values, form)) in zip(grid[0], maps.items(), strict=True):
-        views = [_view(name) for name in values.index]
-        angles = np.radians([view.azimuth for view in views])
-        down = [90.0 - view.elevation for view in views]
-        # Best is dark on both maps.
-        shade = rankdata(values if title.startswith("threaded") else -values)
-        axes.scatter(angles, down, s=75, c=shade, cmap="Blues", vmin=-6, linewidths=0)
-        for angle, far, value, dark in zip(angles, down, values, shade, strict=True):
-            ink = "white" if dark > 0.6 * len(values) else INK
-            axes.text(
-                angle, far, form.format(value), ha="center", va="center", fontsize=5, color=ink
-            )
-        axes.set_title(title, loc="center", pad=10)
-        # As in the scene: azimuth grows to the left of a viewer in front.
-        axes.set_theta_zero_location("S")
-        axes.set_theta_direction(-1)
-        axes.set_rlim(0, 90)
-        axes.set_rgrids([30, 60], [])
-        axes.set_thetagrids([0, 45, 90, 180, 270], ["front", "side", "", "behind the arm", ""])
-        axes.tick_params(labelsize=5.5, pad=-3)
-        axes.grid(linewidth=0.4, alpha=0.5)
+def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
+    """A map of the hemisphere seen from above with what each place gave, and beside it what each
+    pair gave and the better of its two cameras alone."""
+    figure, ((flat, right),) = new_figure(72, 1, 2)
+    axes: Any = figure.add_subplot(flat.get_subplotspec(), projection="polar")
+    flat.remove()
+    alone, both = means(singles), means(pairs)
+    for name, success in alone.items():
+        view = _view(name)
+        angle, down = np.radians(view.azimuth), 90.0 - view.elevation
+        dark = success / max(alone.values())
+        axes.scatter([angle], [down], s=75, c=[dark], cmap="Blues", vmin=-0.4, vmax=1, linewidths=0)
+        ink = "white" if dark > 0.6 else INK
+        said = f"{100 * success:.0f}"
+        axes.text(angle, down, said, ha="center", va="center", fontsize=5, color=ink)
+    axes.set_title("one camera", loc="center", pad=10)
+    axes.set_xlabel("(from above; threaded, of 100)")
+    # As in the scene: azimuth grows to the left of a viewer in front.
+    axes.set_theta_zero_location("S")
+    axes.set_theta_direction(-1)
+    axes.set_rlim(0, 90)
+    axes.set_rgrids([30, 60], [])
+    axes.set_thetagrids([0, 45, 90, 180, 270], ["front", "side", "", "behind the arm", ""])
+    axes.tick_params(labelsize=5.5, pad=-3)
+    axes.grid(linewidth=0.4, alpha=0.5)
+    order = [*both][::-1]
+    better = [max(alone[camera] for camera in name.split("+")) for name in order]
+    shown = (("both", [both[name] for name in order], 0), ("the better one alone", better, 1))
+    for said, values, colour in shown:
+        across = [100 * value for value in values]
+        right.plot(across, range(len(order)), "o", markersize=3, color=COLOURS[colour], label=said)
+    right.set_yticks(range(len(order)), [name.replace("rgb_", "") for name in order], fontsize=5)
+    right.set_xlim(0, 100)
+    right.set_xlabel("threaded, of 100")
+    right.set_title("two cameras", loc="center", pad=10)
+    right.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize=6)
     return figure
 
 

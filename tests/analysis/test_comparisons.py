@@ -227,11 +227,6 @@ def test_seeds_alone_are_no_cameras(tmp_path):
     assert ends_of(share)[0] == 0.0
 
 
-def test_without_repeats_nothing_is_said_of_luck(tmp_path):
-    with pytest.raises(ValueError, match="fewer than two camera sets have two seeds"):
-        luck(study_of(tmp_path / "main", [[8.0, 7.0], [5.0]]), RETURN)
-
-
 def test_returns_over_training_are_those_of_all_buffers(tmp_path):
     groups = [[4.0, 4.5], [2.0, 2.25]]
     found = study_of(tmp_path / "main", groups, column="training")

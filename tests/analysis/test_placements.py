@@ -15,8 +15,8 @@ from analysis.placements import (
     MODEL,
     PIXELS,
     foretold_table,
-    map_figure,
     pair_scores,
+    places_figure,
     places_table,
     rules,
     scores,
@@ -50,15 +50,17 @@ def test_a_pair_is_scored_by_its_two_cameras():
     assert (row["azimuth, °"], row["threaded by seed, %"]) == ([30.0, -144.0], [0.8])
 
 
-def test_a_map_has_every_camera_on_both_sides():
-    runs = pd.DataFrame([{"cameras": name, "success": i / 20} for i, name in enumerate(CAMERAS)])
-    measured, foretold = map_figure(runs).axes
-    assert sorted(text.get_text() for text in foretold.texts) == sorted(
-        str(place) for place in range(1, 21)
+def test_the_figure_has_every_place_and_every_pair():
+    singles, pairs = (
+        pd.DataFrame([{"cameras": name, "success": i / 20} for i, name in enumerate(names)])
+        for names in (CAMERAS, scores(2).index)
     )
-    assert sorted(text.get_text() for text in measured.texts) == sorted(
-        str(5 * i) for i in range(20)
-    )
+    right, polar = places_figure(singles, pairs).axes
+    assert sorted(text.get_text() for text in polar.texts) == sorted(str(5 * i) for i in range(20))
+    pair, better = (line.get_xdata() for line in right.lines)
+    assert [*pair] == pytest.approx([5 * i for i in range(20)])
+    # The second of p01 and p10.
+    assert better[[*scores(2).index].index("rgb_p01+rgb_p10")] == pytest.approx(45)
 
 
 def test_a_ranking_is_held_against_mean_success():
