@@ -15,32 +15,15 @@ from needlehoop.rewards.written import FIRST, file_name
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
-from needlehoop.vlm import description
+from needlehoop.vlm import description, questions, writing
 from needlehoop.vlm.album import Album, open_album
 from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_of
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.providers import build_provider
-from needlehoop.vlm.questions import (
-    Lists,
-    Questions,
-    opening,
-    order,
-    order_pictures,
-    question,
-    seen_by,
-)
-from needlehoop.vlm.rankings import agreement_csv, deal, of_groups, of_samples, rankings_csv
+from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.record import Record
-from needlehoop.vlm.writing import (
-    DESCENT,
-    ProgramRules,
-    Trained,
-    guess_prompt,
-    reward_prompt,
-    rows_of,
-    write_program,
-)
+from needlehoop.vlm.writing import ProgramRules, Trained
 
 
 class Inquiry(AbstractContextManager):
@@ -80,38 +63,37 @@ class Inquiry(AbstractContextManager):
             rows = [(name, *row.values()) for name, row in found.items()]
             self._files.replace("totals.csv", csv_text(("conversation", *found["all"]), rows))
 
-    def question(self, questions: Questions) -> dict[str, Any]:
+    def question(self, asked: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
         if self._told != "full":
             raise ValueError(
                 f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
                 " the task, so they are asked with full"
             )
-        questions.check(self._settings)
+        asked.check(self._settings)
         album = self._album()
         self._clear("question", "rank", files=(QUESTIONS, RANKINGS))
-        return self._question(self._begin("question"), album, questions)
+        return self._question(self._begin("question"), album, asked)
 
     def _question(
-        self, conversation: Conversation, album: Album, questions: Questions
+        self, conversation: Conversation, album: Album, asked: Questions
     ) -> dict[str, Any]:
-        answers = question(conversation, self._settings, album, questions)
-        asked = description.questioned(self._settings.definition)
-        found = self._write(QUESTIONS, {"answers": answers, "asked": asked})
-        rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, asked)]
-        text = csv_text(("question", "answer", "reason"), rows)
-        self._files.write("questions.csv", text)
+        answers = questions.question(conversation, self._settings, album, asked)
+        moments = description.questioned(self._settings.definition)
+        found = self._write(QUESTIONS, {"answers": answers, "asked": moments})
+        rows = [(row.question, row.answer, row.reason) for row in as_rows(answers, moments)]
+        self._files.write("questions.csv", csv_text(("question", "answer", "reason"), rows))
         return found
 
-    def rank(self, questions: Questions, lists: Lists) -> dict[str, Any]:
+    def rank(self, asked: Questions, lists: Lists) -> dict[str, Any]:
         """Ask for rankings, into ``rankings.json`` and ``.csv``, and ``agreement.csv``.
 
         Each sample begins with the questions on cameras, which the totals count too. Lists that
         are ranked afresh, or with less told, go into ``rankings_afresh.json`` (``_names``,
         ``_nothing``) and so on, each from a conversation of its own.
         """
-        questions.check(self._settings)
-        lists.check(self._settings, questions.shown)
+        asked.check(self._settings)
+        lists.check(self._settings, asked.shown)
         how, told, settings = self.ranked(lists), self._told, self._settings
         scene = description.scene(settings, told) if how else ""
         album = self._album([*chain(*lists.sets)])
@@ -122,22 +104,25 @@ class Inquiry(AbstractContextManager):
             again = f"/{part}" if part > 1 else ""
             if how:
                 conversation = self._begin(f"rank{how}/{number}{again}")
-                own = seen_by(settings, sets)[1] if lists.sets else settings
+                own = questions.narrowed(settings, sets) if lists.sets else settings
                 words = lists.words or not lists.sets
-                before = opening(own, album, sets, told, scene, words)
+                before = questions.opening(own, album, sets, told, scene, words)
             elif (number, part) == (1, 1):
-                self._question(conversation, album, questions)
+                self._question(conversation, album, asked)
                 conversation.name = "rank"
             elif number == 1:
                 conversation = self._begin(f"rank{again}")
-                question(conversation, settings, album, questions)
-            answers[number].append(order(conversation, sets, before))
-        if lists.sets:
-            size, rounds = lists.group, lists.rounds
-            found = [of_groups(s, size, rounds, answers[n]) for n, s in enumerate(lists.sets, 1)]
-        else:
-            found = [of_samples(sets, answers[n]) for n, sets in enumerate(lists.lists, 1)]
-        return self._write_rankings(how, found)
+                questions.question(conversation, settings, album, asked)
+            answers[number].append(questions.order(conversation, sets, before))
+        return self._write_rankings(
+            how,
+            [
+                questions.of_groups(sets, lists.group, lists.rounds, answers[number])
+                if lists.sets
+                else questions.of_samples(sets, answers[number])
+                for number, sets in enumerate(lists.sets or lists.lists, 1)
+            ],
+        )
 
     def rank_pictures(
         self, pictures: Mapping[str, Png], about: str, lists: Lists
@@ -149,16 +134,16 @@ class Inquiry(AbstractContextManager):
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
         names, how = tuple(pictures), (lists.group, lists.rounds)
-        answers = [
-            order_pictures(self._begin(f"rank_pictures/{number}"), pictures, about, dealt)
-            for number, dealt in enumerate(deal(names, *how), 1)
-        ]
-        return self._write_rankings("_pictures", [of_groups(names, *how, answers)])
+        answers = []
+        for number, dealt in enumerate(questions.deal(names, *how), 1):
+            conversation = self._begin(f"rank_pictures/{number}")
+            answers.append(questions.order_pictures(conversation, pictures, about, dealt))
+        return self._write_rankings("_pictures", [questions.of_groups(names, *how, answers)])
 
     def _write_rankings(self, how: str, ranked: list[dict[str, Any]]) -> dict[str, Any]:
         found = self._write(f"rankings{how}.json", {"lists": ranked})
-        self._files.write(f"rankings{how}.csv", rankings_csv(ranked))
-        self._files.write(f"agreement{how}.csv", agreement_csv(ranked))
+        self._files.write(f"rankings{how}.csv", questions.rankings_csv(ranked))
+        self._files.write(f"agreement{how}.csv", questions.agreement_csv(ranked))
         return found
 
     def ranked(self, lists: Lists) -> str:
@@ -199,8 +184,8 @@ class Inquiry(AbstractContextManager):
             path = self.folder / self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
-        prompt = reward_prompt(settings, rules, flavour, album, told)
-        first = guess_prompt(settings, album) if told == "nothing" and album else []
+        prompt = writing.reward_prompt(settings, rules, flavour, album, told)
+        first = writing.guess_prompt(settings, album) if told == "nothing" and album else []
         if trained is None:
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
             name += "" if told == "full" else f"/{told}"
@@ -216,18 +201,18 @@ class Inquiry(AbstractContextManager):
             file = self._reward_file(flavour, sample)
             conversation = self._begin(name)
             try:
-                source = write_program(conversation, rules, prompt, first)
+                source = writing.write_program(conversation, rules, prompt, first)
             except NoAnswerError as error:
                 failed.append(error)
                 continue
             finally:
-                rows = [json.dumps(row, ensure_ascii=False) for row in rows_of(conversation)]
+                rows = writing.rows_of(conversation)
                 if rows:
-                    attempts = str(file.with_suffix(".attempts.jsonl"))
-                    self._files.write(attempts, "\n".join([*rows, ""]))
+                    lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in rows)
+                    self._files.write(str(file.with_suffix(".attempts.jsonl")), lines)
             paths.append(self._files.write(str(file), source))
             if trained is not None:
-                self._files.write(str(file.with_suffix(DESCENT)), trained.descent())
+                self._files.write(str(file.with_suffix(writing.DESCENT)), trained.descent())
         if failed:
             raise NoAnswerError("; ".join(map(str, failed)))
         return paths
@@ -245,16 +230,14 @@ class Inquiry(AbstractContextManager):
 
     def _album(self, sets: Sequence[str] = ()) -> Album:
         """Of the scene's cameras, or of those of ``sets`` alone."""
-        settings = seen_by(self._settings, sets)[1] if sets else self._settings
+        settings = questions.narrowed(self._settings, sets) if sets else self._settings
         return open_album(self.record, settings, self._config.size)
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
         """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""
         if not (self._config.overwrite and self._live):
             return
-        self.record.retire(
-            lambda name: any(name == c or name.startswith(f"{c}/") for c in conversations)
-        )
+        self.record.retire(conversations)
         for name in files:
             self._files.vacate(name)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, islice
 from typing import Any
@@ -52,20 +52,20 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     ``ValueError`` for settings that the scripts cannot drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
-    simulation, goal = build(blind), blind.definition.goal
+    simulation = build(blind)
     flights = {
-        who: _fly(simulation, gates.seed, controller(who, blind), goal)
+        who: _fly(simulation, controller(who, blind))
         for who in ("expert", CHEAT, "random")
         if who in controllers(blind)
     }
-    moments = torch.cat([flight.signals[flight.until(goal)] for flight in flights.values()])
-    last = {who: flight.last(goal) for who, flight in flights.items()}
+    moments = torch.cat([flight.signals[flight.until_goal()] for flight in flights.values()])
+    last = {who: flight.last() for who, flight in flights.items()}
     # Uniformly random actions, of more episodes.
     own = replace(blind, num_envs=gates.random_episodes)
-    steps = _fly(build(own), gates.seed, controller("random", own)).signals
+    steps = _fly(build(own), controller("random", own), whole=True).signals
     before, after = steps[:-1].reshape(-1), steps[1:].reshape(-1)
     after.elapsed = before.elapsed.clone()
-    return Trajectories(moments, last, before, after, _stopped(blind, gates))
+    return Trajectories(moments, last, before, after, _stopped(blind, gates.stop_episodes))
 
 
 def _blind(settings: Settings, episodes: int) -> Settings:
@@ -80,42 +80,41 @@ def _blind(settings: Settings, episodes: int) -> Settings:
 
 @dataclass(frozen=True)
 class _Flight:
-    """Episodes side by side, step by step: all is ``(steps, n)``, facts by name."""
+    """Episodes side by side, step by step: all is ``(steps, n)``."""
 
     signals: Any
-    facts: dict[str, Tensor]
     alive: Tensor
+    at_goal: Tensor
 
-    def until(self, goal: str) -> Tensor:
+    def until_goal(self) -> Tensor:
         """The moments up to each episode's goal or its end, that one included."""
-        now = self.facts[goal]
-        return self.alive & (now.cumsum(0) - now.long() == 0)
+        return self.alive & (self.at_goal.cumsum(0) - self.at_goal.long() == 0)
 
-    def last(self, goal: str) -> Any:
+    def last(self) -> Any:
         """Each episode's last of these moments, ``(n,)``."""
-        at = self.until(goal).sum(0) - 1
+        at = self.until_goal().sum(0) - 1
         return self.signals[at, torch.arange(len(at))]
 
 
 def _fly(
-    simulation: Simulation, seed: int, act: Controller, goal: str = "", most: int | None = None
+    simulation: Simulation, act: Controller, whole: bool = False, most: int | None = None
 ) -> _Flight:
-    """Whole episodes of a seed; only until all are at their ``goal``; at ``most`` so many steps."""
-    simulation.reseed(seed)
-    steps: list[Any] = []
+    """The first episodes, until all are at their goal, or ``whole``; at ``most`` so many steps."""
+    simulation.reseed(simulation.settings.seed)
+    signals: list[Any] = []
+    alive: list[Tensor] = []
     done = torch.zeros(simulation.num_envs, dtype=torch.bool)
     for step in islice(rollout(simulation, act), most):
-        facts = {name: fact.clone() for name, fact in step.moment.facts.items()}
-        steps.append((step.moment.signals.clone(), facts, step.alive))
-        done |= ~step.alive | facts.get(goal, done)
-        if bool(done.all()):
+        signals.append(step.moment.signals.clone())
+        alive.append(step.alive)
+        done |= ~step.alive | step.moment.facts[simulation.task.goal]
+        if bool(done.all()) and not whole:
             break
-    signals, facts, alive = zip(*steps, strict=True)
-    stacked = {name: torch.stack([own[name] for own in facts]) for name in facts[0]}
-    return _Flight(torch.stack(signals), stacked, torch.stack(alive))
+    stacked: Any = torch.stack(signals)
+    return _Flight(stacked, torch.stack(alive), getattr(stacked, simulation.task.goal))
 
 
-def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signals]]:
+def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals]]:
     """Last moments of the teacher stopped short, and of the same episodes finished.
 
     It flies as always up to a moment, then holds still, or lets go. The moments are those at which
@@ -123,18 +122,18 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     gone. It lets go where the first phase ended, and at the last fact before the goal. Episodes
     that reach the goal all the same are left out. ``elapsed`` is that of the finished ones.
     """
-    s = replace(settings, num_envs=gates.stop_episodes)
+    s = replace(blind, num_envs=episodes)
     task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)
-    flight = _fly(simulation, gates.seed, act, task.goal)
-    finished, found = flight.last(task.goal), {}
+    flight = _fly(simulation, act)
+    finished, found = flight.last(), {}
     opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name != task.goal]
     loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens is not None else ()
-    for moment, first in _firsts(flight, task).items():
+    for moment, first in _firsts(flight, task, facts).items():
         for loosen in (False, True) if moment in loose else (False,):
             short = _short(act, first, opens if loosen else None)
             # 20 steps after it stopped all has come to rest.
-            stop = _fly(simulation, gates.seed, short, most=int(first.max()) + 21)
-            ended = (first >= 0) & (stop.alive & ~stop.facts[task.goal]).all(0)
+            stop = _fly(simulation, short, most=int(first.max()) + 21)
+            ended = (first >= 0) & (stop.alive & ~stop.at_goal).all(0)
             if bool(ended.any()):
                 whole, last = finished[ended].clone(), stop.signals[-1][ended].clone()
                 last.elapsed = whole.elapsed.clone()
@@ -142,21 +141,21 @@ def _stopped(settings: Settings, gates: Gates) -> dict[str, tuple[Signals, Signa
     return found
 
 
-def _firsts(flight: _Flight, task: Task) -> dict[str, Tensor]:
+def _firsts(flight: _Flight, task: Task, facts: Sequence[str]) -> dict[str, Tensor]:
     """The steps ``(n,)`` at which each moment first came, at which a task can be stopped short.
 
     By the moment's name; -1 where it did not come before the goal.
     """
-    counts, facts = flight.alive & ~flight.facts[task.goal], flight.facts
-    moments = {fact.name: facts[fact.name] for fact in task.facts if fact.name != task.goal}
+    counts = flight.alive & ~flight.at_goal
+    moments = {name: getattr(flight.signals, name) for name in facts}
     begun = torch.ones_like(counts)
     for phase in task.phases:
-        a, b = (getattr(flight.signals, point) for point in phase.points)
+        a, b, over = (getattr(flight.signals, name) for name in (*phase.points, phase.ends))
         way = torch.linalg.vector_norm(a - b, dim=-1)
         whole = way.gather(0, begun.long().argmax(0, keepdim=True))
         moments[f"half of {phase.name}"] = (begun.cumsum(0) > 0) & (way <= whole / 2)
-        ended = facts[phase.ends] & counts
-        begun = begun & (facts[phase.ends] | (ended.cumsum(0) - ended.long() > 0))
+        ended = over & counts
+        begun = begun & (over | (ended.cumsum(0) - ended.long() > 0))
     came = {name: (now & counts).long() for name, now in moments.items()}
     return {name: torch.where(now.any(0), now.argmax(0), -1) for name, now in came.items()}
 
@@ -184,7 +183,7 @@ def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
     s = _blind(settings, 8)
     simulation = build(s)
     moments = [
-        _fly(simulation, s.seed, controller(who, s)).signals
+        _fly(simulation, controller(who, s), whole=True).signals
         for who in (s.definition.teacher, "random")
     ]
     found = {}

@@ -1,14 +1,24 @@
-"""The questions on cameras: which suit the task's parts, and how camera sets rank."""
+"""The questions on cameras: which suit the task's parts, and how camera sets rank.
+
+Rankings are put together from samples of one list, or from groups of a list too long for one
+question.
+"""
 
 from __future__ import annotations
 
+import random
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import chain, combinations, pairwise
 from typing import Annotated, Any
+
+import numpy as np
+from scipy.stats import kendalltau
 
 from needlehoop.config.strict import Range, check_names
 from needlehoop.envs.settings import Settings
+from needlehoop.runs.files import csv_text
 from needlehoop.scene.cameras import parse_cameras
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
@@ -16,7 +26,12 @@ from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation, Subtasks, choice, choices, ranking
 from needlehoop.vlm.description import fill, questioned
 from needlehoop.vlm.messages import Part, Png
-from needlehoop.vlm.rankings import Ranked, deal
+
+Ranked = dict[str, Any]
+"""An answer, as ``conversation.ranking``: ``places``, best first, and how ``sure`` they are."""
+
+_SEED = 0
+"""Of the groups."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +83,9 @@ class Lists:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
     def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
-        """What is to be ranked, in the order of asking.
+        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group.
 
-        The number of a list, that of a sample or (of ``sets``) a group, both from 1; and the
-        camera sets.
+        Both count from 1. Then the camera sets that are to be ranked.
         """
         for number, sets in enumerate(self.sets, 1):
             for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
@@ -102,13 +116,12 @@ def question(
     rest = [camera for cameras in others for camera in cameras]
     pictures = [*album.show(rest), *album.show_seen([*first, *rest])]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
-    goal = conversation.ask([fill("goal", task)], choice(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
-        for fact in questioned(task)
+        for fact in ("goal", *questioned(task))
     }
-    told, ways = description.bullets(questions.layouts), list(questions.layouts)
-    layouts = _ranked(conversation, ways, "layouts", layouts=told)
+    told = description.bullets(questions.layouts)
+    layouts = _ranked(conversation, [*questions.layouts], "layouts", layouts=told)
     placements = {
         str(count): order(conversation, sets)
         for count in (1, 2)
@@ -117,7 +130,6 @@ def question(
     return {
         "subtasks": subtasks.model_dump(),
         "suits": suits.model_dump(),
-        "goal": goal.model_dump(),
         **moments,
         "layouts": layouts["places"],
         "layouts_sure": layouts["sure"],
@@ -125,15 +137,15 @@ def question(
     }
 
 
-def seen_by(settings: Settings, sets: Sequence[str]) -> tuple[list[str], Settings]:
-    """The cameras of a list, and settings with their views and renderings alone."""
+def narrowed(settings: Settings, sets: Sequence[str]) -> Settings:
+    """Settings with the cameras of a list, and with their views and renderings alone."""
     used = {camera for name in sets for camera in name.split("+")}
     cameras = [f"{r}_{v}" for r in settings.renderings for v in settings.views]
-    cameras = [camera for camera in cameras if camera in used]
-    kinds, views = ({camera.split("_")[part] for camera in cameras} for part in (0, 1))
-    return cameras, replace(
+    cams = tuple(camera for camera in cameras if camera in used)
+    kinds, views = ({camera.split("_")[part] for camera in cams} for part in (0, 1))
+    return replace(
         settings,
-        cams=(),
+        cams=cams,
         views={name: view for name, view in settings.views.items() if name in views},
         renderings={name: kind for name, kind in settings.renderings.items() if name in kinds},
     )
@@ -152,16 +164,13 @@ def opening(
     ``scene`` is as ``description.scene`` tells it, which takes a while with ``names``. ``words``:
     whether cameras come with their places in words.
     """
-    cameras, _ = seen_by(settings, sets)
-    kinds = list(dict.fromkeys(camera.partition("_")[0] for camera in cameras))
-    said = [
-        scene,
-        *([] if told == "nothing" or not words else [description.cameras(settings, kinds)]),
-        description.stages(settings, told),
-    ]
+    shown, said = narrowed(settings, sets), [scene]
+    if words and told != "nothing":
+        said.append(description.cameras(settings, [*shown.renderings]))
+    said.append(description.stages(settings, told))
     album = album.named(description.stage_names(settings, told))
     text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
-    return [text, *album.show(cameras), *album.show_seen(cameras)]
+    return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
 
 def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part] = ()) -> Ranked:
@@ -194,3 +203,117 @@ def _ranked(
     """A ranking of names, asked for with a prompt; errors as in ``Conversation.ask``."""
     text = fill(prompt, sure=fill("sure", pairs=len(names) - 1), **values)
     return conversation.ask([*before, text], ranking(names)).model_dump()
+
+
+def of_samples(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, Any]:
+    """Several rankings of one list, its ``combinations``, and how far they agree.
+
+    By sample: ``rankings``, each the names as ``name`` and ``reason``, best first, and ``sure``.
+    """
+    return {
+        "combinations": list(names),
+        "rankings": [answer["places"] for answer in answers],
+        "sure": [answer["sure"] for answer in answers],
+        "agreement": agreement(
+            [[entry["name"] for entry in answer["places"]] for answer in answers]
+        ),
+    }
+
+
+def of_groups(
+    names: Sequence[str], size: int, rounds: int, answers: Sequence[Ranked]
+) -> dict[str, Any]:
+    """One ranking of a list of any length, from those of the groups of ``deal``.
+
+    Each answer says for every two of its names which is better, or neither (a tie) where the model
+    is sure of nothing between them (0.5). Bradley-Terry strengths are fitted to all of these.
+    Beside what ``of_samples`` has are the ``scheme``, the ``strengths`` by name, and the
+    ``questions`` as asked and answered.
+    """
+    found = strengths(names, answers)
+    order = sorted(names, key=lambda name: (-found[name], names.index(name)))
+    # The first answer's reason stays.
+    places = [place for answer in reversed(answers) for place in answer["places"]]
+    reasons = {place["name"]: place["reason"] for place in places}
+    whole = {
+        "places": [{"name": name, "reason": reasons[name]} for name in order],
+        "sure": [round(found[a] / (found[a] + found[b]), 4) for a, b in pairwise(order)],
+    }
+    asked = zip(deal(names, size, rounds), answers, strict=True)
+    return {
+        **of_samples(names, [whole]),
+        "scheme": {"groups_of": size, "rounds": rounds, "seed": _SEED, "fit": "Bradley-Terry"},
+        "strengths": found,
+        "questions": [{"sets": dealt, **answer} for dealt, answer in asked],
+    }
+
+
+def deal(names: Sequence[str], size: int, rounds: int) -> list[list[str]]:
+    """Groups of at most ``size``, as even as can be: each name is in one of every round."""
+    if len(names) <= size:
+        return [list(names)]
+    draw, count = random.Random(_SEED), -(-len(names) // size)
+    found = []
+    for _ in range(rounds):
+        shuffled = draw.sample(list(names), len(names))
+        found += [shuffled[first::count] for first in range(count)]
+    return found
+
+
+def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, float]:
+    """Bradley-Terry strengths, of mean 1, by name; equal for names that nothing tells apart.
+
+    Each name also has one tie with an average one, so that winning always has no strength without
+    end.
+    """
+    place = {name: number for number, name in enumerate(names)}
+    wins = np.zeros((len(names), len(names)))
+    for answer in answers:
+        order = [place[entry["name"]] for entry in answer["places"]]
+        for first, second in combinations(range(len(order)), 2):
+            tied = all(one == 0.5 for one in answer["sure"][first:second])
+            wins[order[first], order[second]] += 0.5 if tied else 1.0
+            wins[order[second], order[first]] += 0.5 if tied else 0.0
+    found = np.ones(len(names))
+    for _ in range(500):
+        met = (wins + wins.T) / (found[:, None] + found)
+        found = (0.5 + wins.sum(1)) / (1 / (found + 1.0) + met.sum(1))
+        found /= found.mean()
+    return {name: round(float(found[number]), 6) for name, number in place.items()}
+
+
+def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
+    """How far orders of one list, the best first, agree; ``None`` for fewer than two.
+
+    ``tau_b``: Kendall's, mean over all pairs. ``same_top``: share with the commonest first place.
+    """
+    if len(orders) < 2:
+        return None
+    names = list(orders[0])
+    places = [[order.index(name) for name in names] for order in orders]
+    taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
+    top = Counter(order[0] for order in orders).most_common(1)[0][1]
+    return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}
+
+
+def rankings_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``sample``, ``place`` (all from 1), ``cameras``, ``sure``, ``reason``.
+
+    ``sure``: the stated probability that the set is better than the next; empty for the last.
+    """
+    rows = []
+    for number, ranked in enumerate(lists, 1):
+        samples = zip(ranked["rankings"], ranked["sure"], strict=True)
+        for sample, (entries, own) in enumerate(samples, 1):
+            for place, (entry, sure) in enumerate(zip(entries, (*own, ""), strict=True), 1):
+                rows.append((number, sample, place, entry["name"], sure, entry["reason"]))
+    return csv_text(("list", "sample", "place", "cameras", "sure", "reason"), rows)
+
+
+def agreement_csv(lists: Sequence[Mapping[str, Any]]) -> str:
+    """``list``, ``samples``, ``tau_b``, ``same_top``; empty cells where there is one sample."""
+    rows = []
+    for number, ranked in enumerate(lists, 1):
+        agreed = ranked["agreement"] or {"tau_b": "", "same_top": ""}
+        rows.append((number, len(ranked["rankings"]), agreed["tau_b"], agreed["same_top"]))
+    return csv_text(("list", "samples", "tau_b", "same_top"), rows)

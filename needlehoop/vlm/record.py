@@ -6,7 +6,7 @@ import difflib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -154,9 +154,10 @@ class Record:
             raise ValueError(f"{path}: its content is not what its name says")
         return picture
 
-    def retire(self, chosen: Callable[[str], bool]) -> None:
-        """Remove conversations by their names. The file as it was is kept under a number."""
-        kept = [exchange for exchange in self.exchanges if not chosen(exchange.conversation)]
+    def retire(self, names: Sequence[str]) -> None:
+        """Remove conversations, with ``<name>/…``. The file as it was is kept under a number."""
+        below = tuple(f"{name}/" for name in names)
+        kept = [e for e in self.exchanges if not f"{e.conversation}/".startswith(below)]
         if len(kept) < len(self.exchanges):
             Run(self.folder).write(TRANSCRIPT, "".join(map(_line, kept)))
             self.exchanges, self.torn = kept, None

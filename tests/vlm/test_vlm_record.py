@@ -22,7 +22,7 @@ from needlehoop.vlm.conversation import (
     totals_of,
 )
 from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
-from needlehoop.vlm.rankings import agreement
+from needlehoop.vlm.questions import agreement
 from needlehoop.vlm.record import MissError, Record, RefusalError
 from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 

@@ -17,7 +17,7 @@ from needlehoop.config import composing
 from needlehoop.envs.settings import settings_from
 from needlehoop.runs.shipped import CONF
 from needlehoop.training.planned import planned
-from needlehoop.vlm.rankings import deal, of_groups, strengths
+from needlehoop.vlm.questions import deal, of_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
