@@ -171,19 +171,13 @@ class ManualConfig:
         if not self.model.strip():
             raise ValueError("vlm.model: say who answers, for the record")
 
-    @property
-    def who(self) -> dict[str, Any]:
-        """Who is asked, for the record."""
-        return {"provider": self.kind, "model": self.model, "sampling": {}}
+
+VlmConfig = ReplayConfig | LiveConfig | ManualConfig
 
 
-AskingConfig = LiveConfig | ManualConfig
-"""The settings of a provider that gives new answers."""
-
-
-def config_of(kind: str) -> type[ReplayConfig | AskingConfig]:
+def config_of(kind: str) -> type[VlmConfig]:
     """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
-    kinds: dict[str, type[ReplayConfig | AskingConfig]] = {
+    kinds: dict[str, type[VlmConfig]] = {
         "replay": ReplayConfig,
         "gemini": LiveConfig,
         "openai": LiveConfig,

@@ -115,19 +115,18 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
         said = [*exchange.request["messages"], answer]
         return exchange.outcome != "answered" or said in sent_back
 
-    def of(chosen: list[Exchange]) -> dict[str, int]:
-        counts = [(e.tokens_in, e.tokens_out) for e in chosen]
-        return {
-            "prompts": len(chosen),
-            "tokens_in": sum(tokens or 0 for tokens, _ in counts),
-            "tokens_out": sum(tokens or 0 for _, tokens in counts),
-            "prompts_without_token_count": sum(None in both for both in counts),
-            "invalid_answers": sum(map(invalid, chosen)),
-        }
-
     names = dict.fromkeys(exchange.conversation for exchange in asked)
-    rows = {name: of([e for e in asked if e.conversation == name]) for name in names}
-    return {**rows, "all": of(asked)}
+    chosen = {name: [e for e in asked if e.conversation == name] for name in names}
+    return {
+        name: {
+            "prompts": len(own),
+            "tokens_in": sum(e.tokens_in or 0 for e in own),
+            "tokens_out": sum(e.tokens_out or 0 for e in own),
+            "prompts_without_token_count": sum(None in (e.tokens_in, e.tokens_out) for e in own),
+            "invalid_answers": sum(map(invalid, own)),
+        }
+        for name, own in {**chosen, "all": asked}.items()
+    }
 
 
 def in_words(found: Mapping[str, int]) -> str:

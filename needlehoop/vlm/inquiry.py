@@ -17,10 +17,9 @@ from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.vlm import description, questions, writing
 from needlehoop.vlm.album import Album, open_album
-from needlehoop.vlm.config import AskingConfig, InquiryConfig, ReplayConfig, transcripts
+from needlehoop.vlm.config import InquiryConfig, ManualConfig, ReplayConfig, VlmConfig, transcripts
 from needlehoop.vlm.conversation import Conversation, NoAnswerError, totals_of
 from needlehoop.vlm.messages import Part, Png
-from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.questions import Lists, Questions
 from needlehoop.vlm.record import Record
 from needlehoop.vlm.writing import ProgramRules, Trained
@@ -37,7 +36,7 @@ class Inquiry(AbstractContextManager):
             another model.
     """
 
-    def __init__(self, settings: Settings, config: InquiryConfig, vlm: AskingConfig | ReplayConfig):
+    def __init__(self, settings: Settings, config: InquiryConfig, vlm: VlmConfig):
         asked = description.edition_of(settings.definition)
         self._settings, self._config, self._told = settings, config, vlm.told
         self.folder = config.folder
@@ -52,8 +51,15 @@ class Inquiry(AbstractContextManager):
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
+
+        elif isinstance(vlm, ManualConfig):
+            from needlehoop.vlm.providers.manual import Manual
+
+            self.record = Record(config.folder, Manual(vlm, config.folder), asked)
         else:
-            self.record = Record(config.folder, build_provider(vlm, config.folder), asked)
+            from needlehoop.vlm.providers.server import Server
+
+            self.record = Record(config.folder, Server(vlm), asked)
 
     def __exit__(self, *_: object) -> None:
         self.record.close()

@@ -138,7 +138,7 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
         state: {n: Png(n.encode()) for n in names}
         for state in (*description.stages_of(s.definition), "seen")
     }
-    monkeypatch.setattr(inquiry, "build_provider", lambda *_: provider)
+    monkeypatch.setattr("needlehoop.vlm.providers.server.Server", lambda _: provider)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: Album(shown, 64))
     config = InquiryConfig(str(tmp_path), "main", 64, 1, False)
     with Inquiry(s, config, CONFIG) as opened:

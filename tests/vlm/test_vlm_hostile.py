@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_vlm_providers import NOWHERE, REQUEST, config_of, kind, provider, waits
+from test_vlm_providers import REQUEST, config_of, kind, provider, waits
 from vlm_server import KEY, by_schema, gemini_reply, openai_reply, serve
 
 from needlehoop.cli.main import main
 from needlehoop.vlm.config import TRANSCRIPT
 from needlehoop.vlm.messages import Message, Provider, ProviderError, Request
-from needlehoop.vlm.providers import build_provider
 from needlehoop.vlm.providers.server import LARGEST
+from needlehoop.vlm.providers.server import Server as Model
 from needlehoop.vlm.record import Record, RefusalError
 
 __all__ = ["kind", "provider", "waits"]
@@ -121,7 +121,7 @@ def test_what_is_not_asked_for_may_be_anything(provider, kind, server):
 
 def test_an_unreadable_reply_is_counted_and_tried_again(kind, server, waits):
     server.script = [{"body": "5"}, {"body": "{"}, '{"a": "b"}']
-    found = build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
+    found = Model(config_of(kind, server)).ask(REQUEST)
     assert found.answer == '{"a": "b"}'
     assert found.attempts == ("unreadable", "unreadable", 200)
     assert waits == [2.0, 4.0]
@@ -141,7 +141,7 @@ def test_an_error_of_any_form_is_told_in_a_line(provider, server):
 
 def test_the_timeout_bounds_the_whole_try(kind, server):
     """A byte now and then keeps each wait short."""
-    provider = build_provider(config_of(kind, server, timeout=0.6, tries=1), NOWHERE)
+    provider = Model(config_of(kind, server, timeout=0.6, tries=1))
     server.script = [{"body": json.dumps(reply(kind)), "drip": 0.1}, '{"a": "b"}']
     began = time.monotonic()
     with pytest.raises(ProviderError, match=r"timeout: no answer within 0.6 s") as caught:
@@ -149,7 +149,7 @@ def test_the_timeout_bounds_the_whole_try(kind, server):
     assert time.monotonic() - began < 3.0
     assert caught.value.passing
     # The next try is another connection's.
-    slow = build_provider(config_of(kind, server), NOWHERE)
+    slow = Model(config_of(kind, server))
     assert slow.ask(REQUEST).answer == '{"a": "b"}'
     slow.close()
     provider.close()
@@ -183,7 +183,7 @@ def test_a_redirect_is_not_followed_with_the_key(provider, server):
 def test_a_key_that_is_repeated_is_struck_out_everywhere(kind, server, tmp_path):
     """In the answer as it is and spelt in JSON's way, in the model's name and the reason."""
     spelt = KEY.replace("s", "\\u0073")
-    provider = build_provider(config_of(kind, server), NOWHERE)
+    provider = Model(config_of(kind, server))
     record = Record(tmp_path, provider)
     for name, text in (("plain", f'{{"a": "{KEY}"}}'), ("spelt", f'{{"a": "{spelt}"}}')):
         server.script = [{"body": changed(kind, CONTENT, text)}]
@@ -207,7 +207,7 @@ def test_what_a_server_says_never_breaks_the_next_call(kind, server, tmp_path):
         entries = [{"body": changed(kind, path, text)} for path in (CONTENT, MODEL)]
         folder = tmp_path / text.encode("utf-8", "replace").hex()[:20]
         for number, entry in enumerate([*entries, error]):
-            live = build_provider(config, NOWHERE)
+            live = Model(config)
             record = Record(folder, live)
             server.script = [entry]
             with suppress(ProviderError):

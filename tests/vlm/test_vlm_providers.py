@@ -8,7 +8,6 @@ import logging
 import traceback
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 
 import pytest
 from vlm_server import KEY, Server, by_schema
@@ -17,7 +16,7 @@ from needlehoop.config import strict
 from needlehoop.vlm import config
 from needlehoop.vlm.config import LiveConfig
 from needlehoop.vlm.messages import Message, Png, Provider, ProviderError, Reply, Request
-from needlehoop.vlm.providers import build_provider
+from needlehoop.vlm.providers.server import Server as Model
 
 PICTURE = Png(b"\x89PNG not really")
 SCHEMA = {
@@ -34,8 +33,6 @@ REQUEST = Request(
     ),
     SCHEMA,
 )
-
-NOWHERE = Path("nowhere")
 
 
 @pytest.fixture(params=["gemini", "openai"], scope="module")
@@ -61,7 +58,7 @@ def config_of(kind: str, server: Server | None, **changes) -> LiveConfig:
 @pytest.fixture
 def provider(kind: str, server: Server) -> Iterator[Provider]:
     """One that tries once."""
-    provider = build_provider(config_of(kind, server, tries=1), NOWHERE)
+    provider = Model(config_of(kind, server, tries=1))
     yield provider
     provider.close()
 
@@ -109,7 +106,7 @@ def test_names_of_geminis_sampling_are_spelt_as_it_spells_them(server):
     safety = [{"category": "HARM_CATEGORY_HARASSMENT", "threshold": "BLOCK_NONE"}]
     sampling = {"max_output_tokens": 7, "safety_settings": safety}
     config = config_of("gemini", server, sampling=sampling, model="tunedModels/own")
-    build_provider(config, NOWHERE).ask(REQUEST)
+    Model(config).ask(REQUEST)
     (body,) = server.requests
     assert body["generationConfig"]["maxOutputTokens"] == 7
     assert body["safetySettings"] == safety
@@ -119,7 +116,7 @@ def test_names_of_geminis_sampling_are_spelt_as_it_spells_them(server):
 
 def test_passing_errors_are_retried_with_growing_waits(kind, server, waits):
     server.script = [{"status": 429}, {"status": 500}, {"status": 408}, '{"a": "b"}']
-    reply = build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
+    reply = Model(config_of(kind, server)).ask(REQUEST)
     assert reply.answer == '{"a": "b"}'
     assert reply.attempts == (429, 500, 408, 200)
     assert waits == [2.0, 4.0, 5.0]
@@ -129,7 +126,7 @@ def test_passing_errors_are_retried_with_growing_waits(kind, server, waits):
 def test_tries_are_bounded(kind, server, waits):
     server.script = [{"status": 503} for _ in range(9)]
     with pytest.raises(ProviderError, match=r"503.*tried 4 times") as caught:
-        build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
+        Model(config_of(kind, server)).ask(REQUEST)
     assert caught.value.attempts == (503,) * 4
     assert len(server.requests) == 4
     assert len(waits) == 3
@@ -139,7 +136,7 @@ def test_other_errors_are_final(kind, server, waits):
     for status in (400, 401, 404, 409):
         server.script = [{"status": status}]
         with pytest.raises(ProviderError, match=str(status)) as caught:
-            build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
+            Model(config_of(kind, server)).ask(REQUEST)
         assert caught.value.attempts == (status,)
     assert len(server.requests) == 4
     assert waits == []
@@ -147,7 +144,7 @@ def test_other_errors_are_final(kind, server, waits):
 
 def test_a_server_that_is_not_there_is_final(kind, monkeypatch):
     monkeypatch.setenv("TEST_KEY", KEY)
-    provider = build_provider(config_of(kind, None, base_url="http://127.0.0.1:9/v1"), NOWHERE)
+    provider = Model(config_of(kind, None, base_url="http://127.0.0.1:9/v1"))
     with pytest.raises(ProviderError, match="unreachable") as caught:
         provider.ask(REQUEST)
     assert not caught.value.passing
@@ -172,11 +169,11 @@ def test_what_is_no_whole_answer_is_an_outcome_of_its_own(provider, kind, server
 def test_a_missing_key_is_an_error_before_any_work(kind, monkeypatch):
     monkeypatch.delenv("TEST_KEY", raising=False)
     with pytest.raises(ValueError, match=r"vlm.key: the environment variable TEST_KEY is not set"):
-        build_provider(config_of(kind, None), NOWHERE)
+        Model(config_of(kind, None))
 
 
 def test_a_server_without_keys_is_asked_without_one(kind, server):
-    provider = build_provider(config_of(kind, server, key=None), NOWHERE)
+    provider = Model(config_of(kind, server, key=None))
     assert provider.ask(REQUEST).outcome == "answered"
     provider.close()
 
@@ -184,8 +181,8 @@ def test_a_server_without_keys_is_asked_without_one(kind, server):
 def test_the_password_of_netrc_is_not_sent(kind, server, tmp_path, monkeypatch):
     (tmp_path / "netrc").write_text("machine 127.0.0.1 login me password secret")
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
-    build_provider(config_of(kind, server), NOWHERE).ask(REQUEST)
-    build_provider(config_of(kind, server, key=None), NOWHERE).ask(REQUEST)
+    Model(config_of(kind, server)).ask(REQUEST)
+    Model(config_of(kind, server, key=None)).ask(REQUEST)
     assert "Basic" not in str(server.headers)
 
 
@@ -214,7 +211,7 @@ def test_unknown_kinds_and_settings_name_the_valid_ones(monkeypatch):
     with pytest.raises(ValueError, match="choose from replay, gemini, openai"):
         config.config_of("bard")
     with pytest.raises(ValueError, match=r"vlm.sampling: 'heat' is unknown; choose from temp"):
-        build_provider(config_of("gemini", None, sampling={"heat": 2}), NOWHERE)
+        Model(config_of("gemini", None, sampling={"heat": 2}))
     values = asdict(config_of("gemini", None))
     for key, value in (("tries", 0), ("timeout", 0), ("first_wait", -1), ("longest_wait", -1)):
         with pytest.raises(ValueError, match=rf"vlm\.{key}: {value}"):

@@ -27,7 +27,8 @@ class Manual:
     """Writes each request into a folder of the study's record and waits for an answer there."""
 
     def __init__(self, config: ManualConfig, folder: Path):
-        self._config, self._folder, self.who = config, folder, config.who
+        self._config, self._folder = config, folder
+        self.who = {"provider": config.kind, "model": config.model, "sampling": {}}
         self._done: Path | None = None
 
     def ask(self, request: Request) -> Reply:
