@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from math import isfinite, nan
+from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import torch
+from pydantic import TypeAdapter
 from torch import Tensor
 
 from needlehoop.envs.settings import Settings
@@ -25,10 +27,9 @@ class Card:
     ``lowest`` and ``highest`` are its values over the recorded moments, before clipping.
     ``random_lowest`` and ``random_highest`` are its finite values over the random signals.
     ``expert``, ``random`` and ``cheat`` are mean final values of the scripted controllers, clipped
-    if the gates say so. The cheat is judged at the expert's ``elapsed``: it must not fail by being
-    slow alone; it is ``None`` where the task has no such controller. ``paid`` is the share of a
-    random policy's steps that change the value. An agent can hardly learn from a reward that random
-    steps never change.
+    if the gates say so; ``cheat`` is ``None`` where the task has no such controller. ``paid`` is
+    the share of a random policy's steps that change the value. An agent can hardly learn from a
+    reward that random steps never change.
     """
 
     terms: tuple[str, ...]
@@ -56,11 +57,8 @@ class Card:
 
     def as_dict(self) -> dict[str, Any]:
         """The card as plain values for JSON; a figure that is not finite is ``None``."""
-        plain: dict[str, Any] = {"passed": self.passed, **asdict(self)}
-        for name, value in plain.items():
-            if isinstance(value, float) and not isfinite(value):
-                plain[name] = None
-        return plain
+        plain = json.loads(TypeAdapter(Card).dump_json(self))
+        return {"passed": self.passed, **plain}
 
     def __str__(self) -> str:
         g, lines = self.gates, [f"terms        {', '.join(self.terms)}"]
@@ -110,15 +108,15 @@ def card(
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
     bad, lowest, highest = _extent(program, seen.moments)
     random_bad, random_lowest, random_highest = _extent(program, wild)
-    last = dict(seen.last)
-    if CHEAT in last:
-        last[CHEAT] = last[CHEAT].clone()
-        last[CHEAT].elapsed = last["expert"].elapsed.clone()
+
+    def value(at: Signals) -> Tensor:
+        total = potential(program(at))
+        return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
 
     def gained(before: Signals, after: Signals) -> Tensor:
-        return values_of(program, after, gates) - values_of(program, before, gates)
+        return value(after) - value(before)
 
-    finals = {who: float(values_of(program, at, gates).mean()) for who, at in last.items()}
+    finals = {who: float(value(at).mean()) for who, at in seen.last.items()}
     paid = gained(seen.before, seen.after).abs() >= gates.paid_by
     found = Card(
         terms=program.terms,
@@ -141,21 +139,14 @@ def card(
     return replace(found, reasons=tuple(reasons), flags=tuple(flags))
 
 
-def values_of(program: Program, signals: Signals, gates: Gates) -> Tensor:
-    """A program's value at moments, ``(n,)``, clipped if the gates say so."""
-    total = potential(program(signals))
-    return total.clamp(gates.low, gates.top) if gates.range == "clip" else total
-
-
 def _judge(c: Card, cheating: str) -> tuple[list[str], list[str]]:
     """Why a program is refused, and what is flagged. "not >=" holds for NaN too."""
     g, reasons, flags = c.gates, [], []
-    for count, of, what in (
-        (c.not_finite_random, c.random_signals, "random signals"),
-        (c.not_finite_recorded, c.recorded_moments, "recorded moments"),
-    ):
-        if count:
-            reasons.append(f"not finite on {count} of {of} {what}")
+    if c.not_finite_random:
+        reasons.append(f"not finite on {c.not_finite_random} of {c.random_signals} random signals")
+    if c.not_finite_recorded:
+        where = f"{c.not_finite_recorded} of {c.recorded_moments} recorded moments"
+        reasons.append(f"not finite on {where}")
     if g.range == "refuse":
         if not c.lowest >= g.low - g.tolerance:
             reasons.append(f"falls to {c.lowest:.3f}; the least allowed is {g.low:g}")

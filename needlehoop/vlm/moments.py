@@ -31,7 +31,8 @@ class Trajectories:
 
     Args:
         moments: every moment of every episode, ``(total,)``, the starts included.
-        last: each episode's last moment, ``(episodes,)``, by controller.
+        last: each episode's last moment, ``(episodes,)``, by controller; the cheat's with the
+            expert's ``elapsed``, because it must not fail by being slow alone.
         before: the start of every step of more random episodes, ``(steps,)``.
         after: the end of the same steps, with ``elapsed`` as at their start: a change that time
             alone brings does not count as paid.
@@ -60,6 +61,8 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     }
     moments = torch.cat([flight.signals[flight.until_goal()] for flight in flights.values()])
     last = {who: flight.last() for who, flight in flights.items()}
+    if CHEAT in last:
+        last[CHEAT].elapsed = last["expert"].elapsed.clone()
     # Uniformly random actions, of more episodes.
     own = replace(blind, num_envs=gates.random_episodes)
     steps = _fly(build(own), controller("random", own), whole=True).signals
@@ -135,7 +138,7 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
             stop = _fly(simulation, short, most=int(first.max()) + 21)
             ended = (first >= 0) & (stop.alive & ~stop.at_goal).all(0)
             if bool(ended.any()):
-                whole, last = finished[ended].clone(), stop.signals[-1][ended].clone()
+                whole, last = finished[ended], stop.signals[-1][ended]
                 last.elapsed = whole.elapsed.clone()
                 found[f"{'letting go' if loosen else 'holding still'} at {moment}"] = last, whole
     return found
