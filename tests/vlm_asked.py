@@ -77,20 +77,20 @@ def everything_said(settings: Settings, folder: Path) -> list[Request]:
     question(conversation, settings, shown, QUESTIONS)
     order(conversation, sets)
     seen = replace(settings, cams=("dep_front", "seg_side"))
-    for flavour in ("text", "image"):
-        begin().ask(reward_prompt(seen, RULES, flavour, shown), ProgramAnswer)
+    for pictures in (None, shown):
+        begin().ask(reward_prompt(seen, RULES, pictures), ProgramAnswer)
     for told in ("full", "names", "nothing"):
         scene = description.scene(settings, told)
         order(begin(), sets, opening(settings, shown, sets, told, scene))
-    for flavour in ("text", "image"):
-        begin().ask(reward_prompt(seen, RULES, flavour, shown, "names"), ProgramAnswer)
+    for pictures in (None, shown):
+        begin().ask(reward_prompt(seen, RULES, pictures, "names"), ProgramAnswer)
     conversation = begin()
     conversation.ask(guess_prompt(seen, shown), Guess)
-    conversation.ask(reward_prompt(seen, RULES, "image", shown, "nothing"), ProgramAnswer)
+    conversation.ask(reward_prompt(seen, RULES, shown, "nothing"), ProgramAnswer)
     bench = {name: Png(name.encode()) for name in ("left", "right")}
     order_pictures(begin(), bench, "", [*bench])
     trained = Trained("run", "reward = 1", "text.txt", "step, return", 1000, (Png(b"still"),))
-    begin().ask(trained.prompt(reward_prompt(seen, RULES, "image", shown)), ProgramAnswer)
+    begin().ask(trained.prompt(reward_prompt(seen, RULES, shown)), ProgramAnswer)
     patch.undo()
     return provider.asked
 

@@ -88,17 +88,18 @@ class _Index:
 def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record, ``size`` pixels wide and high; drawn and saved if it has none.
 
-    They are of all cameras, whatever ``settings.cams`` says.
-
-    Raises:
-        ValueError: disturbed cameras, the record shows another scene, or its index is damaged.
-        RuntimeError: the teacher did not reach the goal state.
+    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, the
+    record shows another scene, or its index is damaged; else errors are as in ``stages``.
     """
     if settings.disturb.amounts:
         raise ValueError(
             "disturb: a model is told that its pictures are free of noise; choose disturb=none"
         )
-    path, scene = record.folder / "pictures.json", _scene(settings, size)
+    of = ("task", "episode", "psm", "views", "renderings", "seed", "quality", "image_size")
+    values = {**{name: getattr(settings, name) for name in of}, "size": size}
+    # Everything that the pictures depend on, as plain JSON values.
+    scene = TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
+    path = record.folder / "pictures.json"
     if not path.exists():
         pictures = _take(settings, size)
         hashes = {
@@ -127,13 +128,6 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
     return Album(pictures, settings.image_size)
 
 
-def _scene(settings: Settings, size: int) -> dict[str, Any]:
-    """Everything that the pictures depend on, as plain JSON values."""
-    of = ("task", "episode", "psm", "views", "renderings", "seed", "quality", "image_size")
-    values = {**{name: getattr(settings, name) for name in of}, "size": size}
-    return TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
-
-
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     """Pictures by stage and camera."""
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
@@ -143,19 +137,15 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     taken, own = stages(replace(alone, image_size=size), *shown), stages(alone, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
     times = max(1, round(size / settings.image_size))
-
-    def picture(camera: str, *images: np.ndarray) -> Png:
-        side_by_side = _side_by_side(*(all_channels(image, kinds[camera]) for image in images))
-        return Png.of(Image.fromarray(side_by_side))
-
-    found = {
-        stage: {camera: picture(camera, taken[stage][camera]) for camera in cameras}
-        for stage in shown
-    }
-    found[SEEN] = {}
-    for camera in cameras:
-        small = (own[stage][camera].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
-        found[SEEN][camera] = picture(camera, *small)
+    found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, SEEN)}
+    for name in cameras:
+        for stage in shown:
+            found[stage][name] = Png.of(
+                Image.fromarray(all_channels(taken[stage][name], kinds[name]))
+            )
+        small = (own[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
+        pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
+        found[SEEN][name] = Png.of(Image.fromarray(pair))
     return found
 
 
@@ -179,10 +169,8 @@ def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
     """The pictures by their files' names, and what the task is: ``about``, or else ``about.txt``.
 
-    ``size``: of a picture's longer side, pixels, at most.
-
-    Raises:
-        ValueError: no folder, fewer than two pictures, two of one name, or one that is damaged.
+    ``size``: of a picture's longer side, pixels, at most. ``ValueError``: no folder, fewer than two
+    pictures, two of one name, or one that is damaged.
     """
     if not folder.is_dir():
         raise ValueError(f"pictures: {folder} is no folder")

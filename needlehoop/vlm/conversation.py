@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -27,15 +26,6 @@ class Verdict(NamedTuple):
     """Figures of what was judged, for the record."""
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """One answer to a question, as its form or ``None`` for a wrong one, and what was found."""
-
-    exchange: Exchange
-    answer: BaseModel | None
-    verdict: Verdict
-
-
 class NoAnswerError(RuntimeError):
     """A question has no usable answer within its attempts."""
 
@@ -51,8 +41,8 @@ class Conversation:
         self.name = name
         """Of the next requests, for the record. It changes when another command goes on here."""
         self._messages: tuple[Message, ...] = ()
-        self.attempts: list[Attempt] = []
-        """All answers so far."""
+        self.attempts: list[tuple[Exchange, BaseModel | None, Verdict]] = []
+        """All answers so far, each in its form or ``None`` for a wrong one, and what was found."""
 
     def ask(
         self,
@@ -82,7 +72,7 @@ class Conversation:
             except ValidationError as error:
                 wrong = "; ".join(mistakes(error, "answer", 5))
                 verdict = Verdict(f"it is not of the form that was asked for: {wrong}")
-            self.attempts.append(Attempt(exchange, answer, verdict))
+            self.attempts.append((exchange, answer, verdict))
             reason = verdict.reason
             if answer is not None and reason is None:
                 return answer

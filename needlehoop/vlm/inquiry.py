@@ -190,7 +190,7 @@ class Inquiry(AbstractContextManager):
             path = self.folder / self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
-        prompt = writing.reward_prompt(settings, rules, flavour, album, told)
+        prompt = writing.reward_prompt(settings, rules, album, told)
         first = writing.guess_prompt(settings, album) if told == "nothing" and album else []
         if trained is None:
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"

@@ -83,14 +83,13 @@ def write_program(
 def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
     """All answers of a conversation about a program as plain values, whatever their form."""
     rows = []
-    for number, attempt in enumerate(conversation.attempts, 1):
-        answer, verdict = attempt.answer, attempt.verdict
+    for number, (exchange, answer, verdict) in enumerate(conversation.attempts, 1):
         is_program = isinstance(answer, ProgramAnswer)
         rows.append(
             {
                 "attempt": number,
-                "request": attempt.exchange.sha256,
-                "answer": attempt.exchange.answer,
+                "request": exchange.sha256,
+                "answer": exchange.answer,
                 "program": _bare(answer.program) if is_program else None,
                 "accepted": is_program and verdict.reason is None,
                 "reason": verdict.reason,
@@ -101,22 +100,15 @@ def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
 
 
 def reward_prompt(
-    settings: Settings,
-    rules: ProgramRules,
-    flavour: str,
-    album: Album | None = None,
-    told: str = "full",
+    settings: Settings, rules: ProgramRules, album: Album | None = None, told: str = "full"
 ) -> list[Part]:
-    """The text that asks for a program and, for ``image``, the cameras' start pictures.
+    """The text that asks for a program and, with an album, the cameras' start pictures.
 
     ``told``: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
     the same after ``guess_prompt``, which has the pictures.
     """
-    asked = {
-        "lowest": f"{rules.lowest:g}",
-        "highest": f"{rules.highest:g}",
-        "language": description.language(),
-    }
+    asked = {"lowest": f"{rules.lowest:g}", "highest": f"{rules.highest:g}"}
+    asked["language"] = description.language()
     if told == "full":
         said, signals = description.scene(settings), description.signals(settings)
         text = fill("reward", settings.definition, scene=said, signals=signals, **asked)
@@ -124,9 +116,8 @@ def reward_prompt(
         said = description.scene(settings, "nothing") if told == "names" else ""
         signals = description.unexplained(settings)
         text = fill("reward", scene=said, signals=signals, done="the task is done", **asked)
-    if flavour == "text" or told == "nothing":
+    if album is None or told == "nothing":
         return [text]
-    assert album is not None
     telling = telling_of(settings.definition)
     cameras = {
         camera.name: f"{description.view(settings.views[camera.view], telling)};"
@@ -186,28 +177,20 @@ class Trained:
     def prompt(self, reward: Sequence[Part]) -> list[Part]:
         """The question for a better program, after the one that asked for the first."""
         (text, *pictures) = reward
-        film = "Below the other pictures: stills of a film of the trained agent, in order."
-        said = fill(
-            "revise",
-            reward=text,
-            program=self.program.strip(),
-            curves=self.curves,
-            steps=f"{self.steps:,}",
-            stills=film if self.stills else "There is no film of the trained agent.",
-        )
-        shown: list[Part] = [
-            part
-            for number, still in enumerate(self.stills, 1)
-            for part in (f"trained agent, still {number} of {len(self.stills)}:", still)
-        ]
-        return [said, *pictures, *shown]
+        film = "There is no film of the trained agent."
+        if self.stills:
+            film = "Below the other pictures: stills of a film of the trained agent, in order."
+        own = {"program": self.program.strip(), "curves": self.curves, "steps": f"{self.steps:,}"}
+        shown = [fill("revise", reward=text, stills=film, **own), *pictures]
+        for number, still in enumerate(self.stills, 1):
+            shown += [f"trained agent, still {number} of {len(self.stills)}:", still]
+        return shown
 
 
 def read_run(folder: Path, size: int) -> Trained:
     """What a run's files say of its training; ``size``: a still's longer side, pixels, at most.
 
-    Raises:
-        ValueError: no run, one that was not paid by a program, or damaged files.
+    ``ValueError``: no run, one that was not paid by a program, or damaged files.
     """
     match Run.open(folder).config().get("reward"):
         case {"kind": kind, "program": {"text": str(text), "origin": str(origin)}} if kind in KINDS:
@@ -218,15 +201,9 @@ def read_run(folder: Path, size: int) -> Trained:
             )
     with named(f"revise: {folder / METRICS}"):
         rows, _ = read_rows(folder / METRICS, {}, folder)
-    film = folder / VIDEO
-    return Trained(
-        str(folder),
-        text,
-        origin,
-        _curves(rows),
-        int(rows["step"][-1]),
-        _stills(film, size) if film.is_file() else (),
-    )
+    steps, film = int(rows["step"][-1]), folder / VIDEO
+    stills = _stills(film, size) if film.is_file() else ()
+    return Trained(str(folder), text, origin, _curves(rows), steps, stills)
 
 
 def _curves(rows: Rows) -> str:

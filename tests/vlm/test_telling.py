@@ -43,7 +43,7 @@ def made(task: str, variant: str = "standard", *words: str) -> Settings:
 def test_every_variant_is_told(task):
     for variant, control in (("standard", "tip"), ("near", "pose"), ("wide", "tip")):
         s = made(task, variant, f"episode.control={control}")
-        (said,) = reward_prompt(s, RULES, "text")
+        (said,) = reward_prompt(s, RULES)
         assert "$" not in said
         assert ("about each of them" in said) == (control == "pose")
 
@@ -81,7 +81,7 @@ def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
 def test_their_numbers_come_from_the_settings(task, change, said):
     s = made(task)
     changed = replace(s, task=replace(s.task, **change))
-    (told,), (before,) = (reward_prompt(one, RULES, "text") for one in (changed, s))
+    (told,), (before,) = (reward_prompt(one, RULES) for one in (changed, s))
     assert said in told
     assert said not in before
 

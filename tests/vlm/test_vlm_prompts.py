@@ -70,7 +70,7 @@ def corrected(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> l
     record = Record(tmp_path_factory.mktemp("bad"), provider)
     conversation = Conversation(record, "reward", len(BAD))
     with pytest.raises(NoAnswerError):
-        write_program(conversation, rules, reward_prompt(settings, rules, "text"))
+        write_program(conversation, rules, reward_prompt(settings, rules))
     return provider.asked
 
 

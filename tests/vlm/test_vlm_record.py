@@ -301,7 +301,7 @@ def test_attempts_are_bounded(tmp_path):
     with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
         conversation.ask(["?"], Subtasks)
     assert len(provider.asked) == 3
-    assert [attempt.answer for attempt in conversation.attempts] == [None] * 3
+    assert [answer for _, answer, _ in conversation.attempts] == [None] * 3
 
 
 def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
