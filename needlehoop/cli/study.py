@@ -178,8 +178,7 @@ def status(options: argparse.Namespace) -> None:
     tried, and every seed of one for all others.
     """
     from needlehoop.study.data.records import Study, read_study
-    from needlehoop.study.data.sweeps import read_job_ends
-    from needlehoop.study.report.status import describe, standings
+    from needlehoop.study.report.status import describe, read_job_ends, standings
     from needlehoop.training.planned import planned
 
     expected = planned(options.overrides) if options.overrides else None

@@ -51,7 +51,6 @@ class Inquiry(AbstractContextManager):
                     " with vlm=gemini, openai or manual, or name another recording: a folder, or"
                     f" {', '.join(transcripts())}"
                 )
-
         elif isinstance(vlm, ManualConfig):
             from needlehoop.vlm.providers.manual import Manual
 

@@ -10,7 +10,6 @@ from study_files import BUFFER, UPDATES, write_run
 
 from needlehoop.cli.main import main
 from needlehoop.study.data.records import read_study
-from needlehoop.study.data.sweeps import read_job_ends
 from needlehoop.study.report.status import (
     DONE,
     FAILED,
@@ -18,6 +17,7 @@ from needlehoop.study.report.status import (
     RUNNING,
     STOPPED,
     Standing,
+    read_job_ends,
     standings,
 )
 

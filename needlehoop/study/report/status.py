@@ -7,10 +7,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from statistics import median, mode
 
 from needlehoop.runs import files
-from needlehoop.study.data.records import Place, Record, Study
+from needlehoop.runs.reading import UnreadableError, read_json
+from needlehoop.study.data.contents import checked
+from needlehoop.study.data.records import LeftOut, Place, Record, Study
 from needlehoop.study.render.table import Column, Row, Table
 
 STATES = DONE, RUNNING, STOPPED, FAILED, MISSING = "done", "running", "stopped", "failed", "missing"
@@ -41,6 +44,41 @@ class Standing:
     """Seconds since one of its files changed; ``None`` for a run that is not begun."""
     error: str | None
     """Why it failed, or which of its settings are others."""
+
+
+@dataclass(frozen=True)
+class _Note:
+    """What a sweep's job leaves."""
+
+    study: str
+    cameras: str
+    reward: str
+    seed: int
+    outcome: str
+    error: str | None = None
+
+
+def read_job_ends(study: Path) -> tuple[dict[Place, tuple[float, str | None]], list[LeftOut]]:
+    """The newest end of each run that sweeps have tried for a study, which may have no folder yet.
+
+    Returns:
+        By run, when it ended (Unix time, s) and why it failed, if it did; then the notes that
+        cannot be read.
+    """
+    root = study.resolve().parent / files.SWEEPS
+    found: dict[Place, tuple[float, str | None]] = {}
+    left_out: list[LeftOut] = []
+    # The newest comes last.
+    notes = root.glob(f"*/*/{files.OUTCOME}")
+    for when, path in sorted((one.lstat().st_mtime, one) for one in notes):
+        try:
+            note: _Note = checked(_Note, read_json(path))
+        except UnreadableError as error:
+            left_out.append(LeftOut(Path("..") / path.relative_to(root.parent), str(error)))
+            continue
+        if note.study == study.resolve().name:
+            found[Place(note.cameras, note.reward, note.seed)] = when, note.error
+    return found, left_out
 
 
 def standings(
