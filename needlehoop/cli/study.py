@@ -179,9 +179,13 @@ def status(options: argparse.Namespace) -> None:
     """
     from needlehoop.study.data.records import Study, read_study
     from needlehoop.study.report.status import describe, read_job_ends, standings
-    from needlehoop.training.planned import planned
 
-    expected = planned(options.overrides) if options.overrides else None
+    expected = None
+    if options.overrides:
+        # It needs Hydra, and reading files does not.
+        from needlehoop.training.planned import planned
+
+        expected = planned(options.overrides)
     ends, unread = read_job_ends(options.study)
     # Before its first run a planned study has no folder.
     begun = options.study.exists() or not (expected or ends)
