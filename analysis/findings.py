@@ -20,6 +20,7 @@ from analysis.comparisons import claims, difference, luck, writers
 from analysis.protocol import (
     BLIND,
     RULE,
+    changes_table,
     foretold_figure,
     foretold_table,
     held,
@@ -238,19 +239,20 @@ def _writers() -> Table:
 TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
+    "protocol_changes": lambda: changes_table(runs("protocol")),
     "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
     "pegs": lambda: sets_table(runs(PEGS), "placed"),
     "pegs_traits": lambda: traits_table(runs(PEGS)),
     "pegs_foretold": lambda: foretold_table(peg_foretellers(), means(runs(PEGS))),
     "places": lambda: placements.places_table(runs("placements")),
-    "placements": lambda: placements.foretold_table(placements.scores(), runs("placements")),
+    "placements": lambda: placements.foretold_table(placements.single_scores(), runs("placements")),
     "pairs": lambda: placements.places_table(runs(PAIRS)),
     "pairs_foretold": lambda: placements.foretold_table(
         placements.pair_scores(runs("placements")), runs(PAIRS)
     ),
     "survival": lambda: survival.sets_table(runs("protocol"), survived()),
     "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
-    "survival_foretold": lambda: survival.foretold_table(runs("protocol"), survived()),
+    "survival_foretold": lambda: survival.foretold_table(runs("protocol"), stress_of(PROTOCOL)),
     "results": _results,
     "luck": _luck,
     "claims": _claims,

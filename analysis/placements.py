@@ -40,7 +40,7 @@ _FAR = 10.0
 
 ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
 MODEL = "claude"
-ALONE, APART = "success of each alone", "angle nearest 90°"
+ALONE, APART, FRONT = "success of each alone", "angle nearest 90°", "nearest the front"
 
 
 @cache
@@ -78,6 +78,12 @@ def _size(names: Iterable[str]) -> int:
     """Cameras of each of these sets."""
     (size,) = {name.count("+") + 1 for name in names}
     return size
+
+
+def single_scores() -> pd.DataFrame:
+    """Of the single cameras; with how near the front they stand, which was tried after the runs."""
+    found = scores()
+    return found.assign(**{FRONT: [-abs(_view(camera).azimuth) for camera in found.index]})
 
 
 def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
@@ -136,26 +142,38 @@ CORRELATIONS = (
 def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, ...]]:
     """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
     set, how often a shuffled order agrees as well, and regret."""
-    measured = means(runs)
-    names = [name for name in scores.index if name in measured]
-    truth = np.array([measured[name] for name in names])
+    measured = pd.Series(means(runs))
     draw = np.random.default_rng(0)
     rows: list[tuple[Cell, ...]] = []
     for who in scores:
-        own = scores.loc[names, who].to_numpy(float)
+        own, truth = scores.loc[measured.index, who].to_numpy(float), measured.to_numpy()
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
         (rho,) = _rho(own[None], truth[None])
         chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
+        low, high = np.nanpercentile(_drawn(scores[who], runs), (2.5, 97.5))
         lost = float(truth.max() - truth[own == own.max()].mean())
-        ends = _bootstrap(own, runs, names)
-        rows.append((str(who), Estimated(float(rho), ends), float(chance), lost))
-    rows.append(("drawn blindly", None, None, float(truth.max() - truth.mean())))
+        found = Estimated(float(rho), Interval(float(low), float(high)))
+        rows.append((str(who), found, float(chance), lost))
+    rows.append(("drawn blindly", None, None, float(measured.max() - measured.mean())))
     return rows
 
 
 def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
-    """Each prediction of these camera sets beside a blind choice."""
-    return Table("placements", "", CORRELATIONS, tuple(correlations(scores, runs)))
+    """Each prediction of these camera sets beside a blind choice; of the model, in how many of the
+    bootstrap's draws its ρ is above that of the best rule."""
+    rows = correlations(scores, runs)
+    best = max((PIXELS, HIDDEN, ELEVATION), key=lambda who: _found(rows, who))
+    above = np.mean(_drawn(scores[MODEL], runs) > _drawn(scores[best], runs))
+    told = [(*row, float(above) if row[0] == MODEL else None) for row in rows]
+    columns = (*CORRELATIONS, Column.share("above the best rule"))
+    return Table("placements", "", columns, tuple(told))
+
+
+def _found(rows: Iterable[tuple[Cell, ...]], who: str) -> float:
+    """A prediction's ρ."""
+    (found,) = (row[1] for row in rows if row[0] == who)
+    assert isinstance(found, Estimated)
+    return found.value
 
 
 def places_table(runs: pd.DataFrame) -> Table:
@@ -185,15 +203,15 @@ def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
 
 
-def _bootstrap(own: np.ndarray, runs: pd.DataFrame, names: list[str]) -> Interval:
-    """Cameras drawn anew, and the runs of each."""
+def _drawn(scores: pd.Series, runs: pd.DataFrame) -> np.ndarray:
+    """ρ with cameras drawn anew, and the runs of each, ``(k,)``; the same draws for all scores."""
     draw = np.random.default_rng(1)
+    names = [*means(runs)]
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
     drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
     picked = draw.integers(len(names), size=drawn.shape)
-    found = _rho(own[picked], np.take_along_axis(drawn, picked, 1))
-    low, high = np.nanpercentile(found, (2.5, 97.5))
-    return Interval(float(low), float(high))
+    own = scores.loc[names].to_numpy(float)
+    return _rho(own[picked], np.take_along_axis(drawn, picked, 1))
 
 
 def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
@@ -208,11 +226,11 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
         angle, down = np.radians(view.azimuth), 90.0 - view.elevation
         dark = success / max(alone.values())
         axes.scatter([angle], [down], s=75, c=[dark], cmap="Blues", vmin=-0.4, vmax=1, linewidths=0)
-        ink = "white" if dark > 0.6 else INK
+        ink = "white" if dark > 0.45 else INK
         said = f"{100 * success:.0f}"
         axes.text(angle, down, said, ha="center", va="center", fontsize=5, color=ink)
     axes.set_title("one camera", loc="center", pad=10)
-    axes.set_xlabel("(from above; threaded, of 100)")
+    axes.set_xlabel("threaded, of 100\n(from above, rings 30° apart)")
     # As in the scene: azimuth grows to the left of a viewer in front.
     axes.set_theta_zero_location("S")
     axes.set_theta_direction(-1)
@@ -227,7 +245,8 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
     for said, values, colour in shown:
         across = [100 * value for value in values]
         right.plot(across, range(len(order)), "o", markersize=3, color=COLOURS[colour], label=said)
-    right.set_yticks(range(len(order)), [name.replace("rgb_", "") for name in order], fontsize=5)
+    right.set_yticks([])
+    right.set_ylabel("20 random pairs")
     right.set_xlim(0, 100)
     right.set_xlabel("threaded, of 100")
     right.set_title("two cameras", loc="center", pad=10)

@@ -11,6 +11,7 @@ from analysis.placements import (
     APART,
     CAMERAS,
     ELEVATION,
+    FRONT,
     HIDDEN,
     MODEL,
     PIXELS,
@@ -20,6 +21,7 @@ from analysis.placements import (
     places_table,
     rules,
     scores,
+    single_scores,
 )
 
 
@@ -69,12 +71,22 @@ def test_a_ranking_is_held_against_mean_success():
         [{"cameras": name, "success": one} for name, own in success.items() for one in own]
     )
     right = [5.0, 4.0, 3.0, 2.0, 1.0]
-    scores = pd.DataFrame({"right": right, "wrong": right[::-1]}, index=[*success])
-    rows = {row["prediction"]: row for row in cells_of(foretold_table(scores, runs))}
-    assert rows["right"]["ρ (95 %)"].value == pytest.approx(1.0)
-    assert rows["wrong"]["ρ (95 %)"].value == pytest.approx(-1.0)
-    assert rows["right"]["p"] == pytest.approx(1 / 120, abs=0.005)
-    assert rows["wrong"]["p"] == pytest.approx(1.0)
-    assert rows["right"]["regret, points"] == 0.0
-    assert rows["wrong"]["regret, points"] == pytest.approx(0.8)
+    scores = {MODEL: right, PIXELS: right[::-1], HIDDEN: right[::-1], ELEVATION: right[::-1]}
+    table = cells_of(foretold_table(pd.DataFrame(scores, index=[*success]), runs))
+    rows = {row["prediction"]: row for row in table}
+    assert rows[MODEL]["ρ (95 %)"].value == pytest.approx(1.0)
+    assert rows[PIXELS]["ρ (95 %)"].value == pytest.approx(-1.0)
+    assert rows[MODEL]["p"] == pytest.approx(1 / 120, abs=0.005)
+    assert rows[PIXELS]["p"] == pytest.approx(1.0)
+    assert rows[MODEL]["regret, points"] == 0.0
+    assert rows[PIXELS]["regret, points"] == pytest.approx(0.8)
     assert rows["drawn blindly"]["regret, points"] == pytest.approx(0.85 - 0.43)
+    assert rows[MODEL]["above the best rule, %"] > 0.95
+    assert rows[PIXELS]["above the best rule, %"] is None
+
+
+def test_the_front_is_nearer_from_either_side():
+    near = single_scores()[FRONT]
+    assert near["rgb_p06"] == -2.0
+    assert near["rgb_p03"] == -34.0
+    assert near.idxmin() == "rgb_p13"

@@ -11,6 +11,7 @@ from analysis.comparisons import is_two_sided
 from analysis.protocol import (
     TRAITS,
     beyond_the_rule,
+    changes_table,
     mean_tau,
     regret,
     sets_table,
@@ -100,3 +101,14 @@ def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
     ends = table[0]["mean (95 %), %"].interval
     assert ends.low == pytest.approx(0.85, abs=0.001)
     assert ends.high == pytest.approx(0.95, abs=0.001)
+
+
+def test_other_renderings_stand_beside_colour_in_the_same_views():
+    runs = _runs(lambda traits, seed: 0.5 + 0.2 * traits["depth"] - 0.1 * traits["labels"])
+    rows = {(row["colour alone"], row["instead"]): row for row in cells_of(changes_table(runs))}
+    assert len(rows) == 4 + 8
+    depth, labels = rows["rgb_default", "dep_default"], rows["rgb_default", "seg_default"]
+    chance = "chance of one of its runs to beat one of colour (95 %)"
+    assert (depth["adds, points"], labels["adds, points"]) == pytest.approx((0.2, -0.1))
+    assert (depth[chance].value, labels[chance].value) == (1.0, 0.0)
+    assert ("rgb_front+rgb_side", "dep_default") not in rows
