@@ -150,7 +150,7 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, .
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
         (rho,) = _rho(own[None], truth[None])
         chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
-        low, high = np.nanpercentile(_drawn(scores[who], runs), (2.5, 97.5))
+        low, high = np.nanpercentile(_drawn(scores, str(who), runs), (2.5, 97.5))
         lost = float(truth.max() - truth[own == own.max()].mean())
         found = Estimated(float(rho), Interval(float(low), float(high)))
         rows.append((str(who), found, float(chance), lost))
@@ -163,7 +163,7 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     bootstrap's draws its ρ is above that of the best rule."""
     rows = correlations(scores, runs)
     best = max((PIXELS, HIDDEN, ELEVATION), key=lambda who: _found(rows, who))
-    above = np.mean(_drawn(scores[MODEL], runs) > _drawn(scores[best], runs))
+    above = np.mean(_drawn(scores, MODEL, runs) > _drawn(scores, best, runs))
     told = [(*row, float(above) if row[0] == MODEL else None) for row in rows]
     columns = (*CORRELATIONS, Column.share("above the best rule"))
     return Table("placements", "", columns, tuple(told))
@@ -203,14 +203,15 @@ def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return (a * b).sum(1) / np.sqrt((a**2).sum(1) * (b**2).sum(1))
 
 
-def _drawn(scores: pd.Series, runs: pd.DataFrame) -> np.ndarray:
-    """ρ with cameras drawn anew, and the runs of each, ``(k,)``; the same draws for all scores."""
+def _drawn(scores: pd.DataFrame, who: str, runs: pd.DataFrame) -> np.ndarray:
+    """ρ of a prediction with cameras drawn anew, and the runs of each, ``(k,)``. All predictions
+    have the same draws."""
     draw = np.random.default_rng(1)
     names = [*means(runs)]
     groups = [runs[runs["cameras"] == name]["success"].to_numpy() for name in names]
     drawn = np.stack([draw.choice(one, (_RESAMPLES, len(one))).mean(1) for one in groups], 1)
     picked = draw.integers(len(names), size=drawn.shape)
-    own = scores.loc[names].to_numpy(float)
+    own = scores.loc[names, who].to_numpy(float)
     return _rho(own[picked], np.take_along_axis(drawn, picked, 1))
 
 
