@@ -1,18 +1,16 @@
-"""What cameras and rewards are worth: luck, the paper's ten comparisons, and who writes rewards.
+"""What cameras and rewards are worth: the paper's ten comparisons, and who writes rewards.
 
 Each comparison is a mapping from its name to numbers; ``findings`` puts them into pages.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import statsmodels.api as sm
-from scipy.stats import f as fisher
-from scipy.stats import f_oneway, ttest_1samp
+from scipy.stats import ttest_1samp
 
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import HUMAN, reward_label
@@ -39,34 +37,6 @@ def has_labels(cameras: str) -> bool:
 
 _LEAST = 2
 """Seeds of a camera set from which on they say how far its runs lie apart."""
-
-_RELIABLE = 0.8
-"""Share of the variance of means over seeds that is to be the cameras'."""
-
-
-def luck(findings: StudyFindings, measure: Measure) -> tuple[Estimated, int | str]:
-    """What part of a number is the cameras', and not the seed's.
-
-    Returns:
-        Of the variance of single runs, the cameras' share: the intraclass correlation of one-way
-        random effects with its 95 % interval, no number below 0. Then the seeds for reliable means
-        (Spearman and Brown's formula), or that no number of them is enough.
-    """
-    groups = [own for own in findings.by_set(measure).values() if len(own) >= _LEAST]
-    sizes = np.array([len(group) for group in groups], dtype=float)
-    free, free_within = len(groups) - 1, int(sizes.sum()) - len(groups)
-    # What stands for the number of seeds where sets have unlike numbers of them.
-    seeds = float((sizes.sum() - (sizes**2).sum() / sizes.sum()) / free)
-    ratio = f_oneway(*groups).statistic
-    low = ratio / fisher.ppf(0.975, free, free_within)
-    high = ratio * fisher.ppf(0.975, free_within, free)
-    share, low, high = (
-        float(max((one - 1.0) / (one + seeds - 1.0), 0.0)) for one in (ratio, low, high)
-    )
-    enough: int | str = "no number"
-    if share > 0.0:
-        enough = math.ceil(_RELIABLE * (1.0 - share) / ((1.0 - _RELIABLE) * share))
-    return Estimated(share, Interval(low, high)), enough
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis import placements, survival
-from analysis.comparisons import claims, difference, luck, writers
+from analysis.comparisons import claims, difference, writers
 from analysis.protocol import (
     BLIND,
     RULE,
@@ -166,13 +166,6 @@ def _results() -> Table:
     return Table("results", "", columns, tuple(rows))
 
 
-def _luck() -> Table:
-    measures = (TRAINING, RETURN, SUCCESS)
-    rows = tuple((one.name, *luck(study("fast"), one)) for one in measures)
-    columns = (Column("of"), Column.share("the cameras' share (95 %)"), Column("seeds needed"))
-    return Table("luck", "", columns, rows)
-
-
 def _claims() -> Table:
     found = [claims(study(name), one) for name in _PROTOCOLS.values() for one in _OVER_TRAINING]
     rows = tuple(
@@ -254,7 +247,6 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
     "survival_foretold": lambda: survival.foretold_table(runs("protocol"), stress_of(PROTOCOL)),
     "results": _results,
-    "luck": _luck,
     "claims": _claims,
     "foretold": _foretold,
     "rewards": _rewards,

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 import pytest
-from scipy.stats import f_oneway, ttest_rel
+from scipy.stats import ttest_rel
 from study_files import BUFFER, PAIRS, REWARDED, write_run, write_study
 
-from analysis.comparisons import CLAIMS, claims, difference, luck, writers
+from analysis.comparisons import CLAIMS, claims, difference, writers
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.findings import paper_findings, study_findings
 from needlehoop.study.stats.run import (
@@ -188,43 +188,6 @@ def over_training(path, mean):
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-
-
-def test_luck_is_tested_as_scipy_does(tmp_path):
-    groups = [[8.0, 7.0, 7.5], [5.0, 6.5], [6.0, 7.0, 8.0, 5.0]]
-    found = study_of(tmp_path / "main", groups)
-    (by_return, seeds), by_success = luck(found, RETURN), luck(found, SUCCESS)
-    # A tenth of the return: the same shares of another unit.
-    assert by_success[0].value == pytest.approx(by_return.value)
-    assert ends_of(by_success[0]) == pytest.approx(ends_of(by_return))
-    # By the mean squares: F = 1 + k s / (1 - s) of k runs a set, which is 2.94 of these.
-    size = (9 - (9 + 4 + 16) / 9) / 2
-    ratio = f_oneway(*groups).statistic
-    assert ratio == pytest.approx(1 + size * by_return.value / (1 - by_return.value))
-    # Means of k seeds: k s / (k s + 1 - s) of their variance is the cameras'.
-    assert isinstance(seeds, int)
-    share = by_return.value
-    reliable = [k * share / (k * share + 1 - share) for k in (seeds - 1, seeds)]
-    assert reliable[0] < 0.8 <= reliable[1]
-
-
-def test_the_share_is_that_of_the_variance(tmp_path):
-    """Drawn with deviations of 1.0 between sets and 0.5 between seeds: 80 % of it."""
-    random = np.random.default_rng(0)
-    names = [f"{r}_{v}" for r in ("rgb", "dep", "seg") for v in range(20)]
-    groups = [random.normal(5.0, 1.0) + random.normal(0.0, 0.5, 3) for _ in names]
-    share, seeds = luck(study_of(tmp_path / "main", groups, names), RETURN)
-    low, high = ends_of(share)
-    assert low < 0.8 < high
-    assert high - low < 0.3
-    assert seeds in (1, 2)
-
-
-def test_seeds_alone_are_no_cameras(tmp_path):
-    found = study_of(tmp_path / "main", [[4.0, 8.0], [8.0, 4.0], [4.1, 7.9]])
-    share, seeds = luck(found, RETURN)
-    assert (share.value, seeds) == (0.0, "no number")
-    assert ends_of(share)[0] == 0.0
 
 
 def test_returns_over_training_are_those_of_all_buffers(tmp_path):
