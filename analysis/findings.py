@@ -236,6 +236,7 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
     "pegs": lambda: sets_table(runs(PEGS), "placed"),
     "pegs_traits": lambda: traits_table(runs(PEGS)),
+    "pegs_changes": lambda: changes_table(runs(PEGS)),
     "pegs_foretold": lambda: foretold_table(peg_foretellers(), means(runs(PEGS))),
     "places": lambda: placements.places_table(runs("placements")),
     "placements": lambda: placements.foretold_table(placements.single_scores(), runs("placements")),
