@@ -169,11 +169,10 @@ def test_sentences_on_survival_have_the_tables_numbers():
 
 def test_sentences_on_the_peg_transfer_have_the_tables_numbers():
     found = rows_of("pegs")
-    assert {len(row["placed by seed, %"].split(", ")) for row in found} == {2}
-    assert "two seeds of three so far" in WORDS
-    assert "So far each has two of its three seeds" in WORDS
+    assert {len(row["placed by seed, %"].split(", ")) for row in found} == {3}
+    assert "Each has its three seeds" in WORDS
     view = rows_of("pegs_traits")[0]["success, points (95 %)"].replace("+", "")
-    said = f"a front and a side view add {view.replace(' (', ' points (').removesuffix(')')};"
+    said = f"a front and a side view add {view.replace(' (', ' points (')}."
     assert said in WORDS
     foretold = {row["prediction"]: row for row in rows_of("pegs_foretold")}
     said = "The rule agrees with success by τ-b {}, `claude`'s order by {} (p {})."
