@@ -143,10 +143,11 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, .
     """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
     set, how often a shuffled order agrees as well, and regret."""
     measured = pd.Series(means(runs))
+    truth = measured.to_numpy()
     draw = np.random.default_rng(0)
     rows: list[tuple[Cell, ...]] = []
     for who in scores:
-        own, truth = scores.loc[measured.index, who].to_numpy(float), measured.to_numpy()
+        own = scores.loc[measured.index, who].to_numpy(float)
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
         (rho,) = _rho(own[None], truth[None])
         chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
@@ -154,7 +155,6 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, .
         lost = float(truth.max() - truth[own == own.max()].mean())
         found = Estimated(float(rho), Interval(float(low), float(high)))
         rows.append((str(who), found, float(chance), lost))
-    rows.append(("drawn blindly", None, None, float(measured.max() - measured.mean())))
     return rows
 
 
@@ -162,18 +162,14 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
     """Each prediction of these camera sets beside a blind choice; of the model, in how many of the
     bootstrap's draws its ρ is above that of the best rule."""
     rows = correlations(scores, runs)
-    best = max((PIXELS, HIDDEN, ELEVATION), key=lambda who: _found(rows, who))
-    above = np.mean(_drawn(scores, MODEL, runs) > _drawn(scores, best, runs))
-    told = [(*row, float(above) if row[0] == MODEL else None) for row in rows]
+    rho = {who: found.value for who, found, *_ in rows if isinstance(found, Estimated)}
+    best = max((PIXELS, HIDDEN, ELEVATION), key=rho.__getitem__)
+    above = float(np.mean(_drawn(scores, MODEL, runs) > _drawn(scores, best, runs)))
+    success = [*means(runs).values()]
+    rows.append(("drawn blindly", None, None, max(success) - float(np.mean(success))))
     columns = (*CORRELATIONS, Column.share("above the best rule"))
-    return Table("placements", "", columns, tuple(told))
-
-
-def _found(rows: Iterable[tuple[Cell, ...]], who: str) -> float:
-    """A prediction's ρ."""
-    (found,) = (row[1] for row in rows if row[0] == who)
-    assert isinstance(found, Estimated)
-    return found.value
+    told = tuple((*row, above if row[0] == MODEL else None) for row in rows)
+    return Table("placements", "", columns, told)
 
 
 def places_table(runs: pd.DataFrame) -> Table:

@@ -104,13 +104,14 @@ def traits_table(runs: pd.DataFrame) -> Table:
 def changes_table(runs: pd.DataFrame) -> Table:
     """What other renderings do in the views of a set of colour alone, and whether they differ."""
     own = {str(name): one["success"].tolist() for name, one in runs.groupby("cameras")}
+    mean = {name: one for name, one in means(runs).items() if name in paper.measured()}
     rows = []
     for colour in COLOUR:
-        for name in [one for one in means(runs) if one in paper.measured() and one != colour]:
-            if is_two_sided(name) is is_two_sided(colour):
-                gain = float(np.mean(own[name]) - np.mean(own[colour]))
-                better = improvement(own[name], own[colour])
-                rows.append((colour, name, gain, Estimated(better.value, better.interval)))
+        views = is_two_sided(colour)
+        for name in [one for one in mean if is_two_sided(one) is views and one != colour]:
+            better = improvement(own[name], own[colour])
+            chance = Estimated(better.value, better.interval)
+            rows.append((colour, name, mean[name] - mean[colour], chance))
     columns = (
         Column("colour alone"), Column("instead"), Column("adds, points", "", "+.0f", 100.0),
         Column("chance of one of its runs to beat one of colour (95 %)", "", ".2f"),
@@ -209,19 +210,20 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
 
 def foretold_figure(predictions: Sequence[Prediction], measured: Scores) -> Figure:
     """How well each preregistered prediction agrees with success, beside the line of the rule."""
-    found = {who: held(who, own, measured) for who, own in predicted(predictions).items()}
+    lists = predicted(predictions)
+    shown = (*PREREGISTERED, RULE)
+    taus = [mean_tau(lists[who], measured) for who in shown]
+    losses = [100 * regret(lists[who], measured) for who in shown]
     figure, ((left, right),) = new_figure(38, 1, 2, sharey=True)
-    for axes, column, scale in ((left, 0, 1), (right, 2, 100)):
-        values = [scale * (found[who][column] or 0.0) for who in PREREGISTERED]
-        axes.plot(values, range(len(values)), "o", markersize=4, color=COLOURS[1], clip_on=False)
-        line = scale * (found[RULE][column] or 0.0)
-        axes.axvline(line, color=FAINT, linestyle="--", linewidth=1, label="the rule")
+    for axes, (*own, rule) in ((left, taus), (right, losses)):
+        axes.plot(own, range(len(own)), "o", markersize=4, color=COLOURS[1], clip_on=False)
+        axes.axvline(rule, color=FAINT, linestyle="--", linewidth=1, label="the rule")
         axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     left.set_yticks(range(len(PREREGISTERED)), PREREGISTERED)
     left.set_ylim(-0.5, len(PREREGISTERED) - 0.5)
     left.set_xlim(0, 1)
     left.set_xlabel("agreement with\ntraining, τ-b")
-    right.set_xlim(0, 25)
+    right.set_xlim(left=0)
     right.set_xlabel("success that its\nchoice loses, points")
     figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", frameon=False)
     return figure

@@ -74,12 +74,12 @@ def foretold_table(runs: pd.DataFrame, stress: pd.DataFrame) -> Table:
         ("undisturbed", "mean over axes"): survival(plain),
         ("under moderate", "mean over axes"): survival(trained),
     }
-    for axis in [*means(plain, by="axis")][:-4:-1]:
+    left = means(plain, by="axis")
+    for axis in sorted(left, key=left.__getitem__)[:3]:
         outcomes["undisturbed", axis] = plain.query("axis == @axis")
     rows = [(*said, *row) for said, own in outcomes.items() for row in correlations(scores, own)]
     columns = (Column("trained"), Column("tested under"), *CORRELATIONS)
-    kept = tuple(row for row in rows if row[2] in scores)
-    return Table("survival_foretold", "", columns, kept)
+    return Table("survival_foretold", "", columns, tuple(rows))
 
 
 def survival_figure(survived: pd.DataFrame) -> Figure:

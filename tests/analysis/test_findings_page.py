@@ -12,13 +12,15 @@ from study_files import texts_of
 from analysis import findings as analysis
 from analysis.comparisons import has_depth, is_two_sided
 from analysis.placements import ELEVATION, FRONT, HIDDEN, MODEL, PIXELS
-from analysis.protocol import PREREGISTERED, RULE, means
+from analysis.protocol import PREREGISTERED, RULE, held, means, predicted
 from needlehoop.study.report.tables import rewards
 from needlehoop.study.stats.run import TRAINING
 
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / "docs" / name).read_text() for name in ("findings.md", "evidence.md")}
 PAGE = "\n".join(PAGES.values())
+WORDS = " ".join(PAGE.split())
+README = " ".join((ROOT / "README.md").read_text().split())
 
 
 def cells_of(marker: str) -> list[list[str]]:
@@ -61,10 +63,6 @@ def test_the_fast_protocol_foretells_the_papers_as_the_page_says():
     fast, longer = (analysis.study(study).middles(TRAINING) for study in ("fast", "table2"))
     tau, p = kendalltau([fast[cameras] for cameras in longer], [*longer.values()])
     assert f"τ-b {tau:.2f} over the {len(longer)} sets, p = {p:.2f}" in WORDS
-
-
-WORDS = " ".join(PAGE.split())
-README = " ".join((ROOT / "README.md").read_text().split())
 
 
 def test_sentences_on_cameras_have_the_tables_numbers():
@@ -137,6 +135,10 @@ def test_sentences_on_predictions_have_the_tables_numbers():
     assert said.format(*lost) in WORDS
     imitated = {row["prediction"]: row["1.5 M"] for row in rows_of("foretold")}["imitation"]
     assert f"does not show more than the rule ({imitated.split(', ')[1]};" in WORDS
+    first = analysis.runs("protocol")
+    first = first[first["seed"] == first["seed"].min()]
+    _, p, _ = held("probe", predicted(analysis.foretellers())["probe"], means(first))
+    assert f"first seed alone, the probe did know more than the rule (p {p:.2f})" in WORDS
 
 
 def test_sentences_on_survival_have_the_tables_numbers():
