@@ -1,23 +1,17 @@
-"""What cameras and rewards are worth: the paper's ten comparisons, and who writes rewards.
-
-Each comparison is a mapping from its name to numbers; ``findings`` puts them into pages.
-"""
+"""What cameras are worth: what a set shows, and the paper's ten comparisons of sets."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import statsmodels.api as sm
-from scipy.stats import ttest_1samp
 
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import HUMAN, reward_label
 from needlehoop.study.render.table import Estimated
-from needlehoop.study.stats.findings import Result, StudyFindings
+from needlehoop.study.stats.findings import StudyFindings
 from needlehoop.study.stats.run import Measure
-from needlehoop.study.stats.statistics import ENOUGH, Interval
+from needlehoop.study.stats.statistics import Interval
 
 
 def is_two_sided(cameras: str) -> bool:
@@ -105,50 +99,3 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
             interval = Interval(float(low), float(high))
         found[claim] = Estimated(float(weights @ fit.params), interval)
     return found
-
-
-_IMAGES = (("vlm_img", "vlm_text"), ("vlm_img_claude", "vlm_text_claude"))
-"""A writer that saw the first image, and the same one told by words alone."""
-
-_COMPARED: Mapping[str, Sequence[tuple[str, str]]] = {
-    **{
-        f"{reward_label(reward)}, against {HUMAN}": [(reward, HUMAN)]
-        for pair in _IMAGES
-        for reward in reversed(pair)
-    },
-    **{f"{reward_label(seen)}, against text alone": [(seen, told)] for seen, told in _IMAGES},
-    "an image, whoever writes": _IMAGES,
-}
-"""Rewards that are held against others, of the same cameras, by the comparison's name."""
-
-
-def writers(findings: StudyFindings) -> dict[str, list[tuple[Result, Result]]]:
-    """Results of the same cameras with one reward and with the other, for each comparison."""
-    by_pair = {(one.cameras, one.reward): one for one in findings.results if one.finals}
-    found = {
-        name: [
-            (result, by_pair[result.cameras, other])
-            for reward, other in compared
-            for result in by_pair.values()
-            if result.reward == reward and (result.cameras, other) in by_pair
-        ]
-        for name, compared in _COMPARED.items()
-    }
-    return {name: pairs for name, pairs in found.items() if pairs}
-
-
-def difference(pairs: Sequence[tuple[Result, Result]], measure: Measure) -> Estimated | None:
-    """The mean difference over pairs, each result by the middle of its seeds.
-
-    The interval is Student's over the pairs. ``None`` where a result has no such number.
-    """
-    found = [(one.middle(measure), other.middle(measure)) for one, other in pairs]
-    known = [one - other for one, other in found if one is not None and other is not None]
-    if len(known) < len(pairs):
-        return None
-    if len(known) < ENOUGH:
-        return Estimated(float(np.mean(known)))
-    if len({*known}) == 1:
-        return Estimated(known[0], Interval(known[0], known[0]))
-    ends = ttest_1samp(known, 0.0).confidence_interval(0.95)
-    return Estimated(float(np.mean(known)), Interval(float(ends.low), float(ends.high)))

@@ -8,7 +8,6 @@ each refill.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis import placements, survival
-from analysis.comparisons import claims, difference, writers
+from analysis.comparisons import claims
 from analysis.protocol import (
     BLIND,
     RULE,
@@ -216,19 +215,6 @@ def _rewards() -> Table:
     return Table("rewards", "", columns, tuple(rows))
 
 
-def _writers() -> Table:
-    measures = (HUMAN_POINTS, SUCCESS, SUCCESS_OVER_TRAINING, CHEAT)
-    rows = tuple(
-        (name, *(difference(pairs, measure) for measure in measures), len(pairs))
-        for name, pairs in writers(study("rewards")).items()
-    )
-    columns = (
-        replace(one, name=f"{one.heading} (95 %)", unit="", form=f"+{one.form}")
-        for one in map(Column.of, measures)
-    )
-    return Table("writers", "", (Column("reward"), *columns, Column("pairs")), rows)
-
-
 TABLES: Mapping[str, Callable[[], Table]] = {
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
@@ -251,7 +237,6 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "claims": _claims,
     "foretold": _foretold,
     "rewards": _rewards,
-    "writers": _writers,
 }
 """The page's tables, by the comments above them."""
 

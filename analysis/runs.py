@@ -21,14 +21,14 @@ from needlehoop.study.data.contents import NONE
 from needlehoop.study.data.records import Record, read_study
 from needlehoop.study.stats.run import final
 
-RUN = ["disturb", "cameras", "seed"]
-"""What tells runs apart: what they were trained under, what they see, their seed."""
+RUN = ["disturb", "cameras", "reward", "seed"]
+"""What tells runs apart: what they were trained under, see and were paid for, and their seed."""
 
 DISTURB = CONF / "disturb"
 """Options of what runs are trained under."""
 
-_SHARES = ("success", "grasped", "lifted", "touched", "return")
-"""Of an evaluation; no task but the needle's has ``touched``."""
+_SHARES = ("success", "grasped", "lifted", "touched", "cheat", "return", "return_human")
+"""Of an evaluation, those that its task has."""
 
 RUNS, STRESS = "runs.csv", "stress.csv"
 
@@ -59,7 +59,7 @@ def _key(run: Record) -> dict[str, Any]:
     names = [name for name, amounts in options.items() if amounts == run.config["disturb"]]
     if not names:
         raise ValueError(f"{run.folder}: its disturb is none of {', '.join(sorted(options))}")
-    return dict(zip(RUN, (names[0], run.place.cameras, run.place.seed), strict=True))
+    return {"disturb": names[0]} | asdict(run.place)
 
 
 def _run(run: Record) -> list[dict[str, Any]]:
@@ -82,10 +82,11 @@ def _stress(run: Record) -> list[dict[str, Any]]:
 def runs_of(folder: Path) -> pd.DataFrame:
     """A row for each run that was trained undisturbed, with the traits of its camera set.
 
-    A seed counts once all camera sets have it, so that all sets are measured on the same seeds.
+    A seed counts once all camera sets have it with all rewards, so that all of them are measured on
+    the same seeds.
     """
     runs = pd.read_csv(folder / RUNS)
-    runs = _complete(runs.query(f"disturb == '{NONE}'"), len({*runs["cameras"]}))
+    runs = _complete(runs.query(f"disturb == '{NONE}'"), len({*_compared(runs)}))
     for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
         runs[name] = [of(cameras) for cameras in runs["cameras"]]
     return runs
@@ -94,14 +95,18 @@ def runs_of(folder: Path) -> pd.DataFrame:
 def stress_of(folder: Path) -> pd.DataFrame:
     """A row for each condition of each stress test, of seeds for which all sets were tested."""
     groups = pd.read_csv(folder / STRESS).groupby("disturb", sort=False)
-    sets = len({*pd.read_csv(folder / RUNS)["cameras"]})
+    sets = len({*_compared(pd.read_csv(folder / RUNS))})
     found = [_complete(own, sets) for _, own in groups]
     return pd.concat(found, ignore_index=True)
 
 
 def _complete(rows: pd.DataFrame, sets: int) -> pd.DataFrame:
-    by_seed = rows.groupby("seed")["cameras"].transform("nunique")
+    by_seed = _compared(rows).groupby(rows["seed"]).transform("nunique")
     return rows.loc[by_seed == sets].reset_index(drop=True)
+
+
+def _compared(rows: pd.DataFrame) -> pd.Series:
+    return rows["cameras"].str.cat(rows["reward"], " ")
 
 
 if __name__ == "__main__":

@@ -1,29 +1,19 @@
-"""Luck, the paper's comparisons and rewards, held against values worked out in other ways."""
+"""The paper's comparisons, held against values worked out in other ways."""
 
 import csv
 import json
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_rel
-from study_files import BUFFER, PAIRS, REWARDED, write_run, write_study
+from study_files import BUFFER, PAIRS, write_run, write_study
 
-from analysis.comparisons import CLAIMS, claims, difference, writers
+from analysis.comparisons import CLAIMS, claims
 from needlehoop.study.render.table import Estimated
 from needlehoop.study.stats.findings import paper_findings, study_findings
-from needlehoop.study.stats.run import (
-    CHEAT,
-    HUMAN_POINTS,
-    RETURN,
-    SUCCESS,
-    SUCCESS_OVER_TRAINING,
-    TRAINING,
-)
+from needlehoop.study.stats.run import RETURN, TRAINING
 
 NAMES = ("dep_front+seg_side", "dep_front+dep_side", "rgb_front+rgb_side", "dep_default")
 SHORT = {"updates": 3, "steps": 3 * BUFFER}
-
-SETS = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
 
 def rewrite(run, **numbers):
@@ -85,82 +75,6 @@ def test_a_claim_is_judged_by_its_interval(tmp_path):
         error = np.sqrt(squares / free * (1 / len(front) + 1 / len(side)))
         quantile = {4: 2.7764, 2: 4.3027}[free]
         assert ends_of(found)[1] == pytest.approx(found.value + quantile * error, abs=1e-3)
-
-
-def threaded(run) -> float:
-    """The mean success of all training episodes, by buffers."""
-    with (run / "metrics.csv").open(newline="") as file:
-        known = [float(row["success"]) for row in csv.DictReader(file) if row["success"]]
-    return sum(known) / len(known)
-
-
-def test_differences_are_paired_by_cameras(tmp_path):
-    points = {"human": [8.8, 8.7, 8.1], "vlm_text": [8.5, 6.0, 7.9]}
-    soon: dict[str, list[float]] = {}
-    for reward, own in points.items():
-        for number, (cameras, value) in enumerate(zip(SETS, own, strict=True)):
-            goal = value - (reward == "vlm_text")
-            # Not called vlm_text while it is made: runs of that name never thread there.
-            run = write_run(tmp_path / reward, cameras, goal=goal, noise=number)
-            rewrite(run, return_human=value, success=value / 10, cheat=0.25)
-            soon.setdefault(reward, []).append(threaded(run))
-            to = tmp_path / "main" / cameras / reward
-            to.parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / reward / cameras / "human").rename(to)
-    ((name, pairs),) = writers(study_findings(tmp_path / "main")).items()
-    assert (name, len(pairs)) == ("VLM, text, against human", 3)
-    for measure, values in (
-        (HUMAN_POINTS, points),
-        (SUCCESS, {reward: np.array(own) / 10 for reward, own in points.items()}),
-        (SUCCESS_OVER_TRAINING, soon),
-    ):
-        test = ttest_rel(values["vlm_text"], values["human"]).confidence_interval(0.95)
-        assert ends_of(difference(pairs, measure)) == pytest.approx((test.low, test.high))
-    assert ends_of(difference(pairs, CHEAT)) == (0.0, 0.0)
-
-
-def test_an_image_is_judged_by_all_who_wrote_with_and_without(tmp_path):
-    points = {
-        "vlm_text": [3.0, 4.0],
-        "vlm_img": [5.0, 7.0],
-        "vlm_text_claude": [8.0],
-        "vlm_img_claude": [7.0],
-    }
-    for reward, own in points.items():
-        for cameras, value in zip(SETS, own, strict=False):
-            rewrite(write_run(tmp_path / "main", cameras, reward), return_human=value)
-    found = writers(study_findings(tmp_path / "main"))
-    told = {name: difference(pairs, HUMAN_POINTS) for name, pairs in found.items()}
-    assert {name: (one and one.value, len(found[name])) for name, one in told.items()} == {
-        "VLM, text + image, against text alone": (2.5, 2),
-        "claude, text + image, against text alone": (-1.0, 1),
-        "an image, whoever writes": (pytest.approx(4 / 3), 3),
-    }
-    # Two pairs are too few for an interval.
-    few = told["VLM, text + image, against text alone"]
-    assert few is not None
-    assert few.interval is None
-
-
-def test_what_a_run_does_not_say_is_not_compared(tmp_path):
-    study = tmp_path / "main"
-    rewrite(write_run(study, SETS[0]), return_human=8.0)
-    # A seed more is a middle, not a pair more.
-    for seed, value in enumerate((4.0, 6.0)):
-        rewrite(write_run(study, SETS[0], "vlm_text", seed), return_human=value)
-    (pairs,) = writers(study_findings(study)).values()
-    assert difference(pairs, HUMAN_POINTS) == Estimated(-3.0)
-    write_run(study, SETS[0], "vlm_text", 2, updates=60)
-    (pairs,) = writers(study_findings(study)).values()
-    # Its evaluations have no human points, and its training is not over.
-    assert difference(pairs, HUMAN_POINTS) is None
-    assert difference(pairs, TRAINING) is None
-    assert difference(pairs, SUCCESS) is not None
-    for number, pairs in enumerate(
-        (PAIRS[:2], REWARDED[:1], [("rgb_default", "sparse"), PAIRS[0]])
-    ):
-        alone = write_study(tmp_path / str(number), pairs, seeds=1)
-        assert writers(study_findings(alone)) == {}
 
 
 def study_of(folder, groups, names=NAMES, column="return"):

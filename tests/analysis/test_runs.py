@@ -16,9 +16,9 @@ STRESS = (
 )
 
 
-def written(folder, cameras, seed, disturb="none", success=0.5):
+def written(folder, cameras, seed, disturb="none", success=0.5, reward="human"):
     """A finished run as the protocol's are."""
-    run = write_run(folder, cameras, seed=seed)
+    run = write_run(folder, cameras, reward, seed)
     told = {"success_sampled": 0.5, "touched": 0.5, "success": success, "steps_trained": 100}
     more = {
         "evaluation.json": told | {"grasped": 0.5, "lifted": 0.5, "return": 5.0},
@@ -46,6 +46,15 @@ def test_a_seed_counts_once_all_camera_sets_have_it(tmp_path):
     assert runs["two_views"].all()
     assert runs["depth"].tolist() == runs["labels"].tolist() == [True, False]
     assert runs["minutes"].tolist() == [1.5, 1.5]
+
+
+def test_a_seed_counts_once_all_rewards_have_it(tmp_path):
+    for reward, seeds in (("human", (1, 2)), ("vlm_text", (2, 3))):
+        for seed in seeds:
+            written(tmp_path / "main", "rgb_default", seed, reward=reward)
+    add(tmp_path / "kept", [tmp_path / "main"])
+    runs = runs_of(tmp_path / "kept")
+    assert [*zip(runs["reward"], runs["seed"], strict=True)] == [("human", 2), ("vlm_text", 2)]
 
 
 def test_a_run_that_is_there_stays_as_it_is(tmp_path):

@@ -18,10 +18,19 @@ def _stress(disturb="none", sign=1) -> pd.DataFrame:
     for name, value in UNDISTURBED.items():
         left = {"none": 1.0, **AXES, "all": 0.1}
         rows += [
-            (disturb, name, 7, axis, 3, 40, value * share if sign > 0 else 1 - value * share)
+            (
+                disturb,
+                name,
+                "expert",
+                7,
+                axis,
+                3,
+                40,
+                value * share if sign > 0 else 1 - value * share,
+            )
             for axis, share in left.items()
         ]
-    columns = ["disturb", "cameras", "seed", "axis", "severity", "episodes", "success"]
+    columns = ["disturb", "cameras", "reward", "seed", "axis", "severity", "episodes", "success"]
     return pd.DataFrame(rows, columns=columns)
 
 
