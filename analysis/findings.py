@@ -30,6 +30,7 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import runs_of, stress_of
+from analysis.writers import writers_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label
@@ -233,6 +234,7 @@ TABLES: Mapping[str, Callable[[], Table]] = {
     "survival": lambda: survival.sets_table(runs("protocol"), survived()),
     "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
     "survival_foretold": lambda: survival.foretold_table(runs("protocol"), stress_of(PROTOCOL)),
+    "writers": lambda: writers_table(runs("protocol_rewards")),
     "results": _results,
     "claims": _claims,
     "foretold": _foretold,

@@ -49,6 +49,12 @@ def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[
     return dict(sorted(found.items(), key=lambda pair: (-pair[1], pair[0])))
 
 
+def share(successes: Sequence[float]) -> Estimated:
+    """The mean success of runs; no interval of fewer than three."""
+    mean = rate(successes, [EPISODES] * len(successes))
+    return Estimated(mean.value, mean.interval if mean.seeds >= ENOUGH else None)
+
+
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> Table:
     """Each camera set's runs, their mean, and the chance that one of the best set beats one.
 
@@ -61,16 +67,9 @@ def sets_table(runs: pd.DataFrame, done: str = "threaded") -> Table:
     rows = []
     for name in order:
         own, successes = groups[name], groups[name]["success"].tolist()
-        mean, beaten = rate(successes, [EPISODES] * len(successes)), improvement(best, successes)
-        rows.append(
-            (
-                name,
-                successes,
-                Estimated(mean.value, mean.interval if mean.seeds >= ENOUGH else None),
-                float(np.mean(own["sampled"])),
-                beaten.interval and Estimated(beaten.value, beaten.interval),
-            )
-        )
+        sampled, beaten = float(np.mean(own["sampled"])), improvement(best, successes)
+        chance = beaten.interval and Estimated(beaten.value, beaten.interval)
+        rows.append((name, successes, share(successes), sampled, chance))
     columns = (
         Column("cameras"), Column(f"{done} by seed", "%", ".0f", 100.0),
         Column.share("mean (95 %)"), Column.share("sampled"),
