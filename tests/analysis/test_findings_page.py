@@ -254,6 +254,11 @@ def test_sentences_on_writers_have_the_tables_numbers():
     assert f"programs thread in {listed(told)} of 100 if it was told by text," in WORDS
     said = f"in {listed(shown)} if it saw an image, too; with our own reward in {listed(human)}."
     assert said in WORDS
+    failed = analysis.runs("protocol_rewards").query("lifted == 0")
+    assert (len(failed), len(told + shown)) == (2, 6)
+    assert "with two of six later ones they grasp and never lift" in README
+    grasped = listed([f"{100 * share:.0f}" for share in sorted(failed["grasped"])])
+    assert f"agents grasp the needle in {grasped} of 100 episodes and lift it in none" in WORDS
 
 
 REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")

@@ -17,19 +17,9 @@ def _stress(disturb="none", sign=1) -> pd.DataFrame:
     rows = []
     for name, value in UNDISTURBED.items():
         left = {"none": 1.0, **AXES, "all": 0.1}
-        rows += [
-            (
-                disturb,
-                name,
-                "expert",
-                7,
-                axis,
-                3,
-                40,
-                value * share if sign > 0 else 1 - value * share,
-            )
-            for axis, share in left.items()
-        ]
+        for axis, share in left.items():
+            success = value * share if sign > 0 else 1 - value * share
+            rows.append((disturb, name, "expert", 7, axis, 3, 40, success))
     columns = ["disturb", "cameras", "reward", "seed", "axis", "severity", "episodes", "success"]
     return pd.DataFrame(rows, columns=columns)
 
