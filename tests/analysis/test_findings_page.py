@@ -248,15 +248,25 @@ def listed(cells: list[str]) -> str:
 
 
 def test_sentences_on_writers_have_the_tables_numbers():
-    human, told, shown = (row["threaded by run, %"].split(", ") for row in rows_of("writers"))
-    assert len(human) == 3
-    assert "three of five runs a side are done" in WORDS
-    assert f"programs thread in {listed(told)} of 100 if it was told by text," in WORDS
-    said = f"in {listed(shown)} if it saw an image, too; with our own reward in {listed(human)}."
-    assert said in WORDS
-    failed = analysis.runs("protocol_rewards").query("lifted == 0")
-    assert (len(failed), len(told + shown)) == (2, 6)
-    assert "with two of six later ones they grasp and never lift" in README
+    rows = rows_of("writers")
+    assert {len(row["threaded by run, %"].split(", ")) for row in rows} == {5}
+    mean, told, shown = (row["mean (95 %), %"].split()[0] for row in rows)
+    more = [row["more than human, points (95 %)"].replace("+", "") for row in rows[1:]]
+    text, image = (one.replace(" (", " points, ").strip(")") for one in more)
+    assert all(float(one.split("(")[1].split()[0]) <= -5 for one in more)
+    assert "`claude` is not shown to do it as well as we did." in WORDS
+    assert f"our reward threads in {mean} of 100, `claude`'s five programs told by" in WORDS
+    assert f"told by text in {told} ({text})," in WORDS
+    assert f"five shown an image in {shown} ({image.replace(' points', '')})." in WORDS
+    runs = analysis.runs("protocol_rewards")
+    programs, ours = runs.query("reward != 'human'"), runs.query("reward == 'human'")["success"]
+    failed, works = programs.query("lifted == 0"), programs.query("lifted > 0")["success"]
+    assert (len(failed), len(works)) == (5, 5)
+    ends, own = (f"{100 * one.min():.0f} to {100 * one.max():.0f}" for one in (works, ours))
+    never = "with five of the ten the needle is never lifted; with the others it is threaded in"
+    assert f"{never} {ends}, with ours in {own}." in WORDS
+    assert f"With five of ten programs of one model (Claude) agents thread in {ends} of" in README
+    assert f"with our own reward they thread in {own}." in README
     grasped = listed([f"{100 * share:.0f}" for share in sorted(failed["grasped"])])
     assert f"agents grasp the needle in {grasped} of 100 episodes and lift it in none" in WORDS
 
@@ -278,12 +288,11 @@ def test_sentences_on_rewards_have_the_runs_numbers():
     assert {row["cheat, %"] for row in claudes} == {"0"}
     least, *others = sorted(int(row["success, %"]) for row in claudes)
     assert others == [100] * 5
-    assert f"with `claude`'s four rewards they thread in {least} to 100, as with the human" in WORDS
+    assert f"`claude`'s four rewards thread in {least} to 100, as does ours," in WORDS
     assert {row["success, %"] for (_, reward), row in of.items() if reward == "human"} == {"100"}
     ends, seen = (said(f"VLM, text{more}", "success, %") for more in ("", " + image"))
-    assert f"the mean action ends at {listed(ends)} of 100 (text)," in WORDS
-    assert f"and at {listed(seen)} (text and image)" in WORDS
-    assert f"agents thread in {least} to 100 of 100" in README
+    papers = sorted(map(int, ends + seen))
+    assert f"the paper's six in {papers[0]} to {papers[-1]}." in WORDS
     assert f"they end at {listed(ends)} of 100 if" in README
     assert f"and at {listed(seen)} if it saw an image" in README
     for success, cheat in zip(ends, said("VLM, text", "cheat, %"), strict=True):
