@@ -145,8 +145,8 @@ class ArmEpisode(ToolEpisode):
     """How actions move the PSM, and when its jaws hold something."""
 
     grasp: Annotated[str, OneOf(*GRASPS)]
-    """``weld``: jaws that touch the thing and close hold it rigidly. ``friction``: contacts
-    alone hold it, so a grasp needs the thing between the blades as well."""
+    """What holds a thing once the jaws have grasped it. ``weld``: it is fixed to the wrist.
+    ``friction``: contacts alone hold it. A grasp begins in the same way with both."""
     close_below: Annotated[float, Range(-7.0, 7.0)]
     """A grasp needs a jaw command below this."""
     release_above: Annotated[float, Range(-7.0, 7.0)]

@@ -30,7 +30,7 @@ def values(layout: NeedleLayout, rules: NeedleRules) -> dict[str, object]:
         "side": "in front of" if layout.needle_position[1] < y else "behind",
         "hand": "to the right" if layout.needle_position[0] > x else "to the left",
         "pickup": f"{100 * layout.needle_pickup:g}",
-        "grasped": grasped(rules, "needle"),
+        "grasped": grasped(rules, "the needle"),
         "lift_radius": millimetres(rules.lift_radius),
     }
 

@@ -16,7 +16,7 @@ from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tub
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
-from needlehoop.tasks.psm import add_weld, begun, tool_start
+from needlehoop.tasks.psm import add_grasp, begun, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 
 
@@ -111,10 +111,10 @@ THINGS = {
 
 
 def build(spec: mujoco.MjSpec, layout: NeedleLayout, rules: NeedleRules) -> None:
-    """Add needle and hoop, and the (inactive) weld for ``episode.grasp=weld``."""
+    """Add needle and hoop, and what ``episode.grasp`` holds the needle with."""
     _add_needle(spec, layout)
     _add_hoop(spec, layout)
-    add_weld(spec, rules, "needle", solref=[0.004, 1.0], solimp=[0.99, 0.999, 0.0001, 0.5, 2.0])
+    add_grasp(spec, rules, "needle", solref=[0.004, 1.0], solimp=[0.99, 0.999, 0.0001, 0.5, 2.0])
 
 
 def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:

@@ -27,7 +27,7 @@ def values(layout: PegLayout, rules: PegRules) -> dict[str, object]:
         "places": _places(layout, range(PEGS)),
         "starts": _places(layout, layout.starts),
         "goals": _places(layout, layout.goals),
-        "grasped": grasped(rules, "block", "a wall of the block"),
+        "grasped": grasped(rules, "a wall of the block"),
     }
 
 

@@ -16,7 +16,7 @@ from needlehoop.scene.shapes import collision
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
-from needlehoop.tasks.psm import add_weld, begun, tool_start
+from needlehoop.tasks.psm import add_grasp, begun, tool_start
 from needlehoop.tasks.start import Chance, Start, standing
 
 WALLS = (0.0, 2 * math.pi / 3, 4 * math.pi / 3)
@@ -165,12 +165,12 @@ _SEEN_AND_FELT = {**_HARD, **collision(True), "group": collision(False)["group"]
 
 
 def build(spec: mujoco.MjSpec, layout: PegLayout, rules: PegRules) -> None:
-    """Add board, pegs and block, and the (inactive) weld for ``episode.grasp=weld``."""
+    """Add board, pegs and block, and what ``episode.grasp`` holds the block with."""
     # A block that lands on an edge: fewer, and the solver stops half-way and kicks it (measured).
     spec.option.ls_iterations = 50
     _add_board(spec, layout)
     _add_block(spec, layout)
-    add_weld(spec, rules, "block", solref=[0.008, 1.0], solimp=[0.95, 0.99, 0.001, 0.5, 2.0])
+    add_grasp(spec, rules, "block", solref=[0.008, 1.0], solimp=[0.95, 0.99, 0.001, 0.5, 2.0])
 
 
 def _add_block(spec: mujoco.MjSpec, layout: PegLayout) -> None:
