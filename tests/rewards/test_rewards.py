@@ -13,6 +13,7 @@ from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.config import composing
+from needlehoop.robot import psm
 from needlehoop.runs.files import reward_name
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.needle_hoop import TASK
@@ -64,11 +65,42 @@ def total(reward, **given) -> float:
 
 
 def test_the_human_terms_have_their_names(human):
-    assert list(terms_of(human)) == ["grasp", "lift", "hoop", "closed", "time"]
+    assert list(terms_of(human)) == [
+        *("grasp", "lift", "hoop", "closed"),
+        *("surround", "pinch"),
+        "time",
+    ]
 
 
-def test_a_perfect_state_is_worth_nine_less_the_time(human):
-    assert total(human, **PERFECT) == pytest.approx(9.0 - human.time * 0.25)
+def test_a_perfect_state_is_worth_the_papers_nine_and_our_terms_less_the_time(human):
+    paper = replace(human, surround=0.0, pinch=0.0)
+    assert total(paper, **PERFECT) == pytest.approx(9.0 - human.time * 0.25)
+    ours = human.surround + human.pinch
+    assert total(human, **PERFECT) == pytest.approx(9.0 + ours - human.time * 0.25)
+
+
+def jaws(angle: float, along: float, aside: float = 0.0) -> dict:
+    """Jaws so far open, rad, with the pickup point so far from their hinge and aside of it, m."""
+    place = {"tool_quat": (1.0, 0.0, 0.0, 0.0), "pickup_point": (0.0, aside, along)}
+    return {**place, "jaw": angle, "jaw_command": angle}
+
+
+def test_open_jaws_are_paid_for_coming_down_about_the_needle_and_shut_ones_less(human):
+    paid = [terms_of(human, **jaws(1.3, along))["surround"] for along in (0.03, 0.015, 0.012, 0.01)]
+    assert paid == sorted(paid)
+    assert paid[-1] == human.surround
+    on_top = terms_of(human, **jaws(0.0, psm.JAW_LENGTH + 0.0019))
+    assert 0 < on_top["surround"] < human.surround
+    assert on_top["pinch"] == 0
+
+
+def test_shutting_the_jaws_is_paid_where_something_is_between_them(human):
+    paid = [terms_of(human, **jaws(angle, 0.008))["pinch"] for angle in (1.3, 0.8, 0.4)]
+    assert paid == sorted(paid)
+    assert 0 < paid[0] < paid[-1] < human.pinch
+    assert terms_of(human, **jaws(0.4, 0.008, aside=0.004))["pinch"] == 0
+    held = terms_of(human, **jaws(0.4, 0.008), grasped=True)
+    assert (held["surround"], held["pinch"]) == (human.surround, human.pinch)
 
 
 def test_the_start_is_worth_little_more_than_the_time_that_waiting_costs(human, layout, episode):
