@@ -156,10 +156,12 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     """
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
     agent = build_agent(job, device)
-    if policy == "last" and (checkpoint.exists() or not weights.exists()):
-        load_weights(checkpoint, run.checkpoint().state, job, agent)
-    else:
+    is_last = policy == "last"
+    # Also where the checkpoint is flown: a damaged file must not go unnoticed.
+    if weights.exists() or not is_last:
         read_weights(weights, agent.actor)
+    if is_last and (checkpoint.exists() or not weights.exists()):
+        load_weights(checkpoint, run.checkpoint().state, job, agent)
     return agent
 
 

@@ -246,6 +246,15 @@ def test_which_policies_are_kept(tmp_path, monkeypatch, capsys):
     assert "keep: 'some' is unknown; choose from last, best, both" in refusal(*TINY, "keep=some")
 
 
+@pytest.mark.parametrize("left", [0, 100])
+def test_a_damaged_policy_is_an_error_beside_a_checkpoint_too(run, capsys, left):
+    assert (run / "checkpoint.pt").exists()
+    policy = run / "policy.safetensors"
+    policy.write_bytes(policy.read_bytes()[:left])
+    assert main(["evaluate", str(run)]) == 2
+    assert f"{policy} is damaged" in capsys.readouterr().err
+
+
 def test_evaluations_say_how_the_sampled_policy_does(tiny_run):
     """Drawn with the policy's own deviation, from numbers that no other environment changes."""
     from dataclasses import replace
