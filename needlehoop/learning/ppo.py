@@ -89,7 +89,7 @@ class Ppo(Trainer):
         totals, count = Counter[str](), 0
         for _ in range(self.config.epochs):
             order = torch.randperm(len(steps), generator=self._generator)
-            for rows in order.split(self.config.minibatch):
+            for rows in order.to(steps.device).split(self.config.minibatch):
                 slopes, told = self._judge(steps[rows], self.running.forward(seen, rows))
                 self.running.backward(slopes)
                 self._optimizer.step(self._write)
