@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.learning.job import Job
+from needlehoop.runs.files import write_whole
 
 TENSORBOARD = "tensorboard"
 """The package, the logger's name, and the folder in a run's."""
+
+WANDB_ID = "wandb_id.txt"
+"""The file in a run's folder with what wandb knows it by, online and offline."""
 
 
 class Logger:
@@ -68,28 +72,28 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
     mode: Any = job.wandb.mode
     if mode == "auto":
         mode = "online" if wandb.login(prompt=False, verify=False) else "offline"
+    known = folder / WANDB_ID
     wanted: dict[str, Any] = {
         "project": job.wandb.project,
         "entity": job.wandb.entity,
         "name": job.place,
         "config": dict(values),
         "dir": str(folder),
+        "id": known.read_text() if known.exists() else None,
+        "resume": "allow",
     }
-    # Its place is also its identity when it is resumed.
-    place = job.place.replace("/", "-").replace("+", "-")
-    known: dict[str, Any] = {"resume": "allow", "id": place} if mode == "online" else {}
     try:
         settings = wandb.Settings(silent=True, init_timeout=30)
-        run = wandb.init(mode=mode, settings=settings, **wanted, **known)
+        run = wandb.init(mode=mode, settings=settings, **wanted)
     except (wandb.errors.CommError, wandb.errors.UsageError) as error:
         # The login is there but the service is not; the run must not wait for it.
         print(f"logger=wandb: {error}; going on offline")
-        # Settings of its own: the first ones carry the failed run's id.
         run = wandb.init(mode="offline", settings=wandb.Settings(silent=True), **wanted)
+    write_whole(known, run.id)
     if run.url:
         print(f"wandb: {run.url}")
     elif run.settings.mode == "offline":
-        print(f"wandb: offline; send it with: wandb sync {Path(run.dir).parent}")
+        print(f"wandb: offline; send it with: wandb sync {folder / 'wandb'}/offline-run-*")
     return run
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -95,6 +96,28 @@ def test_wandb_offline_keeps_curves_and_video_in_the_runs_folder(folder):
     assert kept.read_bytes() == b"moving pictures"
 
 
+def ids(folder: Path) -> list[str]:
+    """Of the runs that wandb has records of, by its own names of their files."""
+    wandb.teardown()
+    records = (folder / "wandb").glob("offline-run-*/run-*.wandb")
+    return [path.stem.removeprefix("run-") for path in records]
+
+
+@pytest.mark.usefixtures("stranger")
+def test_wandb_knows_a_resumed_run_by_one_id_and_a_new_run_by_another(tmp_path):
+    folder, other = tmp_path / "run", tmp_path / "other"
+    for place, steps in ((folder, 0), (folder, 512), (other, 0)):
+        place.mkdir(exist_ok=True)
+        logger = build(place, mode="offline", steps=steps)
+        logger.log("train", {"step": steps + 512, "return": 0.5})
+        logger.close()
+        # Their folders are named by the second.
+        time.sleep(1.1)
+    first, second = ids(folder)
+    assert first == second
+    assert ids(other) != [first]
+
+
 @pytest.mark.usefixtures("stranger")
 def test_wandb_without_a_login_goes_offline_and_asks_nothing(folder, monkeypatch, capsys):
     def asked(*words):
@@ -104,7 +127,8 @@ def test_wandb_without_a_login_goes_offline_and_asks_nothing(folder, monkeypatch
     logger = build(folder, mode="auto")
     logger.log("train", {"step": 512, "return": 0.4375})
     logger.close()
-    assert f"offline; send it with: wandb sync {offline_run(folder)}" in capsys.readouterr().out
+    sent = f"offline; send it with: wandb sync {folder / 'wandb'}/offline-run-*"
+    assert sent in capsys.readouterr().out
     assert b"0.4375" in curves(folder)
 
 
