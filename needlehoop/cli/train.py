@@ -61,7 +61,7 @@ def run(words: Sequence[str], command: str) -> None:
     main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")
     try:
         # A scheduler's SIGTERM stops a sweep as Ctrl-C does.
-        with _in_a_line(name), terminable():
+        with _in_a_line(name), terminable(), composing.guarded():
             main(job)()
     except KeyboardInterrupt:
         sweeps = sweep.MULTIRUN & set(given) or options.typed(given, "experiment")

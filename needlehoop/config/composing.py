@@ -14,6 +14,7 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.basecontainer import BaseContainer
 from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop.config import options, own_folder
@@ -41,7 +42,19 @@ def _variable(name: str, *default: Any) -> Any:
     return os.environ.get(name, *default)
 
 
-OmegaConf.register_new_resolver("oc.env", _variable, replace=True)
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Within it ``${oc.env:NAME}`` is read as ``allow_variables`` says; elsewhere as ever.
+
+    A host program may well use OmegaConf, too.
+    """
+    known = BaseContainer._resolvers
+    theirs = known["oc.env"]
+    OmegaConf.register_new_resolver("oc.env", _variable, replace=True)
+    try:
+        yield
+    finally:
+        known["oc.env"] = theirs
 
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
@@ -68,7 +81,8 @@ def swept(overrides: Sequence[str]) -> dict[str, Any]:
 def _explained(overrides: Sequence[str], config: str) -> Iterator[None]:
     options.check_choice(overrides, CONF)
     try:
-        yield
+        with guarded():
+            yield
     except (HydraException, OmegaConfBaseException) as error:
         raise ValueError(options.of_words(_explain(error, config), overrides)) from error
 
@@ -118,7 +132,8 @@ def plain(composed: DictConfig) -> dict[str, Any]:
 
     Raises ``ValueError`` for a camera that is not what its name says.
     """
-    whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    with guarded():
+        whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     assert isinstance(whole, dict)
     values = {str(key): value for key, value in whole.items()}
     options.check_cameras(values.pop(options.CAMERAS, {}))

@@ -26,6 +26,9 @@ CAMERAS = "cameras"
 OF_TASK = {"episode": ("default", "episode"), "reward": ("human", "reward/human")}
 """By group: the option, and the folder of its files below a config folder."""
 
+_PROVIDER = "needlehoop"
+"""Tells Hydra whose options they are."""
+
 _LONGEST = 100
 """Characters of an option's name, at most: it is the name of a file."""
 
@@ -55,11 +58,14 @@ def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
     files = [folder / "experiment" / f"{name}.yaml" for folder in folders for name in names]
     experiments = [read_option(file) for file in files if file.exists()]
     views = [*found["view"], *(view for own in experiments for view in own.get("views", ()))]
-    # An earlier call may have registered another folder.
-    store.repo.pop("cams", None)
+    # An earlier call may have registered another folder. A host's own cams are not ours.
+    known = store.repo.get("cams", {})
+    for option in [name for name, one in known.items() if one.provider == _PROVIDER]:
+        del known[option]
     for rendering, view in product(found["rendering"], views):
         name, node = f"{rendering}_{view}", {"view": view, "rendering": rendering}
-        store.store(group="cams", name=name, node=node, package=f"{CAMERAS}.{name}")
+        package = f"{CAMERAS}.{name}"
+        store.store(group="cams", name=name, node=node, package=package, provider=_PROVIDER)
     for name in _models(given, experiments):
         cameras, _, reward = name.rpartition(".")
         node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}

@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 
 import pytest
+from hydra.core.config_store import ConfigStore
+from omegaconf import OmegaConf
 from omegaconf.basecontainer import BaseContainer
 from tiny_runs import TINY, refusal
 
@@ -79,6 +81,18 @@ def test_a_variable_is_read_where_it_is_typed(monkeypatch):
     composing.compose([])
     with pytest.raises(ValueError, match="only where you type them"):
         composing._variable(SECRET)
+
+
+def test_a_host_s_own_use_of_hydra_stays_as_it_was(monkeypatch):
+    monkeypatch.setenv(SECRET, "theirs")
+    store = ConfigStore.instance()
+    store.store(group="cams", name="theirs", node={"kind": "webcam"})
+    try:
+        composing.compose(["cams=[dep_front]"])
+        assert store.load("cams/theirs.yaml").node == {"kind": "webcam"}
+        assert OmegaConf.create({"key": f"${{oc.env:{SECRET}}}"}).key == "theirs"
+    finally:
+        del store.repo["cams"]["theirs.yaml"]
 
 
 def test_no_other_resolver_of_omegaconf_reads_the_machine():
