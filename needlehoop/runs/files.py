@@ -108,21 +108,26 @@ def check_free(out: Path, overwrite: bool, key: str = "out") -> None:
 def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
     """A folder to write into, which becomes ``out`` when all went well and else vanishes.
 
-    With ``overwrite`` it replaces what is there, once all is written.
+    With ``overwrite`` it replaces what is there, once all is written. Whenever the process is
+    killed, one of the two is whole, at the latest after the next call.
 
     Raises:
         ValueError: there is something, and ``overwrite`` is false.
     """
+    partial, old = (out.with_name(f"{out.name}.{state}") for state in ("partial", "old"))
+    if old.is_dir() and not out.exists():
+        old.rename(out)
     check_free(out, overwrite)
-    partial = out.with_name(out.name + ".partial")
     # What a killed export left.
-    shutil.rmtree(partial, ignore_errors=True)
+    for left in (partial, old):
+        shutil.rmtree(left, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
         if out.is_dir():
-            shutil.rmtree(out)
-        partial.replace(out)
+            out.rename(old)
+        partial.rename(out)
+        shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 

@@ -1,15 +1,26 @@
 """The files of a run, and what is left of them when its process ends badly."""
 
 import csv
+import itertools
 import json
 import math
 import os
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
-from needlehoop.runs.files import CHECKPOINT, CONFIG, MANIFEST, METRICS, REWARD, write_whole
+from needlehoop.runs.files import (
+    CHECKPOINT,
+    CONFIG,
+    MANIFEST,
+    METRICS,
+    REWARD,
+    new_folder,
+    write_whole,
+)
 from needlehoop.runs.run import Run
 
 CPU = torch.device("cpu")
@@ -331,3 +342,39 @@ def test_a_checkpoint_from_elsewhere_runs_no_code(run, tmp_path):
     assert not sprung.exists()
     torch.load(run.folder / CHECKPOINT, weights_only=False)
     assert sprung.exists()
+
+
+@pytest.mark.parametrize("moment", ["old aside", "new in place", "old gone"])
+def test_a_kill_while_a_folder_is_replaced_loses_neither(tmp_path, moment):
+    """At every step of the exchange: the old one or the new one is there at the next call."""
+    out = tmp_path / "export"
+    with new_folder(out, overwrite=False) as made:
+        (made / "content").write_text("old")
+    calls = {"old aside": ("rename", 1), "new in place": ("rename", 2), "old gone": ("rmtree", 3)}
+    name, number = calls[moment]
+    child = os.fork()
+    if child == 0:
+        _die_at(name, number)
+        with new_folder(out, overwrite=True) as made:
+            (made / "content").write_text("new")
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
+    with pytest.raises(ValueError, match="exists"), new_folder(out, overwrite=False):
+        pass
+    assert (out / "content").read_text() == ("old" if moment != "old gone" else "new")
+    with new_folder(out, overwrite=True) as made:
+        (made / "content").write_text("newer")
+    assert [path.name for path in tmp_path.iterdir()] == ["export"]
+
+
+def _die_at(name: str, number: int) -> None:
+    """Kill this process before the so-many-th call of a file operation."""
+    place: Any = Path if name == "rename" else shutil
+    real, calls = getattr(place, name), itertools.count(1)
+
+    def dying(*args: Any, **kwargs: Any) -> Any:
+        if next(calls) == number:
+            os._exit(9)
+        return real(*args, **kwargs)
+
+    setattr(place, name, dying)
