@@ -26,8 +26,8 @@ _SEEN = ("cams", "image_size", "obs")
 _NO_CONDITIONS = {*_SEEN, "cameras", "num_envs", "seed", "task_dir"}
 """Keys of an environment that stay as the run has them."""
 
-_NO_EFFECT = {"engine", "picture"}
-"""Keys that may be given, and do not affect what an agent does."""
+_NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
+"""Keys, or how they begin, that may be given and do not affect what an agent does."""
 
 
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
@@ -83,8 +83,8 @@ def changed(
     before = dict(_leaves(base))
     return values, {
         key: new
-        for key, new in _leaves({top: values[top] for top in tops - _NO_EFFECT})
-        if key not in before or before[key] != new
+        for key, new in _leaves({top: values[top] for top in tops})
+        if not key.startswith(_NO_EFFECT) and (key not in before or before[key] != new)
     }
 
 

@@ -221,7 +221,8 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
     for job in (checked_job(run.config()), checked_job(values)):
         # An amount that is left out is none.
         wrong = (job.env.disturb.amounts, job.env.disturb.ramp)
-        settings.append({**vars(job), **vars(job.env), "env": None, "disturb": wrong})
+        own = {"env": None, "disturb": wrong, "engine": vars(job.env.engine)}
+        settings.append({**vars(job), **vars(job.env), **own})
     if other := _differing(*settings):
         raise ValueError(
             f"{run.folder} exists with another {other}; choose another label= or"
@@ -231,8 +232,11 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """The names of settings that differ and affect results."""
-    keys = {*before, *now} - _OF_NO_CONSEQUENCE
-    return ", ".join(sorted(key for key in keys if _plain(before.get(key)) != _plain(now.get(key))))
+    one, other = (
+        {**values, "engine.renderer": values["engine"]["renderer"]} for values in (before, now)
+    )
+    keys = {*one, *other} - _OF_NO_CONSEQUENCE
+    return ", ".join(sorted(key for key in keys if _plain(one.get(key)) != _plain(other.get(key))))
 
 
 def _plain(value: Any) -> Any:

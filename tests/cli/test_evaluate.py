@@ -47,6 +47,11 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
             "a b",
             {"episode.grasp": "friction"},
         ),
+        (
+            ["engine.renderer=tracer"],
+            "engine.renderer-tracer",
+            {"engine.renderer": "tracer"},
+        ),
         (["reward.success=2", "seed=7"], "reward.success-2+seed-7", {"reward.success": 2}),
     ],
 )

@@ -113,6 +113,12 @@ def test_two_sweeps_share_a_study(folder, capfd):
     assert "2 runs, 0 failed, 1 done before" in capfd.readouterr().out
 
 
+def test_a_run_goes_on_with_other_threads_and_not_with_other_pixels(folder):
+    run_composed(composed(*TINY, "existing=resume", "engine.threads=2"))
+    with pytest.raises(ValueError, match=r"exists with another engine\.renderer;"):
+        run_composed(composed(*TINY, "existing=resume", "engine.renderer=tracer"))
+
+
 def test_overwrite_keeps_the_run_that_was_there(folder, whole):
     (folder / "thesis.tex").write_text("years of work")
     before = kept(folder)
