@@ -3,10 +3,12 @@
 import warnings
 
 import gymnasium
+import imageio.v2 as imageio
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import needlehoop
@@ -166,6 +168,17 @@ def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
     env.step(np.ones(5, np.float32))
     assert len(viewer.seen) == 2
     env.close()
+
+
+def test_gymnasium_films_an_episode(tmp_path):
+    env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array", render_size=64)
+    filmed = RecordVideo(env, str(tmp_path / "films"), disable_logger=True)
+    filmed.reset(seed=0)
+    for _ in range(3):
+        filmed.step(np.zeros(5, np.float32))
+    filmed.close()
+    (film,) = tmp_path.glob("films/*.mp4")
+    assert len(imageio.mimread(film)) == 4
 
 
 def test_no_window_without_a_display(monkeypatch):
