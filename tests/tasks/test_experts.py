@@ -89,7 +89,7 @@ def test_trials_do_not_depend_on_how_many_there_are():
 @pytest.mark.parametrize(
     ("task", "places", "away", "sigma", "who", "least", "most"),
     [
-        ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "smooth", 0.8, 1.0),
+        ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "smooth", 0.7, 1.0),
         ("standard", ("pickup_point", "needle_tip"), 0.004, 0.0035, "expert", 0.0, 0.2),
         ("peg_transfer", ("pickup_point", "block_position"), 0.003, 0.002, "smooth", 0.8, 1.0),
         ("peg_transfer", ("pickup_point", "block_position"), 0.003, 0.002, "expert", 0.0, 0.2),
