@@ -1,7 +1,7 @@
 """LeRobot's layout, version 3: parquet files, and one film per camera for all episodes.
 
 Written from its public format, with pyarrow and the library that writes our films: lerobot
-0.4.4 itself wants other versions of torch and wandb than we do. It is read by
+itself wants other versions of torch and wandb than we do. It is read by
 ``LeRobotDataset(repo_id, root=folder)``.
 """
 
@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from needlehoop.demonstrations.episodes import Demonstration
+from needlehoop.demonstrations.lerobot_films import Span, description, film, spans, streams
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import sensors_of
 from needlehoop.tasks.contract import Task
@@ -29,12 +29,6 @@ _FILE = "chunk-000/file-000"
 """All of a dataset is in the first file of the first chunk, which the format allows."""
 
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-
-_PIXELS = "yuv444p"
-"""Colours at full resolution: halved, as is usual, a thing two pixels wide bleeds into black."""
-
-_ENCODING = ["-crf", "12", "-g", "2", "-bf", "0"]
-"""Near to lossless; every second frame can be jumped to; frames in the order of their times."""
 
 _PSM_ACTIONS = {
     "tip": ("x", "y", "z", "turn", "jaw"),
@@ -58,28 +52,33 @@ def write(
 ) -> None:
     """Write a dataset; a frame is what was seen, and the action that was then taken.
 
-    A camera with depth gives two films, ``<camera>`` and ``<camera>_depth`` (grey).
+    A camera with depth gives two films, ``<camera>`` and ``<camera>_depth``.
+
+    Raises:
+        ValueError: a rate or a size of images that the layout does not have.
     """
     exact, task = 1.0 / settings.period, settings.definition
     rate = round(exact)
     if rate != exact:
         raise ValueError(f"episode.substeps: {exact} steps a second; LeRobot wants whole ones")
-    films: dict[str, Any] = {}
+    depths = spans(settings)
+    films: dict[str, Callable[[np.ndarray], None]] = {}
     # Rows of all episodes, and of their images a few; films are too large to keep.
     kept: defaultdict[str, list[np.ndarray]] = defaultdict(list)
     stories: list[dict[str, Any]] = []
     with ExitStack() as open_films:
         for episode in episodes:
-            streams = _streams(episode)
-            for key, images in streams.items():
+            seen = streams(episode, depths)
+            for key, images in seen.items():
                 if key not in films:
-                    films[key] = open_films.enter_context(_film(folder, key, rate))
-                for image in images:
-                    films[key].append_data(image)
+                    path = _path(folder, f"videos/{key}", "mp4")
+                    begun = film(path, settings.image_size, rate, depths.get(key))
+                    films[key] = open_films.enter_context(begun)
+                films[key](images)
             begin = stories[-1]["dataset_to_index"] if stories else 0
             rows = _rows(episode, len(stories), begin, rate)
             few = -(-len(episode) // _SAMPLED)
-            own = {**rows, **{key: images[::few] for key, images in streams.items()}}
+            own = {**rows, **{key: images[::few] for key, images in seen.items()}}
             for key, values in own.items():
                 kept[key].append(values)
             stories.append(_story(task.summary, own, films, rate))
@@ -90,7 +89,10 @@ def write(
     pq.write_table(pa.table(told), _path(folder, "meta/episodes", "parquet"))
     pq.write_table(_tasks(task.summary), folder / "meta/tasks.parquet")
     stats = {key: spread(rows) for key, rows in columns.items()}
-    features = {key: _feature(key, columns[key], settings, rate) for key in (*films, *plain)}
+    features = {
+        **{key: _film_feature(settings.image_size, rate, depths.get(key)) for key in films},
+        **{key: _feature(key, columns[key], settings) for key in plain},
+    }
     info = _info(settings, rate, told["length"], features)
     info["needlehoop"] = {
         "demonstrator": demonstrator,
@@ -106,19 +108,6 @@ def _path(folder: Path, place: str, suffix: str) -> Path:
     path = folder / place / f"{_FILE}.{suffix}"
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
-
-
-def _film(folder: Path, key: str, rate: int) -> Any:
-    return imageio.get_writer(
-        _path(folder, f"videos/{key}", "mp4"),
-        fps=rate,
-        codec="libx264",
-        pixelformat=_PIXELS,
-        quality=None,
-        output_params=_ENCODING,
-        # Any size: nothing is scaled.
-        macro_block_size=1,
-    )
 
 
 def _rows(episode: Demonstration, number: int, begin: int, rate: int) -> dict[str, np.ndarray]:
@@ -184,29 +173,23 @@ def _info(
     }
 
 
-def _feature(key: str, rows: np.ndarray, settings: Settings, rate: int) -> dict[str, Any]:
-    """What a column, or a film, is of."""
-    shape = rows.shape[1:]
-    if rows.ndim == 4:
-        height, width, channels = shape
-        told = {
-            "video.height": height,
-            "video.width": width,
-            "video.channels": channels,
-            "video.codec": "h264",
-            "video.pix_fmt": _PIXELS,
-            "video.is_depth_map": False,
-            "video.fps": rate,
-            "has_audio": False,
-        }
-        names = ["height", "width", "channels"]
-        return {"dtype": "video", "shape": list(shape), "names": names, "info": told}
+def _film_feature(size: int, rate: int, span: Span | None) -> dict[str, Any]:
+    """What a film is of."""
+    told = description(size, rate, span)
+    names = ["height", "width", "channels"]
+    shape = [told[f"video.{name}"] for name in names]
+    return {"dtype": "video", "shape": shape, "names": names, "info": told}
+
+
+def _feature(key: str, rows: np.ndarray, settings: Settings) -> dict[str, Any]:
+    """What a column is of."""
     is_psm = settings.definition.robot is PSM
     names = {
         "action": _PSM_ACTIONS.get(settings.episode.control) if is_psm else None,
         "observation.state": proprio_names(settings.definition),
     }
-    return {"dtype": str(rows.dtype), "shape": list(shape) or [1], "names": names.get(key)}
+    shape = list(rows.shape[1:]) or [1]
+    return {"dtype": str(rows.dtype), "shape": shape, "names": names.get(key)}
 
 
 def proprio_names(task: Task) -> list[str]:
@@ -217,18 +200,6 @@ def proprio_names(task: Task) -> list[str]:
         numbered = [signal] if size == 1 else [f"{signal}_{i}" for i in range(size)]
         names += own if len(own) == size else numbered
     return names
-
-
-def _streams(episode: Demonstration) -> dict[str, np.ndarray]:
-    """Films ``(t, h, w, 3)`` by key; what was seen after the last step is left out."""
-    found = {}
-    for name, images in episode.images.items():
-        key, seen = f"observation.images.{name}", images[:-1]
-        # One channel is depth alone, and grey.
-        found[key] = seen[..., :3] if seen.shape[-1] > 1 else seen.repeat(3, -1)
-        if seen.shape[-1] == 4:
-            found[f"{key}_depth"] = seen[..., 3:].repeat(3, -1)
-    return found
 
 
 def _column(values: np.ndarray) -> pa.Array:
@@ -250,14 +221,16 @@ def _tasks(summary: str) -> pa.Table:
 
 
 def spread(values: np.ndarray) -> dict[str, Any]:
-    """Statistics of rows ``(m,)`` or ``(m, k)``, or of images ``(m, h, w, c)`` uint8.
+    """Statistics of rows ``(m,)`` or ``(m, k)``, or of images ``(m, h, w, c)``.
 
-    Of rows lists of one or ``k`` numbers; of the images' pixels, 0 to 1, ``(c, 1, 1)``.
+    Of rows lists of one or ``k`` numbers; of the images' pixels ``(c, 1, 1)``: colours, which are
+    uint8, from 0 to 1, depth in its own unit.
     """
+    rows, shape = values.astype(np.float64).reshape(len(values), -1), (-1,)
     if values.ndim == 4:
-        rows, shape = values.reshape(-1, values.shape[-1]) / 255.0, (-1, 1, 1)
-    else:
-        rows, shape = values.reshape(len(values), -1).astype(np.float64), (-1,)
+        rows, shape = rows.reshape(-1, values.shape[-1]), (-1, 1, 1)
+        if values.dtype == np.uint8:
+            rows = rows / 255.0
     found = {
         "min": rows.min(0),
         "max": rows.max(0),

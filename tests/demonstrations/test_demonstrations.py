@@ -75,7 +75,7 @@ def test_a_demonstration_does_not_depend_on_how_many_there_are(who):
 def test_a_task_is_demonstrated_by_its_teacher_where_nobody_is_named(tmp_path, capsys, name):
     parquet = pytest.importorskip("pyarrow.parquet")
     out, task = tmp_path / name, find(name)
-    assert export(out, "format=lerobot", f"task={name}/standard", "image_size=8") == 0
+    assert export(out, "format=lerobot", f"task={name}/standard", "image_size=16") == 0
     assert "3 episodes" in capsys.readouterr().out
     info = json.loads((out / "meta/info.json").read_text())
     assert info["needlehoop"]["demonstrator"] == task.teacher
@@ -153,27 +153,69 @@ def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
         assert set(rows["episode_index"][own]) == {episode["episode_index"]}
 
 
+def film_of(folder: Path, name: str) -> Path:
+    return folder / f"videos/observation.images.{name}/chunk-000/file-000.mp4"
+
+
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
     import imageio.v2 as imageio
 
-    seen = np.concatenate([one.images["dep_front"][:-1] for one in shown])
-    for name, wanted in (
-        ("dep_front", seen[..., :3]),
-        ("dep_front_depth", seen[..., 3:].repeat(3, -1)),
-    ):
-        path = lerobot_folder / f"videos/observation.images.{name}/chunk-000/file-000.mp4"
-        with imageio.get_reader(path) as film:
-            shown = np.stack([np.asarray(frame) for frame in film])
-            assert film.get_meta_data()["fps"] == 25
-        assert shown.shape == wanted.shape
-        # Compressed, so not to the bit; but each frame is nearest to its own.
-        assert np.abs(shown.astype(int) - wanted).mean() < 3
-        assert (
-            np.abs(shown.astype(int) - wanted)[40].mean()
-            < np.abs(shown[40].astype(int) - wanted[30]).mean()
-        )
+    wanted = np.concatenate([one.images["dep_front"][:-1, ..., :3] for one in shown])
+    with imageio.get_reader(film_of(lerobot_folder, "dep_front")) as film:
+        found = np.stack([np.asarray(frame) for frame in film])
+        assert film.get_meta_data()["fps"] == 25
+    assert found.shape == wanted.shape
+    # Compressed, so not to the bit; but each frame is nearest to its own.
+    apart = np.abs(found.astype(int) - wanted)
+    assert apart.mean() < 3
+    assert apart[40].mean() < np.abs(found[40].astype(int) - wanted[30]).mean()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("alone", [False, True], ids=["beside colour", "alone"])
+def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, alone):
+    """Read as docs/demonstrations.md says: all of it from the metadata and the film."""
+    import imageio_ffmpeg
+
+    out = lerobot_folder
+    if alone:
+        out = tmp_path / "alone"
+        assert export(out, "format=lerobot", "renderings.dep.colour=none") == 0
+    features = json.loads((out / "meta/info.json").read_text())["features"]
+    colours = [name for name in features if name.startswith("observation.images.")]
+    colours.remove("observation.images.dep_front_depth")
+    seen = ["dep_front", "seg_side"][alone:]
+    assert colours == [f"observation.images.{name}" for name in seen]
+    assert not any(features[name]["info"]["video.is_depth_map"] for name in colours)
+
+    feature = features["observation.images.dep_front_depth"]
+    info = feature["info"]
+    assert info["is_depth_map"]
+    assert info["video.is_depth_map"]
+    assert (feature["shape"], info["depth_unit"], info["video.use_log"]) == (
+        [32, 32, 1],
+        "m",
+        False,
+    )
+    near, far = info["video.depth_min"], info["video.depth_max"]
+    film = imageio_ffmpeg.read_frames(
+        film_of(out, "dep_front_depth"), pix_fmt=info["video.pix_fmt"], bits_per_pixel=16
+    )
+    assert next(film)["fps"] == 25
+    codes = np.stack([np.frombuffer(frame, "<u2").reshape(32, 32) for frame in film])
+    depth = near + codes * (far - near) / 4095
+
+    view = compose_settings(WORDS).views["front"]
+    assert (near, far) == (view.near, view.far)
+    nearness = np.concatenate([one.images["dep_front"][:-1, ..., 3] for one in shown]) / 255
+    given = view.far - nearness * (view.far - view.near)
+    assert len(np.unique(given)) > 50
+    assert np.abs(depth - given).max() <= (far - near) / 4095
+    stats = json.loads((out / "meta/stats.json").read_text())["observation.images.dep_front_depth"]
+    assert np.shape(stats["max"]) == (1, 1, 1)
+    assert near <= stats["min"][0][0][0] < stats["mean"][0][0][0] < stats["max"][0][0][0] <= far
 
 
 @pytest.mark.parametrize(
@@ -185,6 +227,10 @@ def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
         (["episodes=0"], "episodes: 0 must be at least 1"),
         (["cams=[]"], "cams: demonstrations need at least one camera"),
         (["obs.frame_stack=3"], "obs.frame_stack: 3"),
+        (
+            ["format=lerobot", "image_size=8"],
+            "image_size: 8; LeRobot's films of depth need at least",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys, words, message):
