@@ -189,8 +189,8 @@ def add_grasp(
     """Prepare the scene for ``episode.grasp``: how the jaws hold a body.
 
     ``weld``: the inactive weld ``grasp`` of the wrist with it; ``softness``: MuJoCo's ``solref``
-    and ``solimp`` of that. ``friction``: contacts that do not creep. Without MuJoCo's pass against
-    slip a held needle creeps by 0.66 mm a second.
+    and ``solimp`` of that. ``friction``: contacts that do not creep, by MuJoCo's pass against slip;
+    without it, what is held creeps by 0.66 mm a second.
     """
     if rules.grasp == "friction":
         spec.option.noslip_iterations = 3
