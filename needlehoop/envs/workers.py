@@ -10,6 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
+import torch
+
 T = TypeVar("T")
 
 _FEWEST, _MOST = 5, 20
@@ -32,7 +34,7 @@ class Workers:
         self.threads = threads
         self._shares: SimpleQueue[_Shared | None] = SimpleQueue()
         # Work that was begun may share out parts of its own: it must not wait in their queue.
-        self._aside = ThreadPoolExecutor(1) if threads > 1 else None
+        self._aside = ThreadPoolExecutor(1, initializer=_alone) if threads > 1 else None
         helpers = [
             threading.Thread(target=_help, args=(self._shares,), daemon=True)
             for _ in range(threads - 1)
@@ -105,7 +107,13 @@ class _Shared:
         return self._made
 
 
+def _alone() -> None:
+    """Have this thread compute by itself; OpenMP counts for each thread what it may use."""
+    torch.set_num_threads(1)
+
+
 def _help(shares: SimpleQueue[_Shared | None]) -> None:
+    _alone()
     while (shared := shares.get()) is not None:
         shared.work_off()
         # Not kept until the next one comes: it holds whole batches.
