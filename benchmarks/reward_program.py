@@ -24,7 +24,7 @@ closed = 2 if grasped and jaw_command < 0.1 else 0
 time = -1 * elapsed
 reward = grasp + lift + hoop + closed + time
 """
-"""Ten lines that say the human reward."""
+"""Ten lines that say the paper's terms of the human reward."""
 
 CALLS = 20
 """Calls per round."""

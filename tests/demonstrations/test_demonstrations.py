@@ -58,7 +58,7 @@ def test_demonstrations_are_whole_episodes(shown):
         assert one.actions.shape == (t, 5)
         assert np.abs(one.actions).max() <= 1
         # An episode's rewards add up to its last potential.
-        assert 7.4 < one.rewards.sum() < 9.2
+        assert 10.4 < one.rewards.sum() < 12.2
         assert not np.array_equal(one.images["seg_side"][0], one.images["seg_side"][-1])
 
 

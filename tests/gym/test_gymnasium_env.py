@@ -1,5 +1,6 @@
 """One environment for Gymnasium: its contract, and the same bits as the other faces."""
 
+import gc
 import warnings
 
 import gymnasium
@@ -170,6 +171,7 @@ def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
     env.close()
 
 
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 def test_gymnasium_films_an_episode(tmp_path):
     env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array", render_size=64)
     filmed = RecordVideo(env, str(tmp_path / "films"), disable_logger=True)
@@ -177,6 +179,8 @@ def test_gymnasium_films_an_episode(tmp_path):
     for _ in range(3):
         filmed.step(np.zeros(5, np.float32))
     filmed.close()
+    # moviepy leaves pipes open, which must not be found in another test.
+    gc.collect()
     (film,) = tmp_path.glob("films/*.mp4")
     assert len(imageio.mimread(film)) == 4
 

@@ -43,15 +43,15 @@ def refused(source: str) -> ProgramError:
     return found.value
 
 
-def test_the_human_reward_can_be_said(signals):
+def test_the_papers_reward_can_be_said(signals):
     human = load_reward(composing.compose([])["reward"])
     many = random_signals(500, seed=1)
     # Nearer than random, so that no term is all zeros.
     many.pickup_point = many.tool_midpoint + 0.01 * many.hoop_axis
     many.needle_tip = many.goal - 0.01 * many.hoop_axis
     said, meant = compile_program(PROGRAM)(many), human(many)
-    assert list(said) == list(meant)
-    for name in meant:
+    assert [name for name in meant if name not in ("surround", "pinch")] == [*said]
+    for name in said:
         assert meant[name].abs().max() > 0.1
         torch.testing.assert_close(said[name], meant[name], rtol=1e-14, atol=1e-14)
 
