@@ -114,7 +114,9 @@ def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
     Raises:
         ValueError: there is something, and ``overwrite`` is false.
     """
-    partial, old = (out.with_name(f"{out.name}.{state}") for state in ("partial", "old"))
+    partial = out.with_name(out.name + ".partial")
+    # A name that nobody gives a folder of their own, such as data.old.
+    old = out.with_name(f".{out.name}.replaced-by-needlehoop")
     if old.is_dir() and not out.exists():
         old.rename(out)
     check_free(out, overwrite)

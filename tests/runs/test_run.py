@@ -367,6 +367,18 @@ def test_a_kill_while_a_folder_is_replaced_loses_neither(tmp_path, moment):
     assert [path.name for path in tmp_path.iterdir()] == ["export"]
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_folder_of_the_users_beside_an_export_stays(tmp_path, overwrite):
+    (tmp_path / "export.old").mkdir()
+    (tmp_path / "export.old" / "thesis.tex").write_text("years of work")
+    for again in (False, overwrite):
+        if not again:
+            shutil.rmtree(tmp_path / "export", ignore_errors=True)
+        with new_folder(tmp_path / "export", overwrite=again):
+            pass
+    assert (tmp_path / "export.old" / "thesis.tex").read_text() == "years of work"
+
+
 def _die_at(name: str, number: int) -> None:
     """Kill this process before the so-many-th call of a file operation."""
     place: Any = Path if name == "rename" else shutil
