@@ -210,7 +210,7 @@ def hold(
     rules: ArmEpisode,
     memory: Memory,
     readings: Mapping[str, Tensor],
-    points: Tensor,
+    points: Callable[[], Tensor],
     position: Tensor,
     quat: Tensor,
 ) -> tuple[Tensor, dict[str, Weld]]:
@@ -223,18 +223,21 @@ def hold(
         rules: the kind of grasp, and the jaw commands that begin and end it.
         memory: after the action; ``grasped`` says what was held before.
         readings: the arm's, and its touches of the thing.
-        points: places inside the thing ``(n, k, 3)``, world frame, m.
+        points: gives places inside the thing ``(n, k, 3)``, world frame, m.
         position: of the welded body ``(n, 3)``, m.
         quat: of it ``(n, 4)``.
     """
     one, two, command = readings["jaw_1_touch"], readings["jaw_2_touch"], memory["jaw"]
-    blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
-    between = (outside_jaws(*blades, points) == 0).any(1)
-    stopped = one & two & (readings["jaw"] > command)
     kept = memory["grasped"] & (command < rules.release_above)
     if rules.grasp == "friction":
         kept = kept & (one | two)
-    held = kept | (between & stopped & (command < rules.close_below))
+    stopped = one & two & (readings["jaw"] > command)
+    caught = ~kept & stopped & (command < rules.close_below)
+    # Points are many, and steps in which something may be grasped are few.
+    if bool(caught.any()):
+        blades = (readings["wrist_pos"], readings["tool_quat"], readings["jaw"])
+        caught = caught & (outside_jaws(*blades, points()) == 0).any(1)
+    held = kept | caught
     if rules.grasp == "friction":
         return held, {}
     inverse = geo.conjugate(readings["wrist_quat"])

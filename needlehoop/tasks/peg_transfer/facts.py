@@ -38,7 +38,10 @@ def observe(
     """Decide the facts, see ``contract.Task``."""
     r = readings
     position, quat = r["block_position"], r["block_quat"]
-    walls = position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
+
+    def walls() -> Tensor:
+        return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
+
     grasped, welds = hold(rules, memory, r, walls, position, quat)
     low = lower_edge(layout, position, quat)
     near = geo.aside(position - r["goal"]) < rules.arrive_radius
