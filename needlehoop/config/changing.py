@@ -30,6 +30,31 @@ _NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
 """Keys, or how they begin, that may be given and do not affect what an agent does."""
 
 
+def differing(before: Mapping[str, Any], now: Mapping[str, Any], but: Iterable[str]) -> str:
+    """Names of the settings that two configs have otherwise and that affect results.
+
+    Of the engine that is its renderer alone: its kind and threads give the same bits.
+
+    Args:
+        but: keys that may differ.
+    """
+    one, other = ({**values, **_renderer(values)} for values in (before, now))
+    keys = {*one, *other} - {*but, "engine"}
+    return ", ".join(sorted(key for key in keys if plain(one.get(key)) != plain(other.get(key))))
+
+
+def _renderer(values: Mapping[str, Any]) -> dict[str, Any]:
+    engine = values.get("engine")
+    return {"engine.renderer": engine.get("renderer")} if isinstance(engine, Mapping) else {}
+
+
+def plain(value: Any) -> Any:
+    """As it comes back from YAML."""
+    if isinstance(value, Mapping):
+        return {key: plain(one) for key, one in value.items()}
+    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+
+
 def parted(words: Iterable[str], command: str) -> tuple[list[str], list[str]]:
     """Words for a command, whose keys ``conf/<command>.yaml`` has, and those that change a run."""
     given, keys = list(words), _keys(command)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from needlehoop.config.changing import differing
 from needlehoop.probe.frames import KINDS, Quantities
 from needlehoop.probe.scores import ProbeResults
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
@@ -17,7 +18,7 @@ from needlehoop.runs.machine import peak_memory, provenance
 from needlehoop.runs.reading import TABLE, UnreadableError, named, read_text, read_yaml
 from needlehoop.runs.run import Run
 
-_ANY = ("cams", "seeds", "results", "study", "overwrite", "device", "engine")
+_ANY = ("cams", "seeds", "results", "study", "overwrite", "device")
 """Settings that may change from one call to the next. The results only grow."""
 
 
@@ -56,12 +57,10 @@ class Folder:
                 before = read_yaml(held) if held.is_file() else {}
             if "fit" not in before:
                 raise ValueError(f"{path} holds files but no probe; choose another study=")
-            other = sorted(
-                key for key in {*own, *before} - {*_ANY} if before.get(key) != own.get(key)
-            )
+            other = differing(before, own, _ANY)
             if other and not overwrite:
                 raise ValueError(
-                    f"{path} holds a probe with another {', '.join(other)}; choose another study="
+                    f"{path} holds a probe with another {other}; choose another study="
                     " or replace it with overwrite=true"
                 )
             if overwrite:

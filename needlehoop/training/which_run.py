@@ -13,6 +13,7 @@ from typing import Any
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
 from needlehoop.config import strict
+from needlehoop.config.changing import differing, plain
 from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.learning.job import Job, checked_job, typed_job
 from needlehoop.learning.learner import check_state
@@ -30,7 +31,7 @@ from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
 _OF_NO_CONSEQUENCE = {
-    *("resume", "overwrite", "existing", "until", "results", "engine", "logger", "wandb"),
+    *("resume", "overwrite", "existing", "until", "results", "logger", "wandb"),
     *("checkpoint_every", "vlm", "asking", "gates", "weights", "trust", "keep", "objective"),
 }
 """Settings that may change when a run is resumed: they do not affect its results."""
@@ -105,7 +106,7 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
         reward = rewards.text(rewards.load(job.env.reward, job.env.definition))
-        run = Run.create(folder, _plain(values), reward, asked.overwrite)
+        run = Run.create(folder, plain(values), reward, asked.overwrite)
         try:
             # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
             words = [*command.removeprefix("python ").split(), *overrides]
@@ -138,7 +139,7 @@ def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
             yield Session(job, run, weights=initial_weights(job))
             return
         checkpoint = run.checkpoint()
-        if other := _differing(checkpoint.config, values):
+        if other := differing(checkpoint.config, values, _OF_NO_CONSEQUENCE):
             raise ValueError(
                 f"{path} was trained with another {other} than {CONFIG} has now; put the"
                 " file back, or begin a run of its own with study="
@@ -223,24 +224,8 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
         wrong = (job.env.disturb.amounts, job.env.disturb.ramp)
         own = {"env": None, "disturb": wrong, "engine": vars(job.env.engine)}
         settings.append({**vars(job), **vars(job.env), **own})
-    if other := _differing(*settings):
+    if other := differing(*settings, _OF_NO_CONSEQUENCE):
         raise ValueError(
             f"{run.folder} exists with another {other}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"
         )
-
-
-def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """The names of settings that differ and affect results."""
-    one, other = (
-        {**values, "engine.renderer": values["engine"]["renderer"]} for values in (before, now)
-    )
-    keys = {*one, *other} - _OF_NO_CONSEQUENCE
-    return ", ".join(sorted(key for key in keys if _plain(one.get(key)) != _plain(other.get(key))))
-
-
-def _plain(value: Any) -> Any:
-    """As it comes back from YAML."""
-    if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, list | tuple) else value

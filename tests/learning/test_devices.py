@@ -26,8 +26,7 @@ METHODS = {
 
 
 def job_of(method: str) -> Job:
-    words = METHODS[method]
-    return checked_job(composed(*[w for w in words if w.startswith("algo=")], *SMALL, *words))
+    return checked_job(composed(*SMALL, *METHODS[method]))
 
 
 def test_what_mixes_the_devices_is_found():

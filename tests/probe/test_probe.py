@@ -374,6 +374,15 @@ def test_the_command_probes_any_task(tmp_path, capsys, task):
     assert _files(tmp_path) == before
 
 
+def test_a_probe_is_of_one_renderer_and_of_any_number_of_threads(probed, capsys):
+    words = ("cams=rgb_default", "seeds=1")
+    before = _files(probed)
+    assert _run(probed, *words, "engine.renderer=tracer") == 2
+    assert "holds a probe with another engine.renderer; choose" in capsys.readouterr().err
+    assert _files(probed) == before
+    assert _run(probed, *words, "engine.threads=2") == 0
+
+
 def test_a_stopped_probe_goes_on_to_the_same_bits(whole, tmp_path, monkeypatch, capsys):
     words = ("cams=rgb_default,seg_side", "seeds=1", "engine.threads=1")
     saves = []

@@ -334,5 +334,5 @@ def improvements(findings: StudyFindings) -> Table:
         for other, theirs in found.items():
             row[replace(_RETURN, name=other)] = None if other == name else improvement(own, theirs)
         rows.append(row)
-    note = "By final return, with 95 % bootstrap intervals."
+    note = "By final return. 95 % bootstrap intervals where both sets have five seeds or more."
     return Table.of("improvement", "Probability of improvement", rows, note)
