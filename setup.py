@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 PLACES = {
     "needlehoop.conf": "conf",
-    "needlehoop.agent": "results/agents/dep_front+seg_side/expert+moved/seed0",
+    "needlehoop.agent": "results/agents/dep_front+seg_side/human/seed0",
     "needlehoop.agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
     "needlehoop.agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
 }

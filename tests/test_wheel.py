@@ -16,7 +16,7 @@ from needlehoop.runs.shipped import CONF
 
 ROOT = Path(__file__).parent.parent
 AGENTS = {
-    "agent": "results/agents/dep_front+seg_side/expert+moved/seed0",
+    "agent": "results/agents/dep_front+seg_side/human/seed0",
     "agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
     "agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
 }

@@ -20,7 +20,7 @@ RECORDINGS = _PACKAGE / "recordings"
 """What models answered, each in a folder of its own."""
 
 _RUNS = {
-    "agent": "results/agents/dep_front+seg_side/expert+moved/seed0",
+    "agent": "results/agents/dep_front+seg_side/human/seed0",
     "agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
     "agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
 }
