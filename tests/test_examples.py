@@ -23,7 +23,6 @@ def example(name):
             *("sb3_ppo", {"steps": 16, "num_envs": 4, "horizon": 4, "images": True}),
             marks=pytest.mark.full,
         ),
-        ("torchrl_loop", {"steps": 32, "num_envs": 4, "horizon": 8}),
         ("cleanrl_style", {"steps": 832, "num_envs": 8, "horizon": 104}),
         ("torchrl_transforms", {"steps": 3}),
         ("own_reward", {"steps": 3}),

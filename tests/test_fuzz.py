@@ -27,7 +27,8 @@ from tiny_runs import TINY, refusal, run_train
 from needlehoop.cli import train as command_line
 from needlehoop.cli.main import main
 from needlehoop.config import composing, options
-from needlehoop.learning.job import Job, PpoConfig
+from needlehoop.learning.algorithm_config import PpoConfig
+from needlehoop.learning.job import Job
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.training import loop as train
 

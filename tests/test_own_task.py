@@ -107,7 +107,7 @@ def test_both_engines_have_the_same_bits():
 
 TINY = ["obs=signals", "num_envs=8", "steps=1600", "algo.minibatches=100"]
 TINY += ["algo.network.hidden=64", "algo.network.layers=2", "algo.learning_rate=4e-3"]
-TINY += ["algo.shards=1", "engine.threads=1"]
+TINY += ["engine.threads=1"]
 TINY += ["evaluation.every=0", "evaluation.final_episodes=20", "evaluation.video_episodes=0"]
 
 

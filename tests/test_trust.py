@@ -16,8 +16,9 @@ from tiny_runs import PLACE, TINY, composed, refusal, run_composed
 import needlehoop
 from needlehoop import rewards
 from needlehoop.cli.main import main
+from needlehoop.learning.agent import build_actor
 from needlehoop.learning.job import typed_job
-from needlehoop.learning.weights import Senses, build_actor, write_weights
+from needlehoop.learning.weights import write_weights
 from needlehoop.tasks.needle_hoop import TASK
 
 EVIL = {
@@ -60,7 +61,7 @@ def policy(tmp_path_factory):
     values = composed(*words)
     folder = tmp_path_factory.mktemp("policy")
     torch.manual_seed(0)
-    senses = Senses.of(typed_job(values))
+    senses = typed_job(values).spec
     write_weights(
         folder / "policy.safetensors",
         senses,

@@ -26,7 +26,6 @@ TINY = [
     "algo.horizon=4",
     "algo.minibatch=8",
     "algo.epochs=1",
-    "algo.shards=1",
     "algo.network.hidden=8",
     "algo.network.layers=1",
     "episode.max_steps=3",

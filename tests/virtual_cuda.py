@@ -162,6 +162,7 @@ def virtual_cuda() -> Iterator[None]:
         "synchronize": lambda *_: None,
         "_lazy_init": lambda: None,
         "is_bf16_supported": lambda **_: False,
+        "is_current_stream_capturing": lambda: False,
         "get_rng_state": lambda *_: torch.get_rng_state(),
         "set_rng_state": lambda *_: None,
     }

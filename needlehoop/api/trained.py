@@ -14,7 +14,8 @@ from torch import Tensor
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device
-from needlehoop.learning.weights import Senses, as_bfloat16, check_same, read_actor, read_senses
+from needlehoop.learning.policy_spec import PolicySpec, check_same
+from needlehoop.learning.weights import as_bfloat16, read_actor, read_spec
 from needlehoop.runs.files import POLICIES, POLICY, csv_text, new_folder
 from needlehoop.runs.run import Run
 from needlehoop.study.data.records import Record, read_study
@@ -44,7 +45,7 @@ def initial_weights(job: Job) -> dict[str, Tensor] | None:
             raise ValueError(f"init: {run.folder} has {key}={own}; this run has {other}")
     # Their weights replace the first deviation.
     have, want = (
-        replace(Senses.of(one), precision="", network=replace(one.network, sigma=1.0))
+        replace(one.spec, precision="", network=replace(one.network, sigma=1.0))
         for one in (theirs, job)
     )
     check_same(have, want, f"init: {run.folder}")
@@ -54,7 +55,7 @@ def initial_weights(job: Job) -> dict[str, Tensor] | None:
 
 def actor_in(
     run: str | Path, device: str, policy: str | None = None, precision: str | None = None
-) -> tuple[Senses, Actor, str]:
+) -> tuple[PolicySpec, Actor, str]:
     """What a run's policy sees, the policy, and which it is in words.
 
     It is read from its file, and the last one from the checkpoint where it has no file. Arguments
@@ -77,9 +78,9 @@ def actor_in(
     if where.is_dir() and not weights.exists():
         opened = Run.open(where)
         job = replace(checked_job(opened.config()), **other)
-        return Senses.of(job), load_agent(opened, job, chosen).actor, origin
-    senses = replace(read_senses(weights), **other)
-    return senses, read_actor(weights, senses, chosen), origin
+        return job.spec, load_agent(opened, job, chosen).actor, origin
+    spec = replace(read_spec(weights), **other)
+    return spec, read_actor(weights, spec, chosen), origin
 
 
 def _released(run: str | Path) -> Path:

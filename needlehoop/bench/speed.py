@@ -83,18 +83,19 @@ def measure_training(job: Job, rounds: int, other: Job | None) -> dict[str, obje
     """
     jobs = [job] if other is None else [job, other]
     learners = [Learner(replace(one, steps=one.buffer * (rounds + 1))) for one in jobs]
-    watches = [Stopwatch() for _ in jobs]
-    for watch, learner in zip(watches, learners, strict=True):
-        watch.watch_learner(learner)
     turns = [iter(learner) for learner in learners]
     seconds: list[list[float]] = [[] for _ in jobs]
+    learning: list[list[float]] = [[] for _ in jobs]
     for turn in rounds_of(rounds + 1, "buffer"):
-        for own, watch, spent in zip(turns, watches, seconds, strict=True):
+        for own, spent, learnt in zip(turns, seconds, learning, strict=True):
             if turn == 1:
                 spent.clear()
-                watch.seconds.clear()
+                learnt.clear()
             _, told = next(own)
             spent.append(told["seconds_collect"] + told["seconds_update"])
+            learnt.append(told["seconds_update"])
+    for learner in learners:
+        learner.close()
     rates = [[one.buffer / s for s in spent] for one, spent in zip(jobs, seconds, strict=True)]
     rate, *against = [harmonic_mean(one) for one in rates]
     compared = {}
@@ -115,9 +116,7 @@ def measure_training(job: Job, rounds: int, other: Job | None) -> dict[str, obje
         **compared,
         "hours_for_1.5_M_steps": round(1.5e6 / rate / 3600, 2),
         "peak_memory_gb": round(peak_memory(), 2),
-        "share_of_time": watches[0].shares(
-            sum(seconds[0]), "physics", "images", "acting", "learning", rest="one_thread"
-        ),
+        "share_learning": round(sum(learning[0]) / sum(seconds[0]), 3),
     }
 
 
@@ -183,22 +182,13 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._part = "acting"
 
     def watch_env(self, env: TorchRLEnv) -> None:
         """Time the physics and the images of an environment from now on."""
         engine: Any = env.simulation.engine
         engine.step = self._timed(engine.step, "physics")
-        begin = env.workers.begin
-        env.workers.begin = self._timed(lambda work: self._timed(begin(work), "images"), "images")
-
-    def watch_learner(self, learner: Learner) -> None:
-        """Time a learner's environment, its acting and its learning from now on."""
-        self.watch_env(learner.env)
-        # Networks, folding and the optimiser share their work in one place.
-        learner.workers.map = self._timed(learner.workers.map)
-        trainer: Any = learner.trainer
-        trainer.update = self._during(trainer.update, "learning")
+        begin = env.threads.begin
+        env.threads.begin = self._timed(lambda work: self._timed(begin(work), "images"), "images")
 
     def shares(self, total: float, *parts: str, rest: str) -> dict[str, float]:
         """Shares of ``total`` seconds by part; ``rest`` is what no part accounts for.
@@ -209,22 +199,12 @@ class Stopwatch:
         shares[rest] = 1.0 - sum(shares.values())
         return {name: round(share, 3) for name, share in shares.items()}
 
-    def _timed(self, call: Callable[..., Any], part: str | None = None) -> Callable[..., Any]:
+    def _timed(self, call: Callable[..., Any], part: str) -> Callable[..., Any]:
         def timed(*args: Any, **kwargs: Any) -> Any:
             began = time.perf_counter()
             try:
                 return call(*args, **kwargs)
             finally:
-                self.seconds[part or self._part] += time.perf_counter() - began
+                self.seconds[part] += time.perf_counter() - began
 
         return timed
-
-    def _during(self, call: Callable[..., Any], part: str) -> Callable[..., Any]:
-        def run(*args: Any, **kwargs: Any) -> Any:
-            before, self._part = self._part, part
-            try:
-                return call(*args, **kwargs)
-            finally:
-                self._part = before
-
-        return run

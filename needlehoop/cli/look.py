@@ -188,8 +188,8 @@ def _export_policy(asked: Any) -> None:
     from needlehoop.api.trained import actor_in
     from needlehoop.learning.policy import PRECISION, onnx_bytes
 
-    senses, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)
-    content = onnx_bytes(senses, actor)
+    spec, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)
+    content = onnx_bytes(spec, actor)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, content)
     print(f"{out}: {len(content) / 1e6:.1f} MB, {origin}; look at it: https://netron.app")

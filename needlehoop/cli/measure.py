@@ -140,7 +140,7 @@ def probe(options: argparse.Namespace) -> None:
 
 
 def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
-    from needlehoop.learning.job import PpoConfig
+    from needlehoop.learning.algorithm_config import PpoConfig
     from needlehoop.probe.plan import Plan, camera_sets
 
     settings, given = standing, values["combinations"]

@@ -153,11 +153,6 @@ def _made(value: Any, kind: Any, path: str, wrong: list[str]) -> Any:
         return _row(value, inner, path, wrong)
     if origin in (Mapping, dict):
         return _keys(value, inner[1], path, wrong)
-    if inner:
-        # Two dataclasses: values with a ``kind`` are of the one that has that field.
-        has = isinstance(value, Mapping) and "kind" in value
-        (own,) = (one for one in inner if ("kind" in one.__dataclass_fields__) is has)
-        return _made(value, own, path, wrong)
     if kind is Any:
         return _anything(value, path, wrong)
     return _PLAIN[kind](value)

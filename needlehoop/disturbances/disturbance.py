@@ -209,7 +209,7 @@ class Disturbance:
         """Everything that decides the future."""
         sent = {} if self._sent is None else {"sent": torch.from_numpy(self._sent.copy())}
         return {
-            "seed": self._seed,
+            "seed": torch.tensor(self._seed),
             **{name: torch.from_numpy(one.copy()) for name, one in self._numbers.items()},
             "levels": torch.from_numpy(self._levels.copy()),
             **sent,
@@ -218,7 +218,7 @@ class Disturbance:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a ``snapshot`` of a disturbance with the same amounts."""
-        self._seed = snapshot["seed"]
+        self._seed = int(snapshot["seed"])
         for name, one in self._numbers.items():
             one[:] = snapshot[name].numpy()
         self._levels[:] = snapshot["levels"].numpy()

@@ -11,7 +11,7 @@ from needlehoop.disturbances.optics import add_objects
 from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.envs.workers import Workers
+from needlehoop.envs.threads import Threads
 from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.signals import sensors_of
 from needlehoop.scene.spec import add_cameras, add_materials, add_sensors, add_table, furnish
@@ -53,7 +53,7 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     """
     s, task = settings, settings.definition
     model = compile_scene(s)
-    imager = Imager(model, s, Workers(s.engine.threads or available_cpus()))
+    imager = Imager(model, s, Threads(s.engine.threads or available_cpus()))
     if s.engine.kind == "dm_control":
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind

@@ -74,9 +74,10 @@ class Perturbation:
         self._strength = torch.where(mask.unsqueeze(-1), fresh, self._strength)
         self._drift = torch.where(mask.unsqueeze(-1), 0.0, self._drift)
 
-    def __call__(self) -> Tensor:
-        """This step's noise ``(n, size)``, float64."""
-        self._drift = NOISE_MEMORY * self._drift + 2.0 * self._draw(*self._drift.shape) - 1.0
+    def __call__(self, mask: Tensor | None = None) -> Tensor:
+        """The next noise ``(n, size)``, float64, where ``mask`` ``(n,)`` is true (everywhere)."""
+        drift = NOISE_MEMORY * self._drift + 2.0 * self._draw(*self._drift.shape) - 1.0
+        self._drift = drift if mask is None else torch.where(mask.unsqueeze(-1), drift, self._drift)
         return self._strength * self._drift
 
     def snapshot(self) -> dict[str, Tensor]:

@@ -17,7 +17,7 @@ from dm_env import specs
 
 from needlehoop.engines.dm_control import DmControlEngine, Physics
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer, vectors
+from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 
@@ -67,7 +67,7 @@ class DmControlTask(control.Task):
         for name, channels in s.image_channels.items():
             shape = (s.image_size, s.image_size, channels)
             found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
-        for name, length in vectors(s.definition, s.obs).items():
+        for name, length in s.vectors.items():
             found[name] = specs.Array((length,), np.float32, name)
         return found
 
@@ -112,7 +112,7 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     """
     engine = replace(settings.engine, kind="dm_control")
     s = replace(settings, engine=engine, num_envs=1)
-    if not (s.cams or vectors(s.definition, s.obs)):
+    if not (s.cams or s.vectors):
         # Something has to be observed.
         s = replace(s, obs=replace(s.obs, proprio=True))
     simulation = build(s, first_env=env)

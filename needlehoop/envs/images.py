@@ -13,7 +13,7 @@ from torch import Tensor
 from needlehoop.disturbances.sensors import Spoiler
 from needlehoop.engines.contract import Channels, Frame
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.workers import Workers
+from needlehoop.envs.threads import Threads
 from needlehoop.scene.cameras import Camera, Rendering, View
 from needlehoop.tasks.contract import FlatClass
 
@@ -22,14 +22,14 @@ DARKEST = 0.15
 
 
 class Imager:
-    """Composes the images of the chosen cameras; workers share the environments.
+    """Composes the images of the chosen cameras; threads share the environments.
 
     Raises:
         ValueError: a flat rendering names a class that there is not.
     """
 
-    def __init__(self, model: mujoco.MjModel, settings: Settings, workers: Workers):
-        self._workers = workers
+    def __init__(self, model: mujoco.MjModel, settings: Settings, threads: Threads):
+        self._threads = threads
         s, paint = settings, settings.definition.paint
         self._jobs = [(c, s.views[c.view], s.renderings[c.rendering]) for c in s.cameras]
         self.views = {camera.name: camera.view for camera in s.cameras}
@@ -65,7 +65,7 @@ class Imager:
                 images[camera.name][rows] = self._image(camera, view, rendering, seen[camera.view])
 
         count = max(map(len, images.values()), default=0)
-        self._workers.map(compose, self._workers.parts(count))
+        self._threads.map(compose, self._threads.parts(count))
         return images
 
     def _image(self, camera: Camera, view: View, rendering: Rendering, frame: Frame) -> Tensor:

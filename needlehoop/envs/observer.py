@@ -5,26 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from needlehoop.envs.settings import Observations
+from needlehoop.envs.settings import Observations, sources
 from needlehoop.envs.simulation import Simulation
 from needlehoop.scene.signals import Signals, columns
 from needlehoop.tasks.contract import Task
-
-VECTORS = ("proprio", "signals", "told")
-"""Observations that are not images, in the order in which an agent reads them."""
-
-
-def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
-    """The signals of each observed vector by name, in the order of ``VECTORS``."""
-    names = (task.robot.proprio * obs.proprio, task.state * obs.signals, obs.told)
-    return {name: own for name, own in zip(VECTORS, names, strict=True) if own}
-
-
-def vectors(task: Task, obs: Observations) -> dict[str, int]:
-    """Lengths of the observed vectors by name, in the order of ``VECTORS``."""
-    return {
-        name: sum(task.signals[one].size for one in own) for name, own in sources(task, obs).items()
-    }
 
 
 def read(task: Task, obs: Observations, signals: Signals) -> dict[str, Tensor]:

@@ -36,6 +36,16 @@ class Observations:
     """Facts that one image need not show, in the order in which they are reported."""
 
 
+VECTORS = ("proprio", "signals", "told")
+"""Observations that are not images, in the order in which an agent reads them."""
+
+
+def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
+    """The signals of each observed vector by name, in the order of ``VECTORS``."""
+    names = (task.robot.proprio * obs.proprio, task.state * obs.signals, obs.told)
+    return {name: own for name, own in zip(VECTORS, names, strict=True) if own}
+
+
 @dataclass(frozen=True)
 class Settings:
     """An environment's settings; values in ``conf/env.yaml`` and the groups it names."""
@@ -92,6 +102,15 @@ class Settings:
     def cameras(self) -> tuple[Camera, ...]:
         """The chosen cameras."""
         return parse_cameras(self.cams, self.views, self.renderings)
+
+    @property
+    def vectors(self) -> dict[str, int]:
+        """Lengths of the observed vectors by name, in the order of ``VECTORS``."""
+        task = self.definition
+        return {
+            name: sum(task.signals[one].size for one in own)
+            for name, own in sources(task, self.obs).items()
+        }
 
     @property
     def image_channels(self) -> dict[str, int]:

@@ -171,7 +171,7 @@ class Simulation:
         wrong = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
         return {
             **wrong,
-            "seed": self._seed,
+            "seed": torch.tensor(self._seed),
             "episodes": torch.tensor(self._episodes),
             "potential": self._potential.clone(),
             "task": {name: value.clone() for name, value in self._begun().items()},
@@ -180,7 +180,7 @@ class Simulation:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a ``snapshot``; the same steps then give the same bits."""
-        self._seed = snapshot["seed"]
+        self._seed = int(snapshot["seed"])
         self._episodes = snapshot["episodes"].numpy().copy()
         self._potential = snapshot["potential"].clone()
         values = {name: value.clone() for name, value in snapshot["task"].items()}

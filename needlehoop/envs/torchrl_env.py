@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -12,10 +12,10 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer, vectors
+from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment
-from needlehoop.envs.workers import Workers
+from needlehoop.envs.threads import Threads
 from needlehoop.runs.machine import available_cpus
 
 
@@ -28,25 +28,33 @@ class TorchRLEnv(EnvBase):
     float32 and ``steps`` int64, all ``(n, 1)``. ``action`` float32 ``(n, 5)`` in [-1, 1],
     ``(n, 7)`` with ``control=pose``. Success terminates; the time limit truncates.
 
-    ``snapshot`` and ``restore`` carry a run on, bit for bit, in another process.
+    ``state_dict`` and ``load_state_dict`` carry a run on, bit for bit, in another process.
 
     Args:
         settings: what to build.
         first_env: index of the first environment among all that share the seed.
         stagger: whether the first episodes are cut off at evenly spread times, so that
             environments in lockstep are not all at the same stage of theirs.
+        length: steps of each environment in a training, for ``disturb.ramp``; ``None``: none
+            is under way, and what is wrong is wrong from the start.
 
     Raises:
         ValueError: settings that do not go together, by key.
     """
 
-    def __init__(self, settings: Settings, first_env: int = 0, stagger: bool = False):
-        self.settings, self._stagger = settings, stagger
+    def __init__(
+        self,
+        settings: Settings,
+        first_env: int = 0,
+        stagger: bool = False,
+        length: int | None = None,
+    ):
+        self.settings, self._stagger, self._length = settings, stagger, length
         self.simulation = build(settings, first_env)
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
-        self.workers = Workers(settings.engine.threads or available_cpus())
-        self._is_restored = False
+        self.threads = Threads(settings.engine.threads or available_cpus())
+        self._is_restored, self._taken = False, 0
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
         size, episode = settings.image_size, settings.episode
@@ -55,7 +63,8 @@ class TorchRLEnv(EnvBase):
             -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
         )
         self.reward_spec = Unbounded(shape=column)
-        moment = self.simulation.reset()
+        self.moment = moment = self.simulation.reset()
+        """What is known now; the signals among it are the whole state."""
         # Reading the names consumed each environment's first episode: give it back.
         self.simulation.reseed(settings.seed)
         observed = Composite(shape=(n,))
@@ -65,7 +74,7 @@ class TorchRLEnv(EnvBase):
                 shape = torch.Size((n, channels, size, size))
                 pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
-        for name, length in vectors(settings.definition, settings.obs).items():
+        for name, length in settings.vectors.items():
             observed[name] = Unbounded(shape=torch.Size((n, length)))
         facts, terms, ends = (Composite(shape=(n,)) for _ in range(3))
         for flags, names in ((facts, moment.facts), (ends, ("done", "terminated", "truncated"))):
@@ -78,26 +87,22 @@ class TorchRLEnv(EnvBase):
         observed["steps"] = Unbounded(shape=column, dtype=torch.int64)
         self.observation_spec, self.done_spec = observed, ends
 
-    def progress(self, done: float) -> None:
-        """Say which share of the training is done: ``disturb.ramp`` follows it.
+    def state_dict(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        """Everything that decides what comes next, as tensors."""
+        return {
+            "simulation": self.simulation.snapshot(),
+            "pixels": dict(self._observer.pixels),
+            "taken": torch.tensor(self._taken),
+        }
 
-        It counts for episodes that begin from now on.
-        """
-        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
-        if wrong is not None:
-            wrong.level = min(1.0, done / ramp) if ramp > 0 else 1.0
-
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that decides what comes next, as tensors and numbers."""
-        return {"simulation": self.simulation.snapshot(), "observer": dict(self._observer.pixels)}
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a ``snapshot`` of an environment with the same settings.
+    def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **kwargs: Any) -> None:
+        """Go on from the ``state_dict`` of an environment with the same settings.
 
         The next full reset begins no episode: it returns those under way as they stood.
         """
-        self.simulation.restore(snapshot["simulation"])
-        self._observer.pixels = dict(snapshot["observer"])
+        self.simulation.restore(state_dict["simulation"])
+        self._observer.pixels = dict(state_dict.get("pixels", {}))
+        self._taken = int(state_dict["taken"])
         self._is_restored = True
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
@@ -111,16 +116,29 @@ class TorchRLEnv(EnvBase):
         first = self.simulation.state is None
         if first:
             self._observer.pixels = {}
+        self._set_level()
         self.simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
-        images = self.workers.begin(lambda: self._observer.look(fresh))
+        images = self.threads.begin(lambda: self._observer.look(fresh))
         return self._tensordict(self.simulation.look(), ends, fresh, images)
 
+    @property
+    def done_share(self) -> float:
+        """Share of the training that is done; 1 where none is under way."""
+        return 1.0 if self._length is None else min(1.0, self._taken / self._length)
+
+    def _set_level(self) -> None:
+        """How wrong things are in the episodes that begin now."""
+        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
+        if wrong is not None:
+            wrong.level = min(1.0, self.done_share / ramp) if ramp > 0 else 1.0
+
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        self._taken += 1
         simulation = self.simulation
         simulation.engine.step(simulation.act(tensordict["action"]))
         # Images and facts are of the same moment: one need not wait for the other.
-        images = self.workers.begin(self._observer.look)
+        images = self.threads.begin(self._observer.look)
         moment = simulation.observe()
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
@@ -130,19 +148,6 @@ class TorchRLEnv(EnvBase):
             "reward": moment.reward.unsqueeze(-1).float(),
         }
         return self._tensordict(moment, ends, None, images)
-
-    def step_and_reset(self, action: Tensor) -> tuple[TensorDict, TensorDict]:
-        """A step of every environment, and new episodes where it ended theirs.
-
-        Returns:
-            What came of the action ``(n, action_size)``, and what is there now. They share
-            what did not change.
-        """
-        after = self._step(TensorDict({"action": action}, self.batch_size))
-        done = after["done"]
-        if not bool(done.any()):
-            return after, after
-        return after, self._reset(TensorDict({"_reset": done}, self.batch_size))
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
@@ -156,6 +161,7 @@ class TorchRLEnv(EnvBase):
         images: Callable[[], dict[str, Tensor]] = dict,
     ) -> TensorDict:
         """All keys; images are renewed in environments ``ids`` (in all by default)."""
+        self.moment = moment
         out = {
             "facts": {name: fact.unsqueeze(-1) for name, fact in moment.facts.items()},
             "terms": {name: t.unsqueeze(-1).float() for name, t in moment.terms.items()},

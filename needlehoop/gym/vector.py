@@ -17,7 +17,7 @@ from torch import Tensor
 from needlehoop.config import strict
 from needlehoop.config.strict import Pixels, check_names, shown
 from needlehoop.envs.build import build
-from needlehoop.envs.observer import Observer, vectors
+from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment
 from needlehoop.pictures.stills import Photographer
@@ -78,7 +78,7 @@ class GymnasiumVectorEnv(VectorEnv):
         check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
         strict.structure(render_size, Pixels, "render_size")
         check_names("channels", [channels], ("last", "first"))
-        if not (settings.cams or vectors(settings.definition, settings.obs)):
+        if not (settings.cams or settings.vectors):
             raise ValueError(
                 "cams: nothing is observed; name cameras, such as dep_front,seg_side, or choose"
                 " obs=signals or obs.proprio=true"
@@ -109,7 +109,7 @@ class GymnasiumVectorEnv(VectorEnv):
         for name, count in settings.image_channels.items():
             shape = (size, size, count) if self._is_last else (count, size, size)
             found[name] = spaces.Box(0, 255, shape, np.uint8)
-        for name, length in vectors(settings.definition, settings.obs).items():
+        for name, length in settings.vectors.items():
             low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)
             found[name] = spaces.Box(low, high, (length,), np.float32)
         return spaces.Dict(found)

@@ -1,78 +1,69 @@
 """The agent's networks, put together: policy and value function.
 
-There are three ways to run them:
-
-- ``Agent``: everything in one piece, from prepared observations to mean, deviation and value.
-  ``parallel.ParallelAgent`` does the same in parts on threads, with gradients. Training uses it.
-- ``Actor``: the policy alone, from observations to the mean action. Evaluations use it, and it is
-  what ``policy.safetensors`` holds.
+- ``Agent``: what PPO and imitation train, with the TorchRL modules that training calls.
+- ``Actor``: the policy alone, from observations to the action. Evaluations use it, and it is what
+  ``policy.safetensors`` holds.
 - ``policy.Policy``: an ``Actor`` for users. It takes named observations, in NumPy or torch, and
   checks them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from typing import Any
 
 import torch
+from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
+from torchrl.modules import IndependentNormal, ProbabilisticActor
 
-from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold
-from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, Value
+from needlehoop.learning.encoder import Fold, convolution_dtype
+from needlehoop.learning.networks import Gaussian, Trunk, Value
+from needlehoop.learning.policy_spec import PolicySpec
 
 
 class Actor(nn.Module):
-    """The policy's part of an agent: observations to the mean action, on plain tensors."""
+    """The policy's part of an agent: observations to the action, on plain tensors."""
 
     def __init__(self, fold: Fold, trunk: Trunk, head: Gaussian):
         super().__init__()
         self._images = len(trunk.encoders)
         self.fold, self.trunk, self.head = fold, trunk, head
 
-    def forward(self, *observed: Tensor) -> Tensor:
-        """The mean ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors."""
+    def forward(self, *observed: Tensor, noise: Tensor | None = None) -> Tensor:
+        """Actions ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors.
+
+        Args:
+            noise: standard normal, to draw the actions as in training; else they are the mean.
+        """
         images, vectors = observed[: self._images], observed[self._images :]
-        loc, _ = self.head(self.trunk(*(self.fold(image) for image in images), *vectors))
-        return loc
+        return self.head.act(self.trunk(*(self.fold(image) for image in images), *vectors), noise)
 
 
 class Agent(nn.Module):
-    """Policy and value function over a shared trunk.
+    """Policy and value function over a shared trunk, or over one each.
 
     Args:
-        images: ``(c, h, w)`` by camera.
-        vectors: lengths of the other observations.
         dtype: of the convolutions.
 
     Raises:
         ValueError: images that do not fit the encoder.
     """
 
-    def __init__(
-        self,
-        images: Mapping[str, torch.Size],
-        vectors: Mapping[str, int],
-        actions: int,
-        encoder: EncoderConfig,
-        heads: HeadConfig,
-        dtype: torch.dtype,
-    ):
+    def __init__(self, spec: PolicySpec, dtype: torch.dtype):
         super().__init__()
+        heads = spec.network
         told = heads.told or ()
-        self.fold = Fold(encoder.stem)
+        self.fold = Fold(spec.encoder.stem)
         self.trunks = nn.ModuleList(
-            Trunk(images, vectors, encoder, heads, dtype) for _ in range(1 if heads.shared else 2)
+            Trunk(spec.images, spec.vectors, spec.encoder, heads, dtype)
+            for _ in range(1 if heads.shared else 2)
         )
-        self.gaussian = Gaussian(heads.hidden, actions, heads.sigma)
+        self.gaussian = Gaussian(heads.hidden, spec.actions, heads.sigma, heads.squash)
         self.value = Value(heads.hidden, len(told))
-        self._images, self._vectors = len(images), len(vectors)
-        rest: list[Any] = [*vectors, *(("facts", name) for name in told)]
-        self.in_keys = [*(("pixels", name) for name in images), *rest]
-        """Of what an environment reports, in the order in which it is read."""
-        self.seen_keys = [*(("folded", name) for name in images), *rest]
-        """The same, of what a buffer keeps: images are folded."""
+        self.seen_keys = spec.keys
+        """What the policy sees of an environment that folds its images."""
+        self.in_keys: list[Any] = [*spec.keys, *(("facts", name) for name in told)]
+        """And what the value function is told beside it."""
 
     @property
     def actor(self) -> Actor:
@@ -80,56 +71,29 @@ class Agent(nn.Module):
         trunk: Any = self.trunks[0]
         return Actor(self.fold, trunk, self.gaussian)
 
-    def computing(self) -> Agent:
-        """A copy with the encoders' weights in the type that they compute in.
-
-        It gives the same outputs without converting a weight; ``follow`` brings it up to date.
-        """
-        copied = deepcopy(self)
-        for module in copied.modules():
-            if isinstance(module, Encoder):
-                module.to(module.dtype)
-        return copied
-
-    @torch.no_grad()
-    def follow(self, agent: Agent) -> None:
-        """Take over another agent's weights and statistics; types of numbers stay."""
-        pairs = zip(
-            (*self.parameters(), *self.buffers()),
-            (*agent.parameters(), *agent.buffers()),
-            strict=True,
-        )
-        for own, other in pairs:
-            own.copy_(other)
-
-    @property
-    def encoders(self) -> list[Encoder]:
-        """One per camera; those of the value function's own trunk after the policy's."""
-        trunks: Any = self.trunks
-        return [encoder for trunk in trunks for encoder in trunk.encoders.values()]
-
-    def prepare(self, *observed: Tensor) -> list[Tensor]:
-        """Observations in the order of ``in_keys``, images folded: that of ``seen_keys``."""
-        return [*map(self.fold, observed[: self._images]), *observed[self._images :]]
-
-    def forward(self, *seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``loc``, ``scale`` and ``state_value`` of what ``prepare`` gives."""
-        images, rest = seen[: self._images], seen[self._images :]
-        features = [encoder(images[at % self._images]) for at, encoder in enumerate(self.encoders)]
-        return self.conclude(features, rest)
-
-    def conclude(
-        self, features: Sequence[Tensor], rest: Sequence[Tensor]
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """The part of ``forward`` after the ``encoders``, of their outputs in their order.
-
-        Args:
-            rest: what follows the images in ``seen_keys``.
-        """
-        vectors, facts = rest[: self._vectors], rest[self._vectors :]
-        trunks: Any = self.trunks
-        hidden = [
-            trunk.merge(features[i * self._images : (i + 1) * self._images], vectors)
-            for i, trunk in enumerate(trunks)
+    def torchrl(self) -> tuple[Any, Any, Any]:
+        """The same modules for TorchRL: what comes before both heads, the policy's, the value's."""
+        hidden = ["hidden", "hidden_of_value"][: len(self.trunks)]
+        ways: list[Any] = [
+            TensorDictModule(trunk, in_keys=self.seen_keys, out_keys=[name])
+            for trunk, name in zip(self.trunks, hidden, strict=True)
         ]
-        return *self.gaussian(hidden[0]), self.value(hidden[-1], *facts)
+        common = TensorDictSequential(*ways)
+        given: Any = TensorDictModule(self.gaussian, in_keys=["hidden"], out_keys=["loc", "scale"])
+        policy = ProbabilisticActor(
+            given,
+            in_keys=["loc", "scale"],
+            distribution_class=IndependentNormal,
+            return_log_prob=True,
+        )
+        facts = self.in_keys[len(self.seen_keys) :]
+        value = TensorDictModule(self.value, in_keys=[hidden[-1], *facts], out_keys=["state_value"])
+        return common, policy, value
+
+
+def build_actor(spec: PolicySpec, device: torch.device) -> Actor:
+    """An untrained policy; needs no simulator."""
+    heads, dtype = spec.network, convolution_dtype(spec.precision, device)
+    trunk = Trunk(spec.images, spec.vectors, spec.encoder, heads, dtype)
+    head = Gaussian(heads.hidden, spec.actions, heads.sigma, heads.squash)
+    return Actor(Fold(spec.encoder.stem), trunk, head)

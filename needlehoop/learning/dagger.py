@@ -4,26 +4,42 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torch.nn import functional
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from needlehoop.envs.workers import Workers
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.collectors import LABEL, LEARNER
-from needlehoop.learning.job import DaggerConfig
-from needlehoop.learning.trainer import Trainer
+from needlehoop.learning.algorithm import Algorithm, Memory, step
+from needlehoop.learning.algorithm_config import DaggerConfig
+from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
 _RAMP = 30
 """Minibatches over which the learning rate rises at the very start."""
 
 
-class Dagger(Trainer):
+class Pupil(TensorDictModuleBase):
+    """Acts as the expert does or, in the learner's episodes, as the policy would on average."""
+
+    def __init__(self, agent: Agent):
+        super().__init__()
+        self.in_keys, self.out_keys = [*agent.seen_keys, EXPERT, LEARNER], ["action"]
+        self.trunk, self.head = agent.trunks[0], agent.gaussian
+        self._seen = agent.seen_keys
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action, learner = tensordict[EXPERT], tensordict[LEARNER]
+        if bool(learner.any()):
+            said = self.head.act(self.trunk(*(tensordict[key] for key in self._seen)))
+            action = torch.where(learner, said.clamp(-1.0, 1.0), action)
+        return tensordict.set("action", action)
+
+
+class Dagger(Algorithm):
     """Learns from all frames so far, after each new buffer of them.
 
     The mean action is fitted by a smooth L1 loss: the few frames in which the expert switches then
@@ -31,88 +47,59 @@ class Dagger(Trainer):
     Gaussian that explains the expert best. The value function does not change.
     """
 
-    def __init__(
-        self, agent: Agent, config: DaggerConfig, updates: int, seed: int, workers: Workers
-    ):
-        super().__init__(agent, config.shards, updates, seed, workers)
-        self.config = config
-        device = next(agent.parameters()).device
-        self._frames = TensorDictReplayBuffer(
-            storage=LazyTensorStorage(config.memory, device=device)
-        )
+    config: DaggerConfig
 
-    @property
-    def share(self) -> float:
-        """Of the episodes that begin now, those in which the learner acts."""
-        return min(1.0, self.done_updates * (1.0 / (self.config.handover * self.updates)))
+    def __init__(self, agent: Agent, config: DaggerConfig, updates: int, seed: int):
+        super().__init__(agent, config, updates, seed)
+        self.policy = Pupil(agent)
+        self._adam([*agent.actor.parameters()])
+        own = (config.memory, config.minibatch, self.device, self._generator)
+        self._memory = Memory(*own)
+
+    @staticmethod
+    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> Agent:
+        return Agent(spec, dtype)
 
     def remember(self, buffer: TensorDictBase) -> None:
-        """Take frames ``(num_envs, horizon)`` into memory: what was seen, and labels."""
-        self._frames.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
+        self._memory.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        """Learn, with a new buffer's frames; returns means over the minibatches.
-
-        Episodes of the expert do not count as ended in the buffer afterwards.
-        """
+        """As ``Algorithm.update``. Episodes of the expert do not count as ended afterwards."""
         self.remember(buffer)
-        share = self.share
-        frames: Any = self._frames[:]
-        seen = [frames[key] for key in self.agent.seen_keys]
         totals, rate = Counter[str](), 0.0
         for number in range(self.config.minibatches):
             rate = self._schedule(number)
-            rows = torch.randint(len(frames), (self.config.minibatch,), generator=self._generator)
-            rows = rows.to(frames.device)
-            labels = frames[LABEL].index_select(0, rows)
-            slopes, told = self._judge(self._forward(seen, rows), labels)
-            self.running.backward(slopes)
-            self._optimizer.step(self.running.write)
+            frames = self._memory.sample(self.agent.fold, self.config.picture_shift)
+            loss, told = self._judge(frames)
+            step(self._optimizers["all"], loss)
             totals.update(told)
         self._end_update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]
         return {
-            **{name: value / self.config.minibatches for name, value in totals.items()},
-            "frames": float(len(frames)),
+            **{name: float(value) / self.config.minibatches for name, value in totals.items()},
+            "frames": float(len(self._memory)),
             "learning_rate": rate,
-            "share": share,
+            "share": float(buffer[LEARNER].float().mean()),
         }
 
-    def _forward(self, seen: list[Tensor], rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What the agent says of a minibatch, whose images are moved at random first."""
-        most, count = self.config.picture_shift, len(rows)
-        if not most:
-            return self.running.forward(seen, rows)
-        chosen = [x.index_select(0, rows) for x in seen]
-        part = -(-count // self.config.shards)
-        for i, key in enumerate(self.agent.seen_keys):
-            if key[0] == "folded":
-                ways = torch.randint(-most, most + 1, (2, count), generator=self._generator)
-                down, right = (way.to(rows.device).split(part) for way in ways)
-                moved = self._workers.map(self.agent.fold.moved, chosen[i].split(part), down, right)
-                chosen[i] = torch.cat(moved)
-        return self.running.forward(chosen, torch.arange(count, device=rows.device))
-
-    def _judge(
-        self, said: Sequence[Tensor], label: Tensor
-    ) -> tuple[tuple[Tensor, ...], dict[str, float]]:
-        """The loss's gradient by each of the agent's outputs, and what it reports."""
-        loc, scale, value = (output.requires_grad_() for output in said)
+    def _judge(self, frames: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss, and what it reports."""
+        label: Any = frames[LABEL]
+        actor = self.agent.actor
+        loc, scale = actor.head(actor.trunk(*(frames[key] for key in self.agent.seen_keys)))
         error = functional.smooth_l1_loss(loc, label, reduction="none", beta=self.config.bend)
         weights = torch.ones_like(label[0])
         weights[-1] = self.config.jaw
         imitation = (error * weights).mean()
         left = (loc.detach() - label) ** 2
         likelihood = (scale.log() + left / (2 * scale**2)).mean()
-        # The value takes no part; its gradient is nothing.
-        total = imitation + likelihood + 0.0 * value.sum()
         told = {
-            "loss_imitation": float(imitation.detach()),
-            "error": float((loc - label).abs().mean().detach()),
-            "error_jaw": float((loc - label)[:, -1].abs().mean().detach()),
-            "sigma": float(scale.mean().detach()),
+            "loss_imitation": imitation,
+            "error": (loc - label).abs().mean(),
+            "error_jaw": (loc - label)[:, -1].abs().mean(),
+            "sigma": scale.mean(),
         }
-        return torch.autograd.grad(total, (loc, scale, value)), told
+        return imitation + likelihood, {name: one.detach() for name, one in told.items()}
 
     def _schedule(self, number: int) -> float:
         """Set the learning rate for a minibatch of this buffer; returns it."""
@@ -120,5 +107,5 @@ class Dagger(Trainer):
         share = done / (self.updates * self.config.minibatches)
         rate = self.config.learning_rate * (1 + math.cos(math.pi * share)) / 2
         rate *= min(1.0, (done + 1) / _RAMP)
-        self._optimizer.set_rate(rate)
+        self._optimizers["all"].param_groups[0]["lr"] = rate
         return rate

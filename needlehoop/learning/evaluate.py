@@ -52,12 +52,14 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
         def act(signals: Signals) -> Tensor:
             seen = observer(signals)
             images: Any = seen.pop("pixels", {})
+            observed = [x.to(device) for x in (*images.values(), *seen.values())]
+            drawn = None
+            if sampled:
+                size = simulation.episode.action_size
+                rows = [own.standard_normal(size, np.float32) for own in noise]
+                drawn = torch.from_numpy(np.stack(rows)).to(device)
             with torch.no_grad():
-                mean = actor(*(x.to(device) for x in (*images.values(), *seen.values()))).cpu()
-                if not sampled:
-                    return mean
-                drawn = [own.standard_normal(mean.shape[-1], np.float32) for own in noise]
-                return mean + actor.head.log_sigma.exp().cpu() * torch.from_numpy(np.stack(drawn))
+                return actor(*observed, noise=drawn).cpu()
 
         return act
 

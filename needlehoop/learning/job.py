@@ -11,12 +11,13 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Number, OneOf, Positive, Range, Seed, Share, check_names
+from needlehoop.config.strict import Count, Number, OneOf, Range, Seed, check_names
 from needlehoop.envs.settings import Settings, import_task, with_task
+from needlehoop.learning.algorithm_config import AlgorithmConfig, config_of
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.networks import HeadConfig
+from needlehoop.learning.policy_spec import PolicySpec
 from needlehoop.runs.files import (
-    DAGGER,
     EXPERT,
     POLICIES,
     check_folder,
@@ -26,75 +27,26 @@ from needlehoop.runs.files import (
     seen,
 )
 
-Horizon = Annotated[int, Range(1, 100_000)]
-Shards = Annotated[int, Range(1, 1024)]
-Rate = Annotated[float, Range(0.0, 10.0, above=True)]
+Steps = Annotated[int, Range(1, 10**15)]
+
+_FEWEST = 20
+"""Environments of a process, at least: fewer cost more than they bring."""
 
 
 @dataclass(frozen=True)
-class PpoConfig:
-    """Values in ``conf/algo/ppo.yaml``."""
+class CollectorConfig:
+    """Who fills the buffers; values in ``conf/collector``."""
 
-    horizon: Horizon
-    """Steps of an environment after which an advantage is cut off; the value replaces the rest."""
-    minibatch: Count
-    shards: Shards
-    """Parts of the agent's work on a minibatch that threads do side by side."""
-    epochs: Annotated[int, Range(1, 1000)]
-    """Passes over a buffer."""
-    learning_rate: Rate
-    """At the start; falls linearly to nothing."""
-    gamma: Share
-    lam: Share
-    """GAE's lambda."""
-    beta: Annotated[float, Range(0.0, 1e3)]
-    """Weight of the entropy; constant."""
-    epsilon: Annotated[float, Range(0.0, 1.0, above=True)]
-    """Clipping of probability ratios and value moves; falls linearly to ``epsilon_end``."""
-    epsilon_end: Annotated[float, Range(0.0, 1.0, above=True)]
-    value_coefficient: Annotated[float, Range(0.0, 1e3, above=True)]
-    clip_value: bool
-    """Whether a value may move no further than epsilon per buffer."""
-    network: HeadConfig
-    warmup: Number = 0
-    """Buffers at the start of a run with ``init=`` in which only the value function learns."""
-    finetune: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
-    """Share of the learning rate with which its policy learns afterwards."""
-    buffer: Count | None = None
-    """Steps of all environments that are collected before they are learnt from; ``None``: one
-    horizon of each."""
+    kind: Annotated[str, OneOf("single", "processes", "ray")]
+    """``single``: this process. ``processes``: several of this machine. ``ray``: of several."""
+    workers: Count | None
+    """How many; ``None``: one a core, and at most one for 20 environments."""
 
-
-@dataclass(frozen=True)
-class DaggerConfig:
-    """Values in ``conf/algo/dagger.yaml``; a buffer holds ``num_envs * horizon`` steps."""
-
-    kind: Annotated[str, OneOf(DAGGER)]
-    """What tells these values from PPO's."""
-    horizon: Horizon
-    """Steps of each environment per buffer."""
-    memory: Annotated[int, Range(1, 10_000_000)]
-    """Newest frames, which are learnt from; each is as large as its images."""
-    minibatch: Count
-    shards: Shards
-    """Parts of the agent's work on a minibatch that threads do side by side."""
-    minibatches: Annotated[int, Range(1, 1_000_000)]
-    """After each buffer, drawn from all frames in memory."""
-    learning_rate: Rate
-    """At the start; falls to nothing as half a cosine."""
-    bend: Positive
-    """Error, in units of the action, at which the loss turns from square to straight."""
-    jaw: Positive
-    """Weight of the jaw's error; that of the motion's is 1."""
-    noise: Annotated[float, Range(0.0, 100.0)]
-    """Strongest noise on an episode in which the expert acts, in units of the action."""
-    handover: Positive
-    """Share of the steps after which the learner acts in every new episode. Before, its part of
-    the episodes grows."""
-    network: HeadConfig
-    picture_shift: Annotated[int, Range(0, 64)] = 0
-    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
-    from."""
+    def parts(self, num_envs: int, cores: int) -> list[int]:
+        """Environments of each worker."""
+        most = max(1, min(cores, num_envs // _FEWEST))
+        count = 1 if self.kind == "single" else self.workers or most
+        return [num_envs // count + (i < num_envs % count) for i in range(count)]
 
 
 @dataclass(frozen=True)
@@ -132,8 +84,9 @@ class Job:
     """Values in ``conf/config.yaml`` and the groups it names."""
 
     env: Settings
-    algo: PpoConfig | DaggerConfig
+    algo: AlgorithmConfig
     encoder: EncoderConfig
+    collector: CollectorConfig
     logger: tuple[str, ...]
     """Where the run is shown; its own CSV files are always written."""
     wandb: WandbConfig
@@ -141,7 +94,7 @@ class Job:
     results: str
     """Folder of all studies."""
     study: str
-    steps: Annotated[int, Range(1, 10**15)]
+    steps: Steps
     """Environment steps, over all environments; the whole buffers among them are learnt from."""
     device: str
     """Of the learner: ``auto`` is ``cuda`` where there is one."""
@@ -187,6 +140,16 @@ class Job:
                     f"evaluation.seed: {self.evaluation.seed} and the next are of evaluations, and"
                     f" {seed} is the training's; choose another"
                 )
+        if (self.collector.workers or 1) > self.env.num_envs:
+            raise ValueError(
+                f"collector.workers: {self.collector.workers} is more than"
+                f" num_envs={self.env.num_envs}"
+            )
+        if self.collector.kind == "ray" and self.env.num_envs % (self.collector.workers or 1):
+            raise ValueError(
+                f"collector.workers: {self.collector.workers} workers of Ray share"
+                f" num_envs={self.env.num_envs} equally; choose a divisor"
+            )
         check_folder("results", self.results)
         if self.keep == "best" and not 0 < self.evaluation.every <= self.updates:
             raise ValueError(
@@ -204,10 +167,17 @@ class Job:
         return own if own.told is not None else replace(own, told=self.env.definition.critic)
 
     @property
+    def spec(self) -> PolicySpec:
+        """What its policy sees and does."""
+        env, rules = self.env, self.env.episode
+        seen = (env.image_channels, env.image_size, env.vectors)
+        made = (self.encoder, self.network, rules.control, rules.action_size, self.precision)
+        return PolicySpec(*seen, *made)
+
+    @property
     def buffer(self) -> int:
         """Steps per buffer, over all environments."""
-        own = None if isinstance(self.algo, DaggerConfig) else self.algo.buffer
-        return self.env.num_envs * self.algo.horizon if own is None else own
+        return self.algo.steps(self.env.num_envs)
 
     @property
     def updates(self) -> int:
@@ -217,7 +187,7 @@ class Job:
     @property
     def reward_name(self) -> str:
         """What the run's folder calls the reward, or who taught the run."""
-        return EXPERT if isinstance(self.algo, DaggerConfig) else reward_name(self.env.reward)
+        return EXPERT if self.algo.imitates else reward_name(self.env.reward)
 
     @property
     def place(self) -> str:
@@ -271,8 +241,11 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         {name: values[name] for name in kind.__dataclass_fields__ if name in values}
         for kind in (Job, Settings)
     )
+    own |= {**_loggers(own), "algo": config_of(values.get("algo"))}
+    # Runs from before there was a choice.
+    own.setdefault("collector", {"kind": "single", "workers": None})
     try:
-        return strict.structure({**own, **_loggers(own), "env": with_task(environment)}, Job)
+        return strict.structure({**own, "env": with_task(environment)}, Job)
     except ValueError as error:
         # The environment's keys are below ``env`` in a job, and not in the YAML.
         raise ValueError(re.sub(r"(^|; )env(\.|: )", r"\1", str(error))) from error

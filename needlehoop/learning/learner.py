@@ -1,4 +1,4 @@
-"""Environment, agent and method of training, put together for a job."""
+"""Environments, agent and method of training, put together for a job."""
 
 from __future__ import annotations
 
@@ -11,17 +11,12 @@ from typing import Any
 
 import torch
 from tensordict import TensorDictBase
+from torch import nn
 
-from needlehoop.envs.torchrl_env import TorchRLEnv
-from needlehoop.envs.workers import Workers
-from needlehoop.learning.agent import Agent
-from needlehoop.learning.collectors import Collector, LabellingCollector
-from needlehoop.learning.dagger import Dagger
+from needlehoop.learning.algorithms import ALGORITHMS
+from needlehoop.learning.collecting import collector_of, flown_again
 from needlehoop.learning.encoder import convolution_dtype
-from needlehoop.learning.job import DaggerConfig, Job, PpoConfig
-from needlehoop.learning.ppo import Ppo
-from needlehoop.learning.weights import Senses
-from needlehoop.runs.files import DAGGER, PPO
+from needlehoop.learning.job import Job
 from needlehoop.runs.machine import available_cpus
 from needlehoop.runs.run import ADVICE
 
@@ -46,29 +41,23 @@ class Learner:
         state: dict[str, Any] | None = None,
         weights: dict[str, torch.Tensor] | None = None,
     ):
+        # A new agent has nothing to lose.
+        new = {"warmup": 0, "finetune": 1.0} if hasattr(job.algo, "warmup") else {}
         self.job, self.device = job, job.torch_device
-        # The engine and the shards have threads of their own. torch's would wait for each other,
-        # and their number would decide how sums are rounded.
-        torch.set_num_threads(1)
+        torch.set_num_threads(job.env.engine.threads or available_cpus())
         torch.manual_seed(job.env.seed)
-        # Cut episodes show every stage to PPO's first buffer. Imitation begins with whole ones.
-        self.env = TorchRLEnv(job.env, stagger=isinstance(job.algo, PpoConfig))
-        self.agent = build_agent(job, self.device)
+        self.agent: Any = build_agent(job, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
-        self.workers = Workers(job.env.engine.threads or available_cpus())
-        shared = (job.updates, job.env.seed, self.workers)
-        if isinstance(job.algo, DaggerConfig):
-            self.trainer = Dagger(self.agent, job.algo, *shared)
-            own = (job.algo, job.env.seed, self.workers)
-            self._collector: Any = LabellingCollector(self.env, self.trainer.running, *own)
-        else:
-            # A new agent has nothing to lose.
-            new = replace(job.algo, warmup=0, finetune=1.0)
-            self.trainer = Ppo(self.agent, new if job.init is None else job.algo, *shared)
-            steps = job.buffer // job.env.num_envs
-            self._collector = Collector(self.env, self.trainer.running, steps, self.workers)
+        algo = job.algo if job.init is not None else replace(job.algo, **new)
+        kind = ALGORITHMS[algo.kind]
+        self.algorithm = kind(self.agent, algo, job.updates, job.env.seed)
+        self._flown: list[torch.Tensor] = []
         self._ended = self._diverged = 0
+        if state is not None:
+            with _fitting("checkpoint"):
+                self.algorithm.load_state_dict(state[algo.kind])
+        self._collector = collector_of(job, self.algorithm.policy, self.device)
         if state is not None:
             with _fitting("checkpoint"):
                 self._go_on(state)
@@ -76,7 +65,7 @@ class Learner:
     @property
     def done_updates(self) -> int:
         """Buffers learnt from."""
-        return self.trainer.done_updates
+        return self.algorithm.done_updates
 
     @property
     def steps(self) -> int:
@@ -91,20 +80,19 @@ class Learner:
         Raises:
             FloatingPointError: the physics diverges too often.
         """
-        trainer: Any = self.trainer
+        buffers = iter(self._collector)
         while self.done_updates < self.job.updates:
             began = time.perf_counter()
-            self.env.progress(self.done_updates / self.job.updates)
-            if isinstance(self.trainer, Dagger):
-                given = (self._collector.collect(self.trainer.share),)
-            else:
-                given = self._collector.collect()
+            buffer = next(buffers)
             collected = time.perf_counter()
-            told = trainer.update(*given)
+            told = self.algorithm.update(buffer)
+            self._collector.update_policy_weights_()
+            if self.job.algo.frames:
+                self._flown.append(buffer["action"].cpu().clone())
             told["seconds_collect"] = collected - began
             told["seconds_update"] = time.perf_counter() - collected
-            self._check_physics(given[0])
-            yield given[0], told
+            self._check_physics(buffer)
+            yield buffer, told
 
     def _check_physics(self, buffer: TensorDictBase) -> None:
         """Count the episodes that ended, and those among them whose physics diverged."""
@@ -119,31 +107,55 @@ class Learner:
                 " whether the policy still gives finite actions"
             )
 
+    def close(self) -> None:
+        """End the collector's processes."""
+        self._collector.shutdown()
+
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        trained = {_method_of(self.job): self.trainer.state_dict()}
-        found = {**trained, **self._collector.state_dict(), "rng": torch.get_rng_state()}
+        collected = _without_policy(self._collector.state_dict())
+        found: dict[str, Any] = {"collector": collected}
+        found[self.job.algo.kind] = self.algorithm.state_dict()
+        if self._flown:
+            # A thousandth of the frames' room: they are flown again.
+            found["flown"] = torch.stack(self._flown)
+        found["rng"] = torch.get_rng_state()
         if self.device.type == "cuda":
             found["cuda_rng"] = torch.cuda.get_rng_state(self.device)
         return found
 
     def _go_on(self, state: Mapping[str, Any]) -> None:
         """Go on from a ``state_dict``."""
-        self.trainer.load_state_dict(state[_method_of(self.job)])
-        if isinstance(self.trainer, Dagger):
-            for done, actions in enumerate(state["lessons"]["flown"]):
-                self.env.progress(done / self.job.updates)
-                self.trainer.remember(self._collector.review(actions))
-        self._collector.load_state_dict(state)
+        if "flown" in state:
+            self._flown = [*state["flown"]]
+            for buffer in flown_again(self.job, state["flown"]):
+                self.algorithm.remember(buffer)
+            self.algorithm.load_state_dict(state[self.job.algo.kind])
+        policy = self.algorithm.policy.state_dict()
+        self._collector.load_state_dict(_with_policy(state["collector"], policy))
+        # They show again where they stand.
+        self._collector.reset()
         # Last: building an agent draws numbers.
         torch.set_rng_state(state["rng"])
         if self.device.type == "cuda":
             torch.cuda.set_rng_state(state["cuda_rng"], self.device)
 
 
-def _method_of(job: Job) -> str:
-    """What a checkpoint calls a job's method of training."""
-    return DAGGER if isinstance(job.algo, DaggerConfig) else PPO
+def _without_policy(state: Mapping[str, Any]) -> dict[str, Any]:
+    """A collector's state without the weights, which the algorithm keeps, by worker."""
+    return {
+        key: _without_policy(one) if key.startswith("worker") else one
+        for key, one in state.items()
+        if key != "policy_state_dict"
+    }
+
+
+def _with_policy(state: Mapping[str, Any], policy: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with them again."""
+    if any(key.startswith("worker") for key in state):
+        workers = {k: _with_policy(v, policy) for k, v in state.items() if k.startswith("worker")}
+        return {**state, **workers}
+    return {**state, "policy_state_dict": policy}
 
 
 def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
@@ -155,7 +167,7 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
     Raises:
         ValueError: it was not.
     """
-    method, update = _method_of(job), state.get("update")
+    method, update = job.algo.kind, state.get("update")
     learner: Any = state.get("learner")
     done = learner[method].get("done_updates") if method in (learner or ()) else None
     if "wall_time" not in state or done is None or done != update or not 0 < done <= job.updates:
@@ -165,11 +177,11 @@ def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
         )
 
 
-def load_weights(path: Path, state: Mapping[str, Any], job: Job, agent: Agent) -> None:
+def load_weights(path: Path, state: Mapping[str, Any], job: Job, agent: nn.Module) -> None:
     """Put a checkpoint's weights into an agent of its job; errors as in ``check_state``."""
     check_state(path, state, job)
     with _fitting(str(path)):
-        agent.load_state_dict(state["learner"][_method_of(job)]["agent"])
+        agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
 
 
 @contextmanager
@@ -182,8 +194,7 @@ def _fitting(what: str) -> Iterator[None]:
         raise ValueError(f"{what}: of another run, or another version: {said}") from error
 
 
-def build_agent(job: Job, device: torch.device) -> Agent:
+def build_agent(job: Job, device: torch.device) -> Any:
     """An untrained agent of a job; needs no simulator."""
-    own, dtype = Senses.of(job), convolution_dtype(job.precision, device)
-    made = Agent(own.images, own.vectors, own.actions, own.encoder, own.network, dtype)
-    return made.to(device)
+    kind = ALGORITHMS[job.algo.kind]
+    return kind.agent_of(job.spec, convolution_dtype(job.precision, device)).to(device)

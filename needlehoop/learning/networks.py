@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -27,6 +27,8 @@ class HeadConfig:
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
     told: tuple[str, ...] | None
     """Facts that the value function is told and the policy is not; ``None``: the task's choice."""
+    squash: bool = False
+    """Whether a tanh keeps actions within their range."""
 
 
 class Normalizer(nn.Module):
@@ -83,7 +85,7 @@ class Trunk(nn.Module):
             {name: Encoder(shape, encoder, heads.hidden, dtype) for name, shape in images.items()}
         )
         self.normalizers = nn.ModuleDict({name: Normalizer(n) for name, n in vectors.items()})
-        size = heads.hidden * len(images) + sum(vectors.values())
+        self.size = size = heads.hidden * len(images) + sum(vectors.values())
         layers: list[nn.Module] = []
         for _ in range(heads.layers):
             layers += [linear(size, heads.hidden), nn.SiLU()]
@@ -91,28 +93,37 @@ class Trunk(nn.Module):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, *observed: Tensor) -> Tensor:
+        return self.layers(self.see(*observed))
+
+    def see(self, *observed: Tensor) -> Tensor:
+        """What the dense layers read ``(..., size)``: the encoders' outputs, then vectors."""
         count = len(self.encoders)
         pairs = zip(self.encoders.values(), observed[:count], strict=True)
-        return self.merge([encoder(image) for encoder, image in pairs], observed[count:])
-
-    def merge(self, features: Sequence[Tensor], vectors: Sequence[Tensor]) -> Tensor:
-        """What ``forward`` makes of the encoders' outputs and the other observations."""
-        pairs = zip(self.normalizers.values(), vectors, strict=True)
-        parts = [*features, *(normalizer(vector) for normalizer, vector in pairs)]
-        return self.layers(torch.cat(parts, -1))
+        parts = [encoder(image) for encoder, image in pairs]
+        own = zip(self.normalizers.values(), observed[count:], strict=True)
+        parts += [normalizer(vector) for normalizer, vector in own]
+        return torch.cat(parts, -1)
 
 
 class Gaussian(nn.Module):
-    """Policy head: a linear mean and a free deviation that no observation moves."""
+    """Policy head: a linear mean and a state-independent deviation, squashed by a tanh or not."""
 
-    def __init__(self, inner: int, actions: int, sigma: float):
+    def __init__(self, inner: int, actions: int, sigma: float, squash: bool):
         super().__init__()
+        self._squash = squash
         self.mean = linear(inner, actions, gain=0.2)
         self.log_sigma = nn.Parameter(torch.full((actions,), sigma).log())
 
     def forward(self, hidden: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and deviation, before the tanh."""
         loc = self.mean(hidden)
         return loc, self.log_sigma.exp().expand_as(loc)
+
+    def act(self, hidden: Tensor, noise: Tensor | None = None) -> Tensor:
+        """The mean action, or with standard normal ``noise`` one drawn."""
+        loc, scale = self(hidden)
+        drawn = loc if noise is None else loc + scale * noise
+        return drawn.tanh() if self._squash else drawn
 
 
 class Value(nn.Module):

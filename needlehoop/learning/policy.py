@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.learning.agent import Actor
-from needlehoop.learning.weights import Senses
+from needlehoop.learning.policy_spec import PolicySpec
 
 PRECISION = "fp32"
 """What a policy in an ONNX file computes in: bfloat16 is what few runtimes have on a CPU."""
@@ -33,10 +33,10 @@ class Policy:
         origin: which policy it is, in words.
     """
 
-    def __init__(self, senses: Senses, actor: Actor, origin: str):
+    def __init__(self, spec: PolicySpec, actor: Actor, origin: str):
         self.origin = origin
         self._actor, self._device = actor.eval(), next(actor.parameters()).device
-        self._images, self._vectors = senses.images, senses.vectors
+        self._images, self._vectors = spec.images, spec.vectors
 
     def __repr__(self) -> str:
         return f"Policy({self.origin})"
@@ -99,7 +99,7 @@ class _Clamped(nn.Module):
         return self.actor(*observed).clamp(-1.0, 1.0)
 
 
-def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
+def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     """The content of an ONNX file of a policy. Extra ``onnx``.
 
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
@@ -120,8 +120,8 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
             f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
         ) from error
     example = {
-        **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in senses.images.items()},
-        **{name: torch.zeros(2, length) for name, length in senses.vectors.items()},
+        **{name: torch.zeros(2, *s, dtype=torch.uint8) for name, s in spec.images.items()},
+        **{name: torch.zeros(2, length) for name, length in spec.vectors.items()},
     }
     batch = torch.export.Dim("n")
     # It would speak of torchvision and of its own parts.
@@ -138,6 +138,6 @@ def onnx_bytes(senses: Senses, actor: Actor) -> bytes:
             verbose=False,
         )
     assert program is not None
-    facts = {"cams": [*senses.channels], "image_size": senses.image_size, "episode": senses.control}
+    facts = {"cams": [*spec.channels], "image_size": spec.image_size, "episode": spec.control}
     program.model.metadata_props["needlehoop"] = json.dumps(facts)
     return program.model_proto.SerializeToString()

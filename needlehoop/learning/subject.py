@@ -16,7 +16,8 @@ from needlehoop.envs.controllers import MakeController, by_name, controllers
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
 from needlehoop.learning.evaluate import acting, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
-from needlehoop.learning.weights import Senses, check_same, read_actor, read_senses
+from needlehoop.learning.policy_spec import check_same
+from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.run import Run
 
 _SEED = 1_000_001
@@ -57,17 +58,17 @@ def subject(
         return Subject(replace(settings, disturb=Disturb()), make)
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
-        senses = read_senses(path)
-        cams = ",".join(senses.channels)
-        seen = [f"cams=[{cams}]", f"image_size={senses.image_size}"]
-        settings = compose_settings([*seen, f"episode.control={senses.control}", *chosen])
+        spec = read_spec(path)
+        cams = ",".join(spec.channels)
+        seen = [f"cams=[{cams}]", f"image_size={spec.image_size}"]
+        settings = compose_settings([*seen, f"episode.control={spec.control}", *chosen])
         for name, channels in settings.image_channels.items():
-            if senses.channels.get(name) != channels:
+            if spec.channels.get(name) != channels:
                 raise ValueError(
-                    f"{path}: {name} has {senses.channels.get(name)} channels there, {channels}"
+                    f"{path}: {name} has {spec.channels.get(name)} channels there, {channels}"
                     " here; give the settings that it was trained with (obs.frame_stack=…)"
                 )
-        return Subject(settings, acting(read_actor(path, senses, device)))
+        return Subject(settings, acting(read_actor(path, spec, device)))
     settings = compose_settings(chosen)
     valid = controllers(settings)
     if who not in valid:
@@ -125,7 +126,7 @@ def flown_job(
     own = checked_job(recorded)
     values, found = changed(recorded, given, command)
     job = checked_job(values)
-    check_same(Senses.of(own), Senses.of(job), ", ".join(found))
+    check_same(own.spec, job.spec, ", ".join(found))
     is_typed = any(word.lstrip("+").startswith("reward=") for word in given)
     paid = rewards.allow(job.env.reward) if is_typed else rewards.recall(job.env.reward, trust)
     return replace(job, env=replace(job.env, reward=paid)), found

@@ -14,14 +14,14 @@ from typing import Any
 from needlehoop.config import strict
 from needlehoop.config.strict import Real
 from needlehoop.rewards import called, written
-from needlehoop.rewards.called import allow, given, recall
+from needlehoop.rewards.called import CALL, allow, given, recall
 from needlehoop.rewards.terms import Reward, RewardError, Sparse, potential
 from needlehoop.runs.files import EXPERT, check_name
 from needlehoop.runs.reading import read_yaml
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.registry import conf_of
 
-__all__ = ["Reward", "RewardError", "allow", "given", "potential", "recall"]
+__all__ = ["CALL", "Reward", "RewardError", "allow", "given", "potential", "recall"]
 
 _KINDS = ("human", "sparse", *written.KINDS, called.KIND)
 """Two are classes; others are programs (``written``) or functions (``called``)."""

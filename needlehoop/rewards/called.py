@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 KIND = "python"
 """The kind of a reward that names its function."""
 
-_CALL = "call"
+CALL = "call"
 """Key of an allowed config: the function in use. No file can hold one."""
 
 
@@ -87,7 +87,7 @@ def given(function: Callable[..., Any]) -> dict[str, Any]:
     """The config of a function object. It can't be written down for another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
     call = Called(function, {}, name)
-    return {"kind": KIND, "function": name, "values": {}, "source": None, _CALL: call}
+    return {"kind": KIND, "function": name, "values": {}, "source": None, CALL: call}
 
 
 def check(config: Mapping[str, Any]) -> None:
@@ -97,7 +97,7 @@ def check(config: Mapping[str, Any]) -> None:
         ValueError: missing or unknown keys, or ``values`` is not a mapping.
     """
     structure(
-        {key: one for key, one in config.items() if key not in ("name", _CALL)}, _Config, "reward"
+        {key: one for key, one in config.items() if key not in ("name", CALL)}, _Config, "reward"
     )
 
 
@@ -108,14 +108,14 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
         ValueError: missing or unknown values, no such function, or a function whose text has
             changed since the run began.
     """
-    if config["kind"] != KIND or _CALL in config:
+    if config["kind"] != KIND or CALL in config:
         return dict(config)
     check(config)
     name = config["function"]
     function = _find(name)
     if config["source"] not in (None, _source(function)):
         raise ValueError(f"reward.function: {name} is no longer what the run began with")
-    return {**config, _CALL: Called(function, config["values"] or {}, name)}
+    return {**config, CALL: Called(function, config["values"] or {}, name)}
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def load(config: Mapping[str, Any]) -> Called:
     Raises:
         ValueError: neither did.
     """
-    call = config.get(_CALL)
+    call = config.get(CALL)
     if not isinstance(call, Called):
         raise _untrusted(config)
     return call

@@ -28,8 +28,8 @@ FURTHER = "evaluations"
 SWEEPS, OUTCOME = ".sweeps", "outcome.json"
 """Beside the studies: a folder for each sweep, in it one for each of its jobs, with its note."""
 
-PPO, DAGGER = "ppo", "dagger"
-"""Methods of training; ``algo.kind`` names the second."""
+PPO, DAGGER, SAC = "ppo", "dagger", "sac"
+"""Methods of training, by ``algo.kind``; runs from before there was such a key are PPO's."""
 
 EXPERT = "expert"
 """Imitation's part of a path, where others have their reward's name."""

@@ -23,7 +23,7 @@ from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, r
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.loggers import Logger
-from needlehoop.learning.weights import Senses, write_weights
+from needlehoop.learning.weights import write_weights
 from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY, VIDEO
 from needlehoop.runs.machine import interruption, peak_memory, terminable
 from needlehoop.runs.reading import read_json
@@ -52,7 +52,15 @@ def train(
     Raises:
         FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
     """
-    learner = Learner(job, state and state["learner"], weights)
+    with closing(Learner(job, state and state["learner"], weights)) as learner:
+        return _train(learner, run, logger, state, until)
+
+
+def _train(
+    learner: Learner, run: Run, logger: Logger, state: dict[str, Any] | None, until: int | None
+) -> str:
+    """The same, with what learns."""
+    job = learner.job
     columns = job.env.definition.columns
     began = time.perf_counter() - (state["wall_time"] if state else 0.0)
     shown = {"return": math.nan, "success": math.nan}
@@ -129,8 +137,8 @@ def _keep(
     job: Job, run: Run, agent: Agent, name: str, evaluation: Mapping[str, Any] | None = None
 ) -> None:
     """Write the agent's policy into its run's folder."""
-    path, senses = run.folder / name, Senses.of(job)
-    write_weights(path, senses, agent.actor, run.config(), job.weights, evaluation)
+    path, spec = run.folder / name, job.spec
+    write_weights(path, spec, agent.actor, run.config(), job.weights, evaluation)
 
 
 def finish(job: Job, run: Run, logger: Logger) -> None:

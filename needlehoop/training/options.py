@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from needlehoop.config import strict
 from needlehoop.config.strict import OneOf, Range
-from needlehoop.learning.job import DaggerConfig, Job, typed_job
+from needlehoop.learning.job import Job, typed_job
 from needlehoop.learning.loggers import check_installed
 from needlehoop.rewards import NONE
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
@@ -69,10 +69,10 @@ def provider_config(values: Any) -> Any:
 
 def check_memory(job: Job) -> None:
     """Raises ``ValueError`` for a buffer of images that this machine cannot hold."""
-    algo, kept = job.algo, job.algo.memory if isinstance(job.algo, DaggerConfig) else 0
+    algo = job.algo
     pixels = sum(job.env.image_channels.values()) * job.env.image_size**2
     # Beside the images, the weights with Adam's moments.
-    needed = max(job.buffer, kept) * pixels
+    needed = max(2 * job.buffer, algo.frames) * pixels
     needed += 16 * algo.network.hidden**2 * (algo.network.layers + 1)
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:

@@ -224,7 +224,7 @@ def _check_same(run: Run, values: Mapping[str, Any]) -> None:
         wrong = (job.env.disturb.amounts, job.env.disturb.ramp)
         own = {"env": None, "disturb": wrong, "engine": vars(job.env.engine)}
         settings.append({**vars(job), **vars(job.env), **own})
-    if other := differing(*settings, _OF_NO_CONSEQUENCE):
+    if other := differing(settings[0], settings[1], _OF_NO_CONSEQUENCE):
         raise ValueError(
             f"{run.folder} exists with another {other}; choose another label= or"
             " study=, or replace it with overwrite=true, which keeps it under a number"

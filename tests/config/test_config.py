@@ -17,7 +17,7 @@ from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import parse_cameras
 
 GROUPS = ("task", "episode", "reward", "engine", "obs", "disturb")
-TRAINING = ("algo", "encoder")
+TRAINING = ("algo", "encoder", "collector")
 COMMANDS = {"gates": "check", "vlm": "ask", "levels": "stress"}
 """Groups that a command's config has, by command."""
 

@@ -103,14 +103,17 @@ def test_a_snapshot_goes_on_to_the_bit():
     env = TorchRLEnv(settings)
     env.reset()
     for action in actions[:6]:
-        env.step_and_reset(action)
-    kept = env.snapshot()
+        env.step_and_maybe_reset(env.full_action_spec.zero().set("action", action))
+    kept = env.state_dict()
     other = TorchRLEnv(settings)
     other.reset()
-    other.restore(kept)
+    other.load_state_dict(kept)
     other.reset()
     for action in actions[6:]:
-        one, two = env.step_and_reset(action)[0], other.step_and_reset(action)[0]
+        acted = [e.full_action_spec.zero().set("action", action) for e in (env, other)]
+        one, two = (
+            e.step_and_maybe_reset(a)[0]["next"] for e, a in zip((env, other), acted, strict=True)
+        )
         for key in one.keys(include_nested=True, leaves_only=True):
             assert torch.equal(one[key], two[key]), key
 
@@ -177,16 +180,17 @@ def test_the_tip_stands_beside_where_it_was_told_to():
 
 def test_commands_come_late_and_the_ramp_grows():
     settings = compose_settings(["num_envs=64", "disturb.robot.late=3", "disturb.ramp=0.5"])
-    env = TorchRLEnv(settings)
-    env.progress(0.0)
-    env.reset()
+    env = TorchRLEnv(settings, length=4)
+    now = env.reset()
     wrong = env.simulation.disturbance
     assert not wrong._drawn["robot.late"].amount.any()
-    env.progress(0.25)
-    assert wrong.level == 0.5
-    env.progress(0.9)
-    env.set_seed(1)
-    env.reset()
+    levels = []
+    for seed in range(1, 5):
+        env.step(now.set("action", torch.zeros(64, 5)))
+        env.set_seed(seed)
+        now = env.reset()
+        levels.append(wrong.level)
+    assert levels == [0.5, 1.0, 1.0, 1.0]
     late = wrong._drawn["robot.late"].amount[:, 0]
     assert set(late.tolist()) == {0.0, 1.0, 2.0, 3.0}
     # The first command that differs from the one before: at once where nothing is late.

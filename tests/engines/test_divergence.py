@@ -96,10 +96,14 @@ def learner(tmp_path, monkeypatch):
     return Learner(typed_job(composing.compose(words, "job")))
 
 
+def simulation_of(learner: Learner) -> Simulation:
+    return learner._collector.env.base_env.simulation
+
+
 def test_one_divergence_does_not_end_a_training(learner):
     turns = iter(learner)
     next(turns)
-    break_down(learner.env.simulation, 0)
+    break_down(simulation_of(learner), 0)
     buffer, _ = next(turns)
     assert int((buffer["next", "facts", "diverged"] & buffer["next", "truncated"]).sum()) == 1
     next(turns)
@@ -108,7 +112,7 @@ def test_one_divergence_does_not_end_a_training(learner):
 def test_a_training_ends_where_the_physics_diverges_too_often(learner):
     def go_on():
         for _ in learner:
-            break_down(learner.env.simulation, 0)
+            break_down(simulation_of(learner), 0)
 
     with pytest.raises(FloatingPointError, match=r"the physics diverged in 2 of \d+ episodes"):
         go_on()

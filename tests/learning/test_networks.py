@@ -13,6 +13,7 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.networks import HeadConfig, Normalizer, Trunk
+from needlehoop.learning.policy_spec import PolicySpec
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
@@ -41,9 +42,20 @@ def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> Compos
 def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> Agent:
     torch.manual_seed(0)
     seen = dict(spec.items())
-    images = {name: one.shape[1:] for name, one in seen.get("pixels", {}).items()}
+    channels = {name: one.shape[1] for name, one in seen.get("pixels", {}).items()}
     vectors = {name: seen[name].shape[-1] for name in ("proprio", "signals") if name in seen}
-    return Agent(images, vectors, 5, encoder, replace(HEADS, **heads), torch.float32)
+    own = PolicySpec(channels, 16, vectors, encoder, replace(HEADS, **heads), "tool", 5, "fp32")
+    return Agent(own, torch.float32)
+
+
+def said(agent: Agent, seen: TensorDictBase) -> tuple[torch.Tensor, ...]:
+    """Mean, deviation and value of an observation."""
+    folded = seen.clone()
+    for name, image in seen["pixels"].items() if "pixels" in seen else ():
+        folded["pixels", name] = agent.fold(image)
+    common, head, value = agent.torchrl()
+    found = value(head.module[0](common(folded.select(*agent.in_keys))))
+    return found["loc"], found["scale"], found["state_value"]
 
 
 @pytest.mark.parametrize("stem", [1, 4])
@@ -210,20 +222,11 @@ def test_looking_does_not_teach_a_normalizer():
     assert all(torch.equal(normalizer.state_dict()[name], before[name]) for name in before)
 
 
-def given(agent: Agent, seen: TensorDictBase) -> list[torch.Tensor]:
-    """What an agent takes of an observation."""
-    return agent.prepare(*(seen[key] for key in agent.in_keys))
-
-
 def test_an_agent_reads_the_keys_it_names():
     spec = observed(3, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
     agent = make_agent(spec)
     assert set(agent.in_keys) == {("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"}
-    seen = dict(zip(agent.seen_keys, given(agent, spec.rand()), strict=True))
-    assert seen["folded", "rgb_a"].shape == (3, 8, 8, 12)
-    assert seen["folded", "dep_b"].shape == (3, 8, 8, 16)
-    assert seen["folded", "dep_b"].dtype == torch.uint8
-    shapes = [tuple(one.shape) for one in agent(*seen.values())]
+    shapes = [tuple(one.shape) for one in said(agent, spec.rand())]
     assert shapes == [(3, 5), (3, 5), (3, 1)]
 
 
@@ -231,7 +234,7 @@ def test_an_agent_of_vectors_alone_needs_no_images():
     spec = observed(4, {}, {"signals": 6})
     agent = make_agent(spec)
     assert list(agent.in_keys) == ["signals"]
-    loc, _, value = agent(*given(agent, spec.rand()))
+    loc, _, value = said(agent, spec.rand())
     assert loc.shape == (4, 5)
     assert value.unique().numel() == 4
 
@@ -239,7 +242,7 @@ def test_an_agent_of_vectors_alone_needs_no_images():
 def test_the_first_policy_has_the_sigma_of_the_config_whatever_it_sees():
     spec = observed(7, {"rgb_a": 3}, {"signals": 6})
     agent = make_agent(spec)
-    loc, scale, _ = agent(*given(agent, spec.rand()))
+    loc, scale, _ = said(agent, spec.rand())
     torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
     assert loc.std(0).min() > 0
 
@@ -251,7 +254,7 @@ def test_every_camera_has_an_encoder_of_its_own():
     pairs = list(zip(first.parameters(), second.parameters(), strict=True))
     assert all(ours is not theirs for ours, theirs in pairs)
     assert not torch.equal(first.dense[0].weight, second.dense[0].weight)
-    agent(*given(agent, spec.rand()))[0].square().sum().backward()
+    said(agent, spec.rand())[0].square().sum().backward()
     for encoder in (first, second):
         assert all(parameter.grad.abs().max() > 0 for parameter in encoder.parameters())
 
@@ -261,7 +264,7 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
     apart = make_agent(spec, shared=False)
     for output, moved in ((0, 0), (2, 1)):
         apart.zero_grad()
-        apart(*given(apart, spec.rand()))[output].square().sum().backward()
+        said(apart, spec.rand())[output].square().sum().backward()
         grads = [
             [parameter.grad for parameter in trunk.parameters()]
             for trunk in apart.modules()
@@ -284,11 +287,11 @@ def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
     agent = told(spec)
     seen = spec.rand()
     seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
-    loc, _, value = agent(*given(agent, seen))
+    loc, _, value = said(agent, seen)
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()
         other["facts", fact] = ~other["facts", fact]
-        loc_after, _, value_after = agent(*given(agent, other))
+        loc_after, _, value_after = said(agent, other)
         assert torch.equal(loc_after, loc)
         assert torch.equal(value_after, value) != moves
 
@@ -297,7 +300,7 @@ def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
     spec = observed(2, {"rgb_a": 3}, {})
     agent = told(spec)
     seen = spec.rand()
-    loc, *_ = agent(*given(agent, seen))
+    loc, *_ = said(agent, seen)
     assert torch.equal(agent.actor(seen["pixels", "rgb_a"]), loc)
     assert not [name for name in agent.state_dict() if "actor" in name]
 

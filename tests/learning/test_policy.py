@@ -14,7 +14,7 @@ from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import build_agent
-from needlehoop.learning.weights import Senses, write_weights
+from needlehoop.learning.weights import write_weights
 from needlehoop.runs.run import Run
 
 WORDS = [
@@ -43,7 +43,7 @@ def trained(folder, *words, weights="float32"):
     ppo = {"agent": agent.state_dict(), "done_updates": 1}
     learner = {"ppo": ppo, "env": {}, "rng": torch.get_rng_state()}
     run.save({"learner": learner, "update": 1, "wall_time": 1.0})
-    write_weights(folder / "policy.safetensors", Senses.of(job), agent.actor, values, weights)
+    write_weights(folder / "policy.safetensors", job.spec, agent.actor, values, weights)
     return agent
 
 

@@ -161,7 +161,7 @@ SPOILT = {
     "no learner": (lambda s: s.pop("learner"), "learner.ppo: None"),
     "no ppo": (lambda s: s["learner"].pop("ppo"), "learner.ppo: None"),
     "no agent": (lambda s: s["learner"]["ppo"].pop("agent"), "'agent'"),
-    "no env": (lambda s: s["learner"].pop("env"), "'env'"),
+    "no collector": (lambda s: s["learner"].pop("collector"), "'collector'"),
     "no rng": (lambda s: s["learner"].pop("rng"), "'rng'"),
     "other updates": (lambda s: s["learner"]["ppo"].update(done_updates=1), "learner.ppo: 1"),
     "other weights": (

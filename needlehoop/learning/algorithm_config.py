@@ -1,0 +1,152 @@
+"""Settings of the methods of training: a dataclass for each file of ``conf/algo``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from needlehoop.config import strict
+from needlehoop.config.strict import Count, Number, OneOf, Positive, Range, Share
+from needlehoop.learning.networks import HeadConfig
+from needlehoop.runs.files import DAGGER, PPO, SAC
+
+Horizon = Annotated[int, Range(1, 100_000)]
+Rate = Annotated[float, Range(0.0, 10.0, above=True)]
+Frames = Annotated[int, Range(1, 10_000_000)]
+Shift = Annotated[int, Range(0, 64)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlgorithmConfig:
+    """What every file of ``conf/algo`` has."""
+
+    kind: str
+    """Selects the algorithm."""
+    horizon: Horizon
+    """Steps of each environment per buffer; of PPO also those that an advantage looks ahead."""
+    minibatch: Count
+    learning_rate: Rate
+    network: HeadConfig
+
+    imitates: ClassVar[bool] = False
+    """Whether an expert teaches, and not a reward."""
+    stagger: ClassVar[bool] = False
+    """Whether a first buffer is to show episodes at every stage."""
+
+    @property
+    def frames(self) -> int:
+        """Frames that are kept beside the buffer."""
+        return 0
+
+    def steps(self, num_envs: int) -> int:
+        """Steps of a buffer, over all environments."""
+        return num_envs * self.horizon
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoConfig(AlgorithmConfig):
+    """Values in ``conf/algo/ppo.yaml``."""
+
+    kind: Annotated[str, OneOf(PPO)] = PPO
+    epochs: Annotated[int, Range(1, 1000)]
+    """Passes over a buffer."""
+    gamma: Share
+    lam: Share
+    """GAE's lambda."""
+    beta: Annotated[float, Range(0.0, 1e3)]
+    """Weight of the entropy; constant."""
+    epsilon: Annotated[float, Range(0.0, 1.0, above=True)]
+    """Clipping of probability ratios and value moves; falls linearly to ``epsilon_end``."""
+    epsilon_end: Annotated[float, Range(0.0, 1.0, above=True)]
+    value_coefficient: Annotated[float, Range(0.0, 1e3, above=True)]
+    clip_value: bool
+    """Whether a value may move no further than epsilon per buffer."""
+    warmup: Number = 0
+    """Buffers at the start of a run with ``init=`` in which only the value function learns."""
+    finetune: Annotated[float, Range(0.0, 1.0, above=True)] = 1.0
+    """Share of the learning rate with which its policy learns afterwards."""
+    buffer: Count | None = None
+    """Steps of all environments that are collected before they are learnt from; ``None``: one
+    horizon of each."""
+
+    stagger: ClassVar[bool] = True
+
+    def steps(self, num_envs: int) -> int:
+        return super().steps(num_envs) if self.buffer is None else self.buffer
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaggerConfig(AlgorithmConfig):
+    """Values in ``conf/algo/dagger.yaml``."""
+
+    kind: Annotated[str, OneOf(DAGGER)]
+    memory: Frames
+    """Newest frames, which are learnt from; each is as large as its images."""
+    minibatches: Annotated[int, Range(1, 1_000_000)]
+    """After each buffer, drawn from all frames in memory."""
+    bend: Positive
+    """Error, in units of the action, at which the loss turns from square to straight."""
+    jaw: Positive
+    """Weight of the jaw's error; that of the motion's is 1."""
+    noise: Annotated[float, Range(0.0, 100.0)]
+    """Strongest noise on an episode in which the expert acts, in units of the action."""
+    handover: Positive
+    """Share of the steps after which the learner acts in every new episode. Before, its part of
+    the episodes grows."""
+    picture_shift: Shift = 0
+    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
+    from."""
+
+    imitates: ClassVar[bool] = True
+
+    @property
+    def frames(self) -> int:
+        return self.memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class SacConfig(AlgorithmConfig):
+    """Values in ``conf/algo/sac.yaml``."""
+
+    kind: Annotated[str, OneOf(SAC)]
+    memory: Frames
+    """Newest steps, which are learnt from; each is as large as two of its images."""
+    minibatches: Annotated[int, Range(1, 1_000_000)]
+    """After each buffer, drawn from all steps in memory."""
+    gamma: Share
+    tau: Annotated[float, Range(0.0, 1.0, above=True)]
+    """Share of the way that the targets follow after each minibatch."""
+    alpha: Positive
+    """Weight of the entropy at the start; it is learnt."""
+    picture_shift: Shift
+    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
+    from."""
+
+    def __post_init__(self) -> None:
+        if not self.network.squash:
+            raise ValueError("algo.network.squash: SAC's actions are squashed; choose true")
+
+    @property
+    def frames(self) -> int:
+        return 2 * self.memory
+
+
+CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}
+"""By ``algo.kind``."""
+
+_GONE = {"shards"}
+"""Keys of runs from before, which decide nothing any more."""
+
+
+def config_of(values: Any) -> AlgorithmConfig:
+    """The group ``algo`` of a composed config; a run from before there were several is PPO's.
+
+    Raises:
+        ValueError: an unknown kind, or a value that is wrong; says its key.
+    """
+    given = strict.structure(values, Mapping[str, Any], "algo")
+    kind = given.get("kind", PPO)
+    strict.check_names("algo.kind", [kind], [*CONFIGS])
+    own = {key: value for key, value in given.items() if key not in _GONE}
+    return strict.structure(own, CONFIGS[kind], "algo")

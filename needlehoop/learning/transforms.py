@@ -1,0 +1,153 @@
+"""What a training adds to an environment, as TorchRL's transforms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import Transform
+
+from needlehoop.envs.controllers import Perturbation, controller
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.encoder import Fold
+
+LABEL = "label"
+"""What the expert would do now, among an observation's keys ``(n, action_size)``."""
+
+EXPERT = "expert"
+"""What it does: the label with noise that it then corrects, likewise."""
+
+LEARNER = "learner"
+"""Whether the learner acts in this episode ``(n, 1)``, and not the expert."""
+
+
+class FoldPixels(Transform):
+    """Folds images where they are made, once: ``("pixels", <camera>)``, see ``Fold``."""
+
+    def __init__(self, stem: int, cameras: list[str]):
+        keys: list[Any] = [("pixels", name) for name in cameras]
+        super().__init__(in_keys=keys, out_keys=keys)
+        self._fold = Fold(stem)
+
+    def _apply_transform(self, obs: Tensor) -> Tensor:
+        return self._fold(obs)
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        mask = tensordict.get("_reset", None)
+        if mask is None or bool(mask.all()):
+            return self._call(tensordict_reset)
+        # TorchRL takes the rows of the mask alone.
+        rows = mask.flatten().nonzero().flatten()
+        for key in self.in_keys:
+            few = self._fold(tensordict_reset[key][rows])
+            folded = few.new_empty(len(mask), *few.shape[1:])
+            folded[rows] = few
+            tensordict_reset[key] = folded
+        return tensordict_reset
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """Images ``(n, h/k, w/k, k*k*c)``."""
+        found = observation_spec.clone()
+        for key in self.in_keys:
+            shape = self._fold(found[key].zero()).shape
+            found[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
+        return found
+
+
+class Teacher(Transform):
+    """An expert that says what it would do, and acts in some of the episodes.
+
+    Who acts in an episode is drawn when it begins. The learner's share grows from nothing to all.
+    The expert acts under noise, so that it shows how to correct errors (``Perturbation``).
+
+    Args:
+        settings: of the environments.
+        noise: the strongest.
+        handover: share of the training after which the learner acts in every new episode.
+        seed: decides who acts, and the noise.
+    """
+
+    def __init__(self, settings: Settings, noise: float, handover: float, seed: int):
+        super().__init__(in_keys=[], out_keys=[LABEL, EXPERT, LEARNER])
+        self._expert = controller(settings.definition.teacher, settings)
+        self._handover, self._generator = handover, torch.Generator().manual_seed(seed)
+        self._shape = (settings.num_envs, settings.episode.action_size)
+        self._noise = Perturbation(*self._shape, noise, self._generator)
+        self._learner = torch.zeros(settings.num_envs, dtype=torch.bool)
+        self._acted = torch.zeros(self._shape)
+        self._is_restored = False
+
+    @property
+    def _env(self) -> Any:
+        return self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
+
+    def _show(self, into: TensorDictBase, fresh: Tensor | None = None) -> TensorDictBase:
+        """The teacher's keys; of environments ``fresh`` ``(n,)`` the expert acts anew."""
+        label = self._expert(self._env.moment.signals).float()
+        if fresh is not None:
+            acted = (label + self._noise(fresh).float()).clamp(-1.0, 1.0)
+            self._acted = torch.where(fresh.unsqueeze(-1), acted, self._acted)
+        return into.update(
+            {LABEL: label, EXPERT: self._acted, LEARNER: self._learner.unsqueeze(-1)}
+        )
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._show(next_tensordict, torch.ones_like(self._learner))
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        mask = tensordict.get("_reset", None)
+        fresh = torch.ones_like(self._learner) if mask is None else mask.flatten()
+        if self._is_restored and bool(fresh.all()):
+            # It goes on with what is under way.
+            self._is_restored = False
+            return self._show(tensordict_reset)
+        share = min(1.0, self._env.done_share / self._handover)
+        drawn = torch.rand(fresh.shape, generator=self._generator) < share
+        self._learner = torch.where(fresh, drawn, self._learner)
+        self._noise.begin(fresh)
+        return self._show(tensordict_reset, fresh)
+
+    def transform_observation_spec(self, observation_spec: Composite) -> Composite:
+        """With the teacher's keys."""
+        found, shape = observation_spec.clone(), torch.Size(self._shape)
+        found[LABEL], found[EXPERT] = Unbounded(shape=shape), Unbounded(shape=shape)
+        column = torch.Size((shape[0], 1))
+        found[LEARNER] = Binary(1, shape=column, dtype=torch.bool)
+        return found
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """Who acts, the noise, and what decides the next of both."""
+        own = {"learner": self._learner, "acted": self._acted}
+        return {**own, **self._noise.snapshot(), "generator": self._generator.get_state()}
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Go on from a ``get_extra_state``."""
+        self._learner, self._acted = state["learner"], state["acted"]
+        self._noise.restore(state)
+        self._generator.set_state(state["generator"])
+        self._is_restored = True
+
+
+class Carry(Transform):
+    """Has a collector's ``state_dict`` hold the environment, of which it keeps transforms alone.
+
+    And the numbers that torch draws in this process, for the policy's actions.
+    """
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """The environment's, and torch's."""
+        env: Any = self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
+        return {"env": env.state_dict(), "rng": torch.get_rng_state()}
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Go on from a ``get_extra_state``."""
+        env: Any = self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
+        env.load_state_dict(state["env"])
+        torch.set_rng_state(state["rng"])

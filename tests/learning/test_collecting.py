@@ -1,0 +1,149 @@
+"""Buffers, and going on with them, of each collector and each method of training."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import pytest
+import torch
+from torchrl.envs import SerialEnv
+from torchrl.envs.utils import check_env_specs
+
+from needlehoop.config import composing
+from needlehoop.learning.collecting import MakeEnv, flown_again
+from needlehoop.learning.encoder import Fold
+from needlehoop.learning.job import CollectorConfig, Job, typed_job
+from needlehoop.learning.learner import Learner
+
+SMALL = [
+    *("cams=[dep_front,seg_side]", "image_size=32", "num_envs=5", "algo.horizon=8", "steps=160"),
+    *("algo.minibatch=16", "algo.network.hidden=16", "episode.max_steps=6", "engine.threads=1"),
+    *("obs.proprio=true", "obs.frame_stack=2", "disturb=severe", "disturb.ramp=0.5"),
+]
+"""Four buffers of 40 steps, of a training with everything that has a state."""
+
+METHODS = {
+    "ppo": ["algo.epochs=1"],
+    "dagger": ["algo=dagger", "algo.minibatches=2", "algo.picture_shift=1", "algo.memory=100"],
+    "sac": ["algo=sac", "algo.minibatches=2", "algo.memory=100"],
+}
+COLLECTORS = {"single": ["collector=single"], "processes": ["collector.workers=2"]}
+CLOCKS = {"seconds_collect", "seconds_update"}
+
+
+def job_of(*words: str) -> Job:
+    own = [word for word in words if word.startswith("algo=")]
+    rest = [word for word in words if not word.startswith("algo=")]
+    return typed_job(composing.compose([*own, *SMALL, *rest], "job"))
+
+
+def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any, ...]:
+    """What is told of each buffer with its sum, the state afterwards, and the weights."""
+    learner = Learner(job, state)
+    told = []
+    for buffer, losses in learner:
+        own = {name: value for name, value in losses.items() if name not in CLOCKS}
+        told.append(str({**own, "seen": float(buffer["next", "reward"].double().sum())}))
+        if learner.done_updates == updates:
+            break
+    file = io.BytesIO()
+    torch.save(learner.state_dict(), file)
+    weights = {name: one.clone() for name, one in learner.agent.state_dict().items()}
+    learner.close()
+    return told, file.getvalue(), weights
+
+
+@pytest.mark.parametrize(
+    ("method", "collector"),
+    [
+        *((method, "single") for method in METHODS),
+        ("ppo", "processes"),
+        *(pytest.param(method, "processes", marks=pytest.mark.full) for method in METHODS),
+    ],
+)
+def test_a_seed_gives_the_same_bits_again_and_after_a_stop(method, collector):
+    job = job_of(*METHODS[method], *COLLECTORS[collector])
+    told, _, weights = learnt(job)
+    begun, state, _ = learnt(job, updates=2)
+    assert begun == told[:2]
+    # Through a file, as a checkpoint goes.
+    rest, _, again = learnt(job, state=torch.load(io.BytesIO(state), weights_only=True))
+    assert rest == told[2:]
+    assert [name for name in weights if not torch.equal(weights[name], again[name])] == []
+
+
+def test_processes_fly_the_episodes_that_one_would():
+    """The expert's: it draws no action."""
+    words = ("algo.noise=0", "algo.handover=1e9", *METHODS["dagger"])
+    buffers = []
+    for collector in COLLECTORS.values():
+        learner = Learner(job_of(*words, *collector))
+        buffers.append(next(iter(learner))[0].clone())
+        learner.close()
+    one, several = buffers
+    for key in one.keys(include_nested=True, leaves_only=True):
+        if "collector" not in key:
+            assert torch.equal(one[key], several[key]), key
+
+
+def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began():
+    job = job_of()
+    env: Any = MakeEnv(job, 0, 5, 1)()
+    fold, now = Fold(job.encoder.stem), env.reset()
+    ended = 0
+    for _ in range(8):
+        now["action"] = 2 * torch.rand(5, 5) - 1
+        both, now = env.step_and_maybe_reset(now)
+        done = both["next", "done"].flatten()
+        ended += int(done.sum())
+        for name, seen in env.base_env._observer.pixels.items():
+            assert torch.equal(now["pixels", name], fold(seen))
+            same = now["pixels", name] == both["next", "pixels", name]
+            assert bool(same[~done].all())
+    assert ended > 5
+
+
+def test_buffers_are_flown_again_from_their_actions():
+    job = job_of(*METHODS["sac"], "collector.workers=2")
+    learner = Learner(job)
+    flown = [buffer.clone() for buffer, _ in learner]
+    learner.close()
+    again = flown_again(job, torch.stack([buffer["action"] for buffer in flown]))
+    for one, other in zip(flown, again, strict=True):
+        for key in (("pixels", "seg_side"), "proprio", ("next", "pixels", "dep_front")):
+            assert torch.equal(one[key], other[key]), key
+        assert torch.equal(one["next", "reward"], other["next", "reward"])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_environment_is_one_of_torchrls(method):
+    job = job_of(*METHODS[method])
+    check_env_specs(MakeEnv(job, 0, 5, 1)())
+    two = SerialEnv(2, MakeEnv(job, 0, 5, 1))
+    rollout = two.rollout(3, break_when_any_done=False)
+    state = two.state_dict()
+    two.load_state_dict(state)
+    assert rollout.batch_size == (2, 5, 3)
+    assert torch.equal(
+        rollout[0, :, 0]["pixels", "seg_side"], rollout[1, :, 0]["pixels", "seg_side"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "workers", "num_envs", "cores", "parts"),
+    [
+        ("processes", None, 80, 2, [40, 40]),
+        ("processes", None, 80, 16, [20] * 4),
+        ("processes", None, 30, 2, [30]),
+        ("processes", 3, 80, 2, [27, 27, 26]),
+        ("single", 3, 80, 2, [80]),
+    ],
+)
+def test_environments_are_shared_among_workers(kind, workers, num_envs, cores, parts):
+    assert CollectorConfig(kind, workers).parts(num_envs, cores) == parts
+
+
+def test_more_workers_than_environments_are_refused():
+    with pytest.raises(ValueError, match=r"collector\.workers: 6 is more than num_envs=5"):
+        job_of("collector.workers=6")
