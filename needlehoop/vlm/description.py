@@ -176,6 +176,10 @@ def view(view: View, task: Task) -> str:
     )
     wide = 2000 * distance * math.tan(math.radians(view.fovy / 2))
     rolled = f", turned by {view.roll:g} degrees about its line of sight" if view.roll else ""
+    if view.orbit is None:
+        return (
+            f"{where}{rolled}; at {1000 * distance:.0f} mm from it its image is {wide:.0f} mm wide"
+        )
     return (
         f"{where}{rolled}, {1000 * distance:.0f} mm from the point in the middle of its image,"
         f" which is {wide:.0f} mm wide there"
