@@ -60,6 +60,11 @@ def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
         planned(["experiment=table2", "reward=humane"])
 
 
+def test_a_name_for_several_cameras_is_planned_as_their_run():
+    names = {place.cameras for place in planned(["cams=stereo,[rgb_front,rgb_wrist]"])}
+    assert names == {"rgb_ecm_left+rgb_ecm_right", "rgb_front+rgb_wrist"}
+
+
 def test_a_study_of_own_cameras_is_planned_with_their_folder(tmp_path):
     (tmp_path / "conf/view").mkdir(parents=True)
     (tmp_path / "conf/view/near.yaml").write_text("azimuth: 0.0\n")
