@@ -46,15 +46,20 @@ def vlm_rank(options: argparse.Namespace) -> None:
     """Ask for rankings of camera sets."""
     from needlehoop.config import composing, strict
 
-    values = composing.compose(options.overrides, "vlm_rank")
-    from needlehoop.training.planned import planned
+    chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
+    named, words = [], options.overrides
+    if chosen:
+        from needlehoop.training.planned import planned
+
+        named = list(dict.fromkeys(place.cameras for place in planned(chosen)))
+        # Typed, so that all their views are among the settings.
+        words = [*words, f"sets=[{','.join(named)}]"]
+    values = composing.compose(words, "vlm_rank")
     from needlehoop.vlm.album import read_folder
     from needlehoop.vlm.questions import Lists, Questions
 
-    chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
-    if chosen:
+    if named:
         # One picture against two is no question.
-        named = dict.fromkeys(place.cameras for place in planned(chosen))
         counts = sorted({name.count("+") for name in named})
         values["sets"] = [[name for name in named if name.count("+") == n] for n in counts]
     elif any(isinstance(one, str) for one in values["sets"] or ()):

@@ -43,8 +43,9 @@ def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
     """Tell Hydra which cameras and models there are; of the config folders ours is the first.
 
     A new view or rendering is one new file: every file is part of an environment's config, and
-    every pair of view and rendering is an option of the group ``cams``. An experiment that the
-    words choose may have ``views`` of its own.
+    every pair of view and rendering is an option of the group ``cams``. A view in a folder below
+    ``view`` is part of a config only where a camera has it, or where a word names it that chooses
+    no cameras. An experiment that the words choose may have ``views`` of its own.
     """
     store = ConfigStore.instance()
     given = list(words)
@@ -52,7 +53,15 @@ def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
         group: sorted(name for folder in folders for name in options(folder, group))
         for group in ("view", "rendering")
     }
+    apart = views_apart(folders)
     defaults = [{f"{group}@{group}s.{name}": name} for group in found for name in found[group]]
+    kinds = "|".join(map(re.escape, found["rendering"]))
+    others = " ".join(word for word in given if not re.match(r"\+*(cams|model)=", word))
+    defaults += [
+        {f"view@views.{name}": option}
+        for name, (option, _) in apart.items()
+        if re.search(rf"\b(views\.|({kinds})_){re.escape(name)}\b", others)
+    ]
     store.store(name="views_and_renderings", node={"defaults": defaults})
     names = {*typed(given, "experiment")}
     files = [folder / "experiment" / f"{name}.yaml" for folder in folders for name in names]
@@ -62,14 +71,26 @@ def register_cameras(words: Iterable[str], folders: Sequence[Path]) -> None:
     known = store.repo.get("cams", {})
     for option in [name for name, one in known.items() if one.provider == _PROVIDER]:
         del known[option]
-    for rendering, view in product(found["rendering"], views):
-        name, node = f"{rendering}_{view}", {"view": view, "rendering": rendering}
-        package = f"{CAMERAS}.{name}"
-        store.store(group="cams", name=name, node=node, package=package, provider=_PROVIDER)
+    for rendering, view in product(found["rendering"], [*views, *apart]):
+        name, camera = f"{rendering}_{view}", {"view": view, "rendering": rendering}
+        node: dict[str, Any] = {CAMERAS: {name: camera}}
+        if view in apart:
+            node["views"] = {view: read_option(apart[view][1])}
+        own = {"node": node, "package": "_global_", "provider": _PROVIDER}
+        store.store(group="cams", name=name, **own)
     for name in _models(given, experiments):
         cameras, _, reward = name.rpartition(".")
         node = {"defaults": [{"override /reward": reward}, {"override /cams": cameras.split("+")}]}
         store.store(group="model", name=name, node=node, package="_global_")
+
+
+def views_apart(folders: Iterable[Path]) -> dict[str, tuple[str, Path]]:
+    """Views in folders below ``view`` by name: their option of that group, and their file."""
+    found: dict[str, tuple[str, Path]] = {}
+    for folder in folders:
+        for file in sorted((folder / "view").glob("*/*.yaml")):
+            found[file.stem] = (f"{file.parent.name}/{file.stem}", file)
+    return found
 
 
 def _models(words: Iterable[str], experiments: Iterable[Any]) -> list[str]:

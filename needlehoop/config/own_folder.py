@@ -19,7 +19,7 @@ from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult
 
-from needlehoop.config.options import options, read_option, typed
+from needlehoop.config.options import options, read_option, typed, views_apart
 from needlehoop.runs.shipped import CONF
 
 KEY, TASK_KEY = "conf_dir", "task_dir"
@@ -130,6 +130,7 @@ def _check(folder: Path, key: str) -> None:
         if group not in valid:
             raise ValueError(f"{key}: {group!r} is no group; choose from {', '.join(valid)}")
         ours = {*_files(CONF / group), *options(CONF, group)}
+        ours |= {*views_apart([CONF])} if group == "view" else set()
         for name in sorted({*_files(folder / group)} & ours):
             raise ValueError(f"{key}: {group}/{name}.yaml: the name is taken; choose another")
 

@@ -62,7 +62,9 @@ class Axis:
 
 AXES = {
     # Where cameras stand.
-    "camera.shift": Axis("moved along each of the world's axes", "m", 0.1, True, 3, per=VIEW),
+    "camera.shift": Axis(
+        "moved along the world's axes, on a body along its own", "m", 0.1, True, 3, per=VIEW
+    ),
     "camera.turn": Axis("turned about each of its own axes", "degrees", 45.0, True, 3, per=VIEW),
     "camera.focal": Axis("another focal length", "share", 0.9, True, per=VIEW),
     "camera.drift": Axis("moves along each axis within an episode", "m", 0.1, True, 3, per=VIEW),

@@ -42,6 +42,7 @@ class Disturbance:
     ):
         self._views, self._things, self._target = views, things, target
         self._cameras = [model.camera(view).id for view in views]
+        self._mounted = model.cam_bodyid[self._cameras] > 0
         names = (model.geom(i).name for i in range(model.ngeom))
         self._strange = [i for i, name in enumerate(names) if name.startswith(optics.STRANGE)]
         self._max_steps = max_steps
@@ -152,7 +153,7 @@ class Disturbance:
             turns = fields["cam_xmat"].reshape(n, -1, 3, 3).copy()
             zoom = np.ones(turns.shape[:2])
             time = np.minimum(1.0, self._numbers["steps"] / self._max_steps)
-            own = optics.cameras(places[:, at], turns[:, at], self._drawn, time)
+            own = optics.cameras(places[:, at], turns[:, at], self._drawn, time, self._mounted)
             places[:, at], turns[:, at], zoom[:, at] = own
             found |= {"cam_xpos": places, "cam_xmat": turns, "cam_zoom": zoom}
         if self._does("scene."):

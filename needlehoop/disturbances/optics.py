@@ -44,22 +44,34 @@ def add_objects(spec: mujoco.MjSpec, count: int) -> None:
 
 
 def cameras(
-    position: np.ndarray, turn: np.ndarray, drawn: Mapping[str, Drawn], time: np.ndarray
+    position: np.ndarray,
+    turn: np.ndarray,
+    drawn: Mapping[str, Drawn],
+    time: np.ndarray,
+    mounted: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cameras as they stand: moved along the world's axes, turned about their own.
+    """Cameras as they stand, moved and turned.
+
+    They are moved along the world's axes, and along their own where they are mounted on a body;
+    they are turned about their own.
 
     Args:
         position: ``(n, views, 3)`` m, world frame.
         turn: the cameras' axes in columns, ``(n, views, 3, 3)``.
         drawn: by the keys of ``AXES``.
         time: share of the episode that is over ``(n,)``: a camera drifts all the way in it.
+        mounted: which are on a body ``(views,)`` bool.
 
     Returns:
         The same two, and factors of the focal lengths ``(n, views)``.
     """
-    drift = time[:, None, None] * drawn["camera.drift"].amount
+    shift, drift = (drawn[f"camera.{name}"].amount for name in ("shift", "drift"))
+    drift = time[:, None, None] * drift
+    if mounted.any():
+        own = np.where(mounted[:, None, None], turn, np.eye(3))
+        shift, drift = ((own @ moved[..., None])[..., 0] for moved in (shift, drift))
     return (
-        position + drawn["camera.shift"].amount + drift,
+        position + shift + drift,
         turn @ rotation(np.deg2rad(drawn["camera.turn"].amount)),
         1.0 + drawn["camera.focal"].amount[..., 0],
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -14,7 +16,7 @@ from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.threads import Threads
 from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.signals import sensors_of
-from needlehoop.scene.spec import add_cameras, add_materials, add_sensors, add_table, furnish
+from needlehoop.scene.spec import add_camera, add_materials, add_sensors, add_table, furnish
 
 PICTURE = "picture"
 """Name of the camera that pictures for people are taken with."""
@@ -32,7 +34,9 @@ def scene_spec(settings: Settings) -> mujoco.MjSpec:
     add_table(spec)
     add_materials(spec, task.materials)
     task.build(spec, s.task, s.episode)
-    add_cameras(spec, {**s.views, PICTURE: s.picture})
+    for name, view in s.views.items():
+        add_camera(spec, name, view, f"views.{name}")
+    add_camera(spec, PICTURE, s.picture, PICTURE)
     add_sensors(spec, sensors_of(task.signals))
     add_objects(spec, int(s.disturb.amounts.get("scene.objects", 0)))
     return spec
@@ -64,8 +68,14 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     wrong = None
     if s.disturb.amounts:
         views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
-        target = np.mean([s.views[view].target for view in views] or [s.picture.target], 0)
-        seen = (things(model, task.paint), views, target, s.image_size)
+        seen = (things(model, task.paint), views, _middle(s, views), s.image_size)
         wrong = Disturbance(s.disturb.amounts, model, *seen, s.episode.max_steps, s.num_envs)
     reward = rewards.load(s.reward, task)
     return Simulation(s, engine, imager, reward, first_env, wrong)
+
+
+def _middle(settings: Settings, views: Sequence[str]) -> np.ndarray:
+    """What cameras in the room look at ``(3,)``, m: of these views, or else in pictures."""
+    chosen = [settings.views[view] for view in views]
+    points = [view.focus for view in chosen if view.body is None]
+    return np.mean(points or [settings.picture.focus], 0)

@@ -17,7 +17,7 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
-from needlehoop.envs.build import build
+from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import Controller, controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
@@ -149,15 +149,21 @@ def _opens(*_: str) -> bool:
 
 
 def open_window(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> mujoco.viewer.Handle:
-    """A window that looks from a view at first and runs beside the caller's program.
+    """A window that looks from the view ``picture`` at first and runs beside the caller's program.
 
     It shows ``data`` at each ``sync``; they are changed under ``lock`` alone.
     """
     window = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     camera = window.cam
-    camera.lookat[:] = view.target
+    orbit = view.orbit
+    if orbit is None or view.body is not None or view.roll:
+        # A free camera has its target in the room, and no roll.
+        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        camera.fixedcamid = model.camera(PICTURE).id
+        return window
+    camera.lookat[:] = orbit.target
     # MuJoCo's azimuth is the direction of looking, 90 along y; ours is where it stands.
-    camera.azimuth, camera.elevation = 90.0 - view.azimuth, -view.elevation
+    camera.azimuth, camera.elevation = 90.0 - orbit.azimuth, -orbit.elevation
     own, theirs = np.tan(np.deg2rad([view.fovy, model.vis.global_.fovy]) / 2)
-    camera.distance = view.distance * own / theirs
+    camera.distance = orbit.distance * own / theirs
     return window

@@ -69,6 +69,8 @@ class Grid:
         """
         strict.check_names("grid.like", [self.like], [*known])
         base = replace(known[self.like], fovy=self.fovy)
+        if base.target is None:
+            raise ValueError(f"grid.like: {self.like!r} has no target for the grid to look at")
         return {
             f"az{azimuth:g}-el{elevation:g}": replace(base, azimuth=azimuth, elevation=elevation)
             for elevation, azimuth in product(self.elevations, self.azimuths)

@@ -169,6 +169,8 @@ def view_map(results: ProbeResults, grid: Grid, standing: Mapping[str, View]) ->
             ink = INK if value > middle else "white"
             axes.text(a, e, f"{value:.2f}", ha="center", va="center", fontsize=5.5, color=ink)
     for name, view in standing.items():
+        if view.azimuth is None or view.body != standing[grid.like].body:
+            continue
         axes.plot(view.azimuth, view.elevation, "D", markersize=4, markerfacecolor="none",
                   markeredgecolor=COLOURS[1], clip_on=False)  # fmt: skip
         axes.annotate(name, (view.azimuth, view.elevation), (3, 5), textcoords="offset points",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -13,33 +13,87 @@ from needlehoop.config.strict import Range, check_names
 Place = Annotated[float, Range(-100.0, 100.0)]
 """A coordinate, m."""
 
+Point = tuple[Place, Place, Place]
+
 Shade = Annotated[int, Range(0, 255)]
 
 
-@dataclass(frozen=True)
-class View:
-    """Where a camera stands; values in ``conf/view``.
+class Orbit(NamedTuple):
+    """A place from which a camera looks at a target; see ``View``."""
 
-    ``azimuth`` is measured about the world's z: 0 is the front (at -y), 90 is
-    the left (at -x). Angles in degrees, lengths in m, ``target`` in the world frame.
+    target: Point
+    azimuth: float
+    elevation: float
+    distance: float
+
+
+_POSE = ("position", "forward", "up")
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Where a camera stands; values in ``conf/view``. Angles in degrees, lengths in m.
+
+    It is placed in one of two ways, in the frame of its ``body``. By ``target``, ``azimuth``,
+    ``elevation`` and ``distance``: it looks at the target. The azimuth is about z: 0 is the front
+    (at -y), 90 is the left (at -x). Or by ``position``, ``forward`` and ``up``: where it is, where
+    it looks, and which way is up in its image; the last two need be neither of length 1 nor at
+    right angles.
     """
 
-    target: tuple[Place, Place, Place]
-    azimuth: Annotated[float, Range(-360.0, 360.0)]
-    elevation: float
-    distance: Annotated[float, Range(0.0, 100.0, above=True)]
+    target: Point | None = None
+    azimuth: Annotated[float, Range(-360.0, 360.0)] | None = None
+    elevation: float | None = None
+    distance: Annotated[float, Range(0.0, 100.0, above=True)] | None = None
+    position: Point | None = None
+    forward: Point | None = None
+    up: Point | None = None
     fovy: float
     near: float
     far: Annotated[float, Range(0.0, 1e4, above=True)]
     """Depths that the depth channel maps to 255 and to 0, m along the optical axis."""
+    body: str | None = None
+    """The body that it is mounted on, and moves with; ``None``: it stands in the room."""
+    roll: Annotated[float, Range(-360.0, 360.0)] = 0.0
+    """Turns it about its line of sight, anticlockwise for one who looks along that."""
 
     def __post_init__(self) -> None:
+        ways = (Orbit._fields, _POSE)
+        found = tuple(key for keys in ways for key in keys if getattr(self, key) is not None)
+        if found not in ways:
+            either = " or ".join(", ".join(keys) for keys in ways)
+            raise ValueError(f"view: {', '.join(found) or 'no place'} given; give either {either}")
         if not 0 < self.fovy < 180:
             raise ValueError(f"view.fovy: {self.fovy} must lie in (0, 180) degrees")
-        if not -90 < self.elevation < 90:
+        if self.elevation is not None and not -90 < self.elevation < 90:
             raise ValueError(f"view.elevation: {self.elevation} must lie in (-90, 90) degrees")
+        if self.forward and self.up and not np.cross(self.forward, self.up).any():
+            raise ValueError(f"view.up: {self.up} is zero or along forward={self.forward}")
         if not 0 < self.near < self.far:
             raise ValueError(f"view.near: {self.near} must lie between 0 and far={self.far}")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Its keys without those that are left at their defaults, as a file has them."""
+        own = {one.name: (getattr(self, one.name), one.default) for one in fields(self)}
+        return {key: value for key, (value, default) in own.items() if value != default}
+
+    @property
+    def orbit(self) -> Orbit | None:
+        """Where it is if it is placed about a target."""
+        own = (self.target, self.azimuth, self.elevation, self.distance)
+        return None if any(one is None for one in own) else Orbit(*own)  # pyright: ignore
+
+    @property
+    def focus(self) -> np.ndarray:
+        """A point in the middle of its image ``(3,)``, m, in the frame of its body.
+
+        The target, or a point half-way between the near and the far depth.
+        """
+        if self.target is not None:
+            return np.asarray(self.target)
+        position, quaternion = pose_of(self)
+        return position + (self.near + self.far) / 2 * line_of_sight(quaternion)
 
 
 @dataclass(frozen=True)
@@ -106,11 +160,24 @@ def parse_cameras(
 
 
 def pose_of(view: View) -> tuple[np.ndarray, np.ndarray]:
-    """World position ``(3,)`` in m and quaternion ``(4,)`` (w, x, y, z) of a view's camera.
+    """Position ``(3,)`` in m and quaternion ``(4,)`` (w, x, y, z) of a view's camera.
 
-    A MuJoCo camera looks along its -z, with y up.
+    In the frame of its body. A MuJoCo camera looks along its -z, with y up.
     """
-    azimuth, elevation = np.deg2rad(view.azimuth), np.deg2rad(view.elevation)
+    if view.orbit is None:
+        position, quaternion = np.asarray(view.position), _facing(view.forward, view.up)
+    else:
+        position, quaternion = _on_orbit(view.orbit)
+    if view.roll:
+        half = np.deg2rad(view.roll) / 2
+        c, s, (w, x, y, z) = np.cos(half), np.sin(half), quaternion
+        quaternion = np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
+    return position, quaternion
+
+
+def _on_orbit(orbit: Orbit) -> tuple[np.ndarray, np.ndarray]:
+    """The pose that looks at the target with z up."""
+    azimuth, elevation = np.deg2rad(orbit.azimuth), np.deg2rad(orbit.elevation)
     outward = np.array(
         [
             -np.sin(azimuth) * np.cos(elevation),
@@ -118,7 +185,7 @@ def pose_of(view: View) -> tuple[np.ndarray, np.ndarray]:
             np.sin(elevation),
         ]
     )
-    position = np.asarray(view.target) + view.distance * outward
+    position = np.asarray(orbit.target) + orbit.distance * outward
     # Turned up from looking straight down, then about the vertical.
     tilt, turn = (np.pi / 2 - elevation) / 2, -azimuth / 2
     quaternion = np.array(
@@ -130,3 +197,28 @@ def pose_of(view: View) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     return position, quaternion
+
+
+def _facing(forward: Any, up: Any) -> np.ndarray:
+    """The quaternion of a camera that looks along ``forward``, with ``up`` up in its image."""
+    back = -np.asarray(forward) / np.linalg.norm(forward)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    (a, b, c), (d, e, f), (g, h, i) = np.stack((right, np.cross(back, right), back), 1)
+    # Four times the products of the quaternion's parts with one another, plus the identity.
+    products = np.array(
+        [
+            [a + e + i, h - f, c - g, d - b],
+            [h - f, a - e - i, b + d, c + g],
+            [c - g, b + d, e - a - i, f + h],
+            [d - b, c + g, f + h, i - a - e],
+        ]
+    ) + np.eye(4)
+    largest = products[np.diagonal(products).argmax()]
+    return largest / np.linalg.norm(largest)
+
+
+def line_of_sight(quaternion: np.ndarray) -> np.ndarray:
+    """The direction ``(3,)`` in which a camera looks, of length 1."""
+    w, x, y, z = quaternion
+    return -np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])

@@ -190,7 +190,9 @@ def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
         if each.nkey:
             mujoco.mj_resetDataKeyframe(each, data, 0)
         mujoco.mj_kinematics(each, data)
-    for name in ("xpos", "xmat", "site_xpos", "site_xmat"):
-        apart = np.abs(getattr(here, name) - getattr(there, name)).max()
+        mujoco.mj_comPos(each, data)
+        mujoco.mj_camlight(each, data)
+    for name in ("xpos", "xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"):
+        apart = np.abs(getattr(here, name) - getattr(there, name)).max(initial=0.0)
         if not apart < 1e-9:
             raise RuntimeError(f"export: {name} of what was written is {apart:.1e} apart")

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import mujoco
 
+from needlehoop.config.strict import check_names
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.scene.signals import Sensor
 
@@ -68,11 +69,18 @@ def add_table(spec: mujoco.MjSpec) -> None:
     )
 
 
-def add_cameras(spec: mujoco.MjSpec, views: Mapping[str, View]) -> None:
-    """A camera for each view, by its name."""
-    for name, view in views.items():
-        position, quaternion = pose_of(view)
-        spec.worldbody.add_camera(name=name, pos=position, quat=quaternion, fovy=view.fovy)
+def add_camera(spec: mujoco.MjSpec, name: str, view: View, key: str) -> None:
+    """A view's camera, in the room or on its body; the scene has all its bodies by now.
+
+    Raises:
+        ValueError: there is no such body; names the setting, which begins with ``key``.
+    """
+    carrier = spec.worldbody
+    if view.body is not None:
+        check_names(f"{key}.body", [view.body], [one.name for one in spec.bodies[1:]])
+        carrier = spec.body(view.body)
+    position, quaternion = pose_of(view)
+    carrier.add_camera(name=name, pos=position, quat=quaternion, fovy=view.fovy)
 
 
 def add_sensors(spec: mujoco.MjSpec, sensors: Mapping[str, Sensor]) -> None:

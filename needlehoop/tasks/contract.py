@@ -92,6 +92,15 @@ def at_commands(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
     return write
 
 
+class Part(NamedTuple):
+    """How a body of a robot is told to a model that is to know of a camera mounted on it."""
+
+    name: str
+    """Such as ``the forearm``."""
+    along: tuple[float, float, float]
+    """The direction of its length towards the tip, in the body's frame; of length 1."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Robot:
     """Arms, and how actions move them."""
@@ -120,6 +129,8 @@ class Robot:
     displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
     """From layout, rules, memory, the servos' commands and an offset ``(n, 3)`` in m, commands
     that put the tip so far beside where it was told to. ``None``: it cannot be disturbed so."""
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    """How bodies that a camera may well be mounted on are told to a model, by body."""
     opens: int | None = None
     """Number of the action that lets go of what is held where it is 1. Actions of 0 hold still.
     ``None``: nothing is ever held."""

@@ -14,7 +14,7 @@ from needlehoop.robot import psm
 from needlehoop.robot.psm import JOINT_NAMES, model_spec
 from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
 from needlehoop.scene.spec import furnish
-from needlehoop.tasks.contract import Memory, Robot, Weld
+from needlehoop.tasks.contract import Memory, Part, Robot, Weld
 from needlehoop.tasks.layout import ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
@@ -179,6 +179,7 @@ ROBOT = Robot(
     body="psm_base",
     proprio=("joints", "jaw", "jaw_command"),
     displaced=_displaced,
+    parts={"roll": Part("the instrument's shaft", (0.0, 0.0, 1.0))},
     opens=-1,
 )
 

@@ -51,8 +51,11 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
         seeds = [strict.structure(seed, strict.Seed, "seed") for seed in swept]
         cams = [_cams(run) for run in runs]
         # Composing takes a tenth of a second, and cameras change no other setting.
-        compose(f"cams=[{','.join(dict.fromkeys(chain(*cams)))}]")
+        known = compose(f"cams=[{','.join(dict.fromkeys(chain(*cams)))}]")["cams"]
         for run, seen in zip(runs, cams, strict=True):
+            if not {*seen} <= {*known}:
+                # A name that stands for several cameras, such as stereo.
+                seen = compose(f"cams=[{','.join(seen)}]")["cams"]
             values = dict(compose(*(one for one in run if _key(one) != "cams")))
             values["cams"] = seen or values["cams"]
             values["label"] = label_of(values, typed, params, run)

@@ -95,8 +95,10 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         raise ValueError(
             "disturb: a model is told that its pictures are free of noise; choose disturb=none"
         )
-    of = ("task", "episode", "psm", "views", "renderings", "seed", "quality", "image_size")
+    of = ("task", "episode", "psm", "renderings", "seed", "quality", "image_size")
     values = {**{name: getattr(settings, name) for name in of}, "size": size}
+    # Keys at their defaults are left out: older records know none of them.
+    values["views"] = {name: view.given for name, view in settings.views.items()}
     # Everything that the pictures depend on, as plain JSON values.
     scene = TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
     path = record.folder / "pictures.json"

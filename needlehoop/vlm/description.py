@@ -14,11 +14,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 
+import numpy as np
+
 from needlehoop.envs.images import DARKEST
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.program import MAX_EXPONENT
-from needlehoop.scene.cameras import Rendering, View
+from needlehoop.scene.cameras import Rendering, View, line_of_sight, pose_of
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
@@ -160,28 +162,65 @@ def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     told = {name: rendering(settings.renderings[name], telling, views) for name in renderings}
     return fill(
         "cameras",
-        views=bullets({name: view(views[name], telling) for name in views}),
+        views=bullets({name: view(views[name], settings.definition) for name in views}),
         renderings=bullets(told),
         example=f"{renderings[0]}_{next(iter(views))}",
         pixels=settings.image_size,
     )
 
 
-def view(view: View, telling: Telling) -> str:
-    """Where a camera stands, and how much it sees."""
-    turn = view.azimuth
-    where = f"in front of {telling.front}"
+def view(view: View, task: Task) -> str:
+    """Where a camera stands or is mounted, and how much it sees."""
+    where, distance = (
+        _mount(view, view.body, task) if view.body else _stand(view, telling_of(task).front)
+    )
+    wide = 2000 * distance * math.tan(math.radians(view.fovy / 2))
+    rolled = f", turned by {view.roll:g} degrees about its line of sight" if view.roll else ""
+    if view.orbit is None:
+        return (
+            f"{where}{rolled}; at {1000 * distance:.0f} mm from it its image is {wide:.0f} mm wide"
+        )
+    return (
+        f"{where}{rolled}, {1000 * distance:.0f} mm from the point in the middle of its image,"
+        f" which is {wide:.0f} mm wide there"
+    )
+
+
+def _stand(view: View, front: str) -> tuple[str, float]:
+    """Where a camera stands in the room, and its distance, m, from what it looks at.
+
+    ``front``: what it is in front of at azimuth 0.
+    """
+    if view.orbit is not None:
+        _, turn, elevation, distance = view.orbit
+    else:
+        position, quaternion = pose_of(view)
+        x, y, z = line_of_sight(quaternion).tolist()
+        # To a tenth of a degree. Straight down is as if from the front.
+        turn = round(math.degrees(math.atan2(x, y)), 1) if math.hypot(x, y) > 1e-9 else 0.0
+        elevation = round(math.degrees(math.asin(-z)), 1)
+        distance = float(np.linalg.norm(view.focus - position))
+    where = f"in front of {front}"
     if turn % 360:
         side = "left" if turn > 0 else "right"
         where = (
-            f"{abs(turn):g} degrees round from the front of {telling.front}, to the {side} of one"
+            f"{abs(turn):g} degrees round from the front of {front}, to the {side} of one"
             " who stands there and faces it"
         )
-    wide = 2000 * view.distance * math.tan(math.radians(view.fovy / 2))
-    return (
-        f"{where}, looking down at {view.elevation:g} degrees, {1000 * view.distance:.0f} mm from"
-        f" the point in the middle of its image, which is {wide:.0f} mm wide there"
-    )
+    return f"{where}, looking down at {elevation:g} degrees", distance
+
+
+def _mount(view: View, body: str, task: Task) -> tuple[str, float]:
+    """What a camera is mounted on, and its distance, m, from what it looks at."""
+    part = task.robot.parts.get(body)
+    name = f"the moving body {body}" if part is None else part.name
+    where = f"mounted on {name}, with which it moves and turns"
+    position, quaternion = pose_of(view)
+    if part is not None:
+        straight = float(np.clip(line_of_sight(quaternion) @ part.along, -1.0, 1.0))
+        where += ", looking along it towards its tip"
+        where += f", {math.degrees(math.acos(straight)):.0f} degrees turned from that"
+    return where, float(np.linalg.norm(view.focus - position))
 
 
 def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View]) -> str:

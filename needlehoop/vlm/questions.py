@@ -142,7 +142,7 @@ def narrowed(settings: Settings, sets: Sequence[str]) -> Settings:
     used = {camera for name in sets for camera in name.split("+")}
     cameras = [f"{r}_{v}" for r in settings.renderings for v in settings.views]
     cams = tuple(camera for camera in cameras if camera in used)
-    kinds, views = ({camera.split("_")[part] for camera in cams} for part in (0, 1))
+    kinds, views = ({camera.partition("_")[part] for camera in cams} for part in (0, 2))
     return replace(
         settings,
         cams=cams,

@@ -120,7 +120,7 @@ def reward_prompt(
         return [text]
     telling = telling_of(settings.definition)
     cameras = {
-        camera.name: f"{description.view(settings.views[camera.view], telling)};"
+        camera.name: f"{description.view(settings.views[camera.view], settings.definition)};"
         f" {description.rendering(settings.renderings[camera.rendering], telling, settings.views)}"
         for camera in settings.cameras
     }

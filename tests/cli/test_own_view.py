@@ -13,7 +13,7 @@ import needlehoop
 from needlehoop.cli.main import main
 from needlehoop.runs.shipped import CONF
 
-TINY = ["cams=rgb_wrist", "steps=64", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
+TINY = ["cams=rgb_near", "steps=64", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
 TINY += ["image_size=16", "episode.max_steps=6", "evaluation.every=1", "evaluation.episodes=1"]
 TINY += ["evaluation.final_episodes=2", "evaluation.video_episodes=0", "engine.threads=1"]
 
@@ -24,28 +24,28 @@ def place(tmp_path_factory) -> Path:
     place = tmp_path_factory.mktemp("own")
     view = yaml.safe_load((CONF / "view/front.yaml").read_text())
     (place / "conf/view").mkdir(parents=True)
-    (place / "conf/view/wrist.yaml").write_text(yaml.safe_dump({**view, "azimuth": 20.0}))
+    (place / "conf/view/near.yaml").write_text(yaml.safe_dump({**view, "azimuth": 20.0}))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         run_train("conf_dir=conf", *TINY, "until=32")
-        run_train("resume=results/main/rgb_wrist/human/seed0")
+        run_train("resume=results/main/rgb_near/human/seed0")
     return place
 
 
-RUN = "results/main/rgb_wrist/human/seed0"
+RUN = "results/main/rgb_near/human/seed0"
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["evaluate", RUN], "the same as"),
-        (["evaluate", RUN, "views.wrist.azimuth=25"], "changed      views.wrist.azimuth=25"),
+        (["evaluate", RUN, "views.near.azimuth=25"], "changed      views.near.azimuth=25"),
         (["evaluate", RUN, "reward=sparse", "policy=best"], "policy       best, after"),
         (["watch", RUN, "episodes=1", "video_episodes=1", "window=false"], "watch.mp4"),
         (["plot", "results/main"], "results.csv"),
         (["report", "results/main"], "report.html"),
         (["export", "what=policy", f"run={RUN}"], "MB, last, after 64 steps"),
-        (["status", "results/main", "conf_dir=conf", "cams=rgb_wrist", "steps=64"], "1 done"),
+        (["status", "results/main", "conf_dir=conf", "cams=rgb_near", "steps=64"], "1 done"),
         (
             ["demonstrations", f"demonstrator={RUN}", "episodes=2", "out=d", "format=lerobot"],
             "d: 2 episodes (seed 1000003)",
@@ -70,8 +70,8 @@ def test_a_command_takes_its_run(place, monkeypatch, capsys, words, said):
 def test_python_takes_it(place, monkeypatch):
     monkeypatch.chdir(place)
     assert json.loads(Path(RUN, "manifest.json").read_text())["finished"]
-    env = needlehoop.make_env_of(RUN, num_envs=1, overrides=["views.wrist.azimuth=25"])
-    assert env.settings.views["wrist"].azimuth == 25
+    env = needlehoop.make_env_of(RUN, num_envs=1, overrides=["views.near.azimuth=25"])
+    assert env.settings.views["near"].azimuth == 25
     assert needlehoop.load_policy(RUN)(env.reset()).shape == (1, 5)
 
 

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from strength import ALL
@@ -14,7 +15,7 @@ from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.learning.job import typed_job
 from needlehoop.runs.files import reward_name
 from needlehoop.runs.run import Run
-from needlehoop.scene.cameras import parse_cameras
+from needlehoop.scene.cameras import parse_cameras, pose_of
 
 GROUPS = ("task", "episode", "reward", "engine", "obs", "disturb")
 TRAINING = ("algo", "encoder", "collector")
@@ -30,7 +31,8 @@ def every(groups: Iterable[str]) -> list[tuple[str, str]]:
     return [(group, option) for group in groups for option in options(group)]
 
 
-CAMERAS = " ".join(f"{r}_{v}" for r in options("rendering") for v in options("view"))
+VIEWS = sorted(file.stem for file in (composing.CONF / "view").rglob("*.yaml"))
+CAMERAS = " ".join([*(f"{r}_{v}" for r in options("rendering") for v in VIEWS), *options("cams")])
 UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]", "front")
 
 BAD = [
@@ -146,14 +148,14 @@ def test_no_group_of_the_folder_is_forgotten():
     folders = {path.name for path in composing.CONF.iterdir() if path.is_dir()}
     # Sweeps, their launchers and what the probe changes in a task have tests of their own.
     others = {"experiment", "hydra", "probe"}
-    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *others, "view", "rendering"}
+    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *others, "cams", "view", "rendering"}
     assert all(options(group) for group in folders - {"hydra"})
 
 
 def test_every_view_and_rendering_is_offered(settings):
     assert sorted(settings.views) == options("view")
     assert sorted(settings.renderings) == options("rendering")
-    names = [f"{r}_{v}" for r in options("rendering") for v in options("view")]
+    names = [f"{r}_{v}" for r in options("rendering") for v in VIEWS]
     every = compose_settings([f"cams=[{','.join(names)}]"])
     assert [camera.name for camera in every.cameras] == names
     assert [f"{c.rendering}_{c.view}" for c in every.cameras] == names
@@ -242,8 +244,37 @@ def test_a_new_view_is_one_new_file(monkeypatch, tmp_path):
 def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
     conf = copy_of_conf(monkeypatch, tmp_path)
     (conf / "view" / "side.yaml").unlink()
-    with pytest.raises(ValueError, match=r"cams/rgb_side'.* segdep_default segdep_front$"):
+    with pytest.raises(ValueError, match=r"cams/rgb_side'.* segdep_front segdep_wrist stereo$"):
         compose_settings(["cams=[rgb_side]"])
+
+
+@pytest.mark.parametrize(
+    ("words", "views"),
+    [
+        (["cams=rgb_front"], []),
+        (["cams=[rgb_wrist,dep_wrist]"], ["wrist"]),
+        (["cams=stereo"], ["ecm_left", "ecm_right"]),
+        (["+model=stereo+rgb_wrist.human"], ["ecm_left", "ecm_right", "wrist"]),
+        (["views.wrist.fovy=60"], ["wrist"]),
+    ],
+)
+def test_a_view_of_a_folder_is_part_of_a_config_that_names_it(words, views, read_configs_once):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(composing, "hydra_compose", read_configs_once)
+        found = composing.compose(words, "config")["views"]
+        asked = ["combinations=rgb_front+dep_wrist", "views.wrist.fovy=60"]
+        probed = composing.compose(asked, "probe")["views"]
+    assert [*found] == [*options("view"), *views]
+    assert ([*probed], probed["wrist"]["fovy"]) == ([*options("view"), "wrist"], 60)
+
+
+def test_stereo_is_both_eyes_side_by_side():
+    chosen = compose_settings(["cams=[stereo,dep_front]"])
+    assert chosen.cams == ("rgb_ecm_left", "rgb_ecm_right", "dep_front")
+    (left, turn), (right, same) = (pose_of(chosen.views[f"ecm_{e}"]) for e in ("left", "right"))
+    # The baseline is along the images' rows, which is the world's x here: EndoNeRF's 4.32 mm.
+    assert np.array_equal(turn, same)
+    assert np.allclose(right - left, [0.00432, 0.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +294,7 @@ def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, bu
 
 
 def test_make_env_refuses_a_bad_camera_by_name():
-    with pytest.raises(ValueError, match=r"cams/rgb_top.* rgb_default rgb_front rgb_side "):
+    with pytest.raises(ValueError, match=r"cams/rgb_top.* rgb_front rgb_side rgb_wrist "):
         needlehoop.make_env(cams=["rgb_top"])
 
 

@@ -70,6 +70,7 @@ def test_commands_and_training_take_it(folder, tmp_path, capsys, monkeypatch):
     [
         ("views/top", "conf_dir: 'views' is no group; choose from .*rendering.*view"),
         ("view/side", "conf_dir: view/side.yaml: the name is taken"),
+        ("view/wrist", "conf_dir: view/wrist.yaml: the name is taken"),
     ],
 )
 def test_what_would_be_left_aside_is_refused(tmp_path, name, message):

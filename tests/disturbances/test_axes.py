@@ -160,7 +160,8 @@ def test_a_camera_is_shifted_turned_zoomed_and_drifts():
     start = np.zeros((1, 2, 3)), np.tile(np.eye(3), (1, 2, 1, 1))
 
     def placed(**amounts):
-        return optics.cameras(*start, drawn((1, 2), **amounts), np.array([0.5]))
+        own = drawn((1, 2), **amounts)
+        return optics.cameras(*start, own, np.array([0.5]), np.array([False, False]))
 
     by = np.array([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]])
     assert np.array_equal(placed(camera_shift=by)[0], by)

@@ -14,7 +14,13 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.tasks.needle_hoop.expert import Expert
 
-WORDS = ["cams=[dep_front,seg_side]", "image_size=24", "num_envs=3", "seed=5", "engine.threads=1"]
+WORDS = [
+    "cams=[dep_front,seg_side,rgb_wrist]",
+    "image_size=24",
+    "num_envs=3",
+    "seed=5",
+    "engine.threads=1",
+]
 
 
 def built(kind: str, *words: str):

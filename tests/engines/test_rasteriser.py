@@ -25,7 +25,7 @@ ENVS = 8
 @pytest.fixture(scope="module")
 def scene():
     """The compiled scene, and the fields of MjData by state."""
-    settings = compose_settings([f"num_envs={ENVS}", "cams=[rgb_front]", "seed=11"])
+    settings = compose_settings([f"num_envs={ENVS}", "cams=[rgb_front,rgb_wrist]", "seed=11"])
     simulation = build(settings)
     engine = simulation.engine
     fields = {}
@@ -52,7 +52,7 @@ def scene():
 @pytest.fixture(scope="module")
 def both(scene):
     """Renderers of all channels of all views: rasteriser and tracer."""
-    views = dict.fromkeys(VIEWS, ALL)
+    views = dict.fromkeys((*VIEWS, "wrist"), ALL)
     return Rasteriser(scene[0], ENVS, views, 64, 1), Tracer(scene[0], ENVS, views, 64)
 
 
@@ -74,7 +74,7 @@ def agreement(drawn, traced, depth=1e-3):
 
 
 @pytest.mark.parametrize("state", STATES)
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("view", [*VIEWS, "wrist"])
 def test_every_view_shows_what_the_tracer_shows(scene, both, view, state):
     drawn, traced = (renderer.render(scene[1][state])[view] for renderer in both)
     geoms, depths, colours = agreement(drawn, traced)

@@ -25,7 +25,6 @@ from needlehoop.probe.frames import KINDS, Frames, collect, phase_of, quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Fit, Grid, Plan, camera_sets
 from needlehoop.probe.report import all_tables, ranking_figure, view_map
 from needlehoop.probe.scores import ProbeResults, constant, errors, places
-from needlehoop.scene.cameras import View
 from needlehoop.study.stats.statistics import Estimated, Interval
 from needlehoop.tasks.contract import Phase
 from needlehoop.tasks.registry import built_in, find
@@ -484,11 +483,11 @@ def test_a_grid_view_like_a_named_one_is_that_view(settings):
     assert grid.views(settings.views)[f"az{own.azimuth:g}-el{own.elevation:g}"] == own
 
 
-def test_the_map_puts_each_score_where_its_camera_stands():
+def test_the_map_puts_each_score_where_its_camera_stands(settings):
     grid = Grid("rgb", "default", 20.0, (-30.0, 0.0, 60.0), (10.0, 40.0))
     scores = {f"rgb_az{a:g}-el{e:g}": a + e for a in grid.azimuths for e in grid.elevations}
     results = SimpleNamespace(score=lambda name: SimpleNamespace(value=scores[name]))
-    view = View((0.0, 0.0, 0.0), 0.0, 45.0, 0.4, 20.0, 0.3, 0.5)
+    view = settings.views["default"]
     figure = view_map(results, grid, {"default": view})
     said = {t.get_position(): t.get_text() for t in figure.axes[0].texts}
     assert said[60.0, 10.0] == "70.00"

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
@@ -15,7 +16,7 @@ import pytorch_kinematics as pk
 import torch
 
 from needlehoop.cli.main import main
-from needlehoop.envs.build import compile_scene
+from needlehoop.envs.build import compile_scene, scene_spec
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
 from needlehoop.scene import export
@@ -214,6 +215,18 @@ def test_the_scenes_weld_holds_the_needle_as_told(tmp_path):
     assert needle.xpos[2] > 0.015
     now = wrist.xmat.reshape(3, 3).T @ (needle.xpos - wrist.xpos)
     np.testing.assert_allclose(now, offset, atol=5e-4)
+
+
+def test_a_mounted_camera_hangs_on_its_body():
+    files = export.mjcf(scene_spec(compose_settings(["cams=[rgb_wrist]"])), "scene")
+    root = ElementTree.fromstring(files["scene.xml"])
+    carriers = {
+        camera.get("name"): body.get("name")
+        for body in root.iter("body")
+        for camera in body.findall("camera")
+    }
+    assert carriers["wrist"] == "roll"
+    assert "front" not in carriers
 
 
 def test_a_folder_that_exists_is_refused_and_left_alone(tmp_path, capsys):

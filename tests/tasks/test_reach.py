@@ -193,7 +193,7 @@ def test_pressing_on_the_phantom_with_random_jaws_keeps_the_physics_finite():
     assert 1e-5 < deepest < 3e-3
 
 
-@pytest.mark.parametrize("view", ["default", "front", "side"])
+@pytest.mark.parametrize("view", ["default", "front", "side", "ecm_left", "ecm_right"])
 def test_target_and_marks_are_seen(view):
     simulation = build(settings_of(f"cams=[seg_{view}]", "num_envs=40", "task=reach/wide"))
     simulation.reset()

@@ -49,7 +49,7 @@ def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
         ("experiment=table3", "'experiment/table3' Available options in 'experiment': fast full"),
         ("stpes=5", "stpes: unknown key 'stpes' in the top level; choose from algo, asking, cams"),
         ("conf_dir=nowhere", "nowhere' is no folder"),
-        ("cams=rgb_back", "'cams/rgb_back'. Available options in 'cams': dep_default dep_front"),
+        ("cams=rgb_back", "'cams/rgb_back'. Available options in 'cams': dep_default dep_ecm_left"),
         ("cams=[]", "cams: give experiment=… or cams=…"),
         ("seed=1", "cams: give experiment=… or cams=…"),
         ("seed=x", "seed: 'x' is not a whole number"),
@@ -60,10 +60,15 @@ def test_a_plan_that_cannot_be_is_refused(tmp_path, capsys):
         planned(["experiment=table2", "reward=humane"])
 
 
+def test_a_name_for_several_cameras_is_planned_as_their_run():
+    names = {place.cameras for place in planned(["cams=stereo,[rgb_front,rgb_wrist]"])}
+    assert names == {"rgb_ecm_left+rgb_ecm_right", "rgb_front+rgb_wrist"}
+
+
 def test_a_study_of_own_cameras_is_planned_with_their_folder(tmp_path):
     (tmp_path / "conf/view").mkdir(parents=True)
-    (tmp_path / "conf/view/wrist.yaml").write_text("azimuth: 0.0\n")
-    words = ["cams=rgb_wrist", f"conf_dir={tmp_path}/conf"]
-    assert [*planned(words)] == [Place("rgb_wrist", "human", 0)]
-    with pytest.raises(ValueError, match="cams/rgb_wrist"):
+    (tmp_path / "conf/view/near.yaml").write_text("azimuth: 0.0\n")
+    words = ["cams=rgb_near", f"conf_dir={tmp_path}/conf"]
+    assert [*planned(words)] == [Place("rgb_near", "human", 0)]
+    with pytest.raises(ValueError, match="cams/rgb_near"):
         planned(words[:1])

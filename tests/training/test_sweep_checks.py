@@ -76,7 +76,7 @@ def test_a_program_that_is_refused_is_named_too(started, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_front"),
+        (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_ecm_left"),
         (["cams=[seg_side,seg_side],[dep_front]"], "cams: 'seg_side' is named twice"),
         (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
     ],

@@ -215,7 +215,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
     ("words", "said"),
     [
         ([], ["cams", "at least one camera", "segdep"]),
-        (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_front dep_side"]),
+        (["cams=dep_front,rgb_top"], ["cams/rgb_top", "dep_default dep_ecm_left"]),
         (["cams=rgb_front", "image_size=22"], ["image_size", "22", "strided_s4d"]),
     ],
 )

@@ -359,4 +359,4 @@ def test_renderings_in_words(settings):
     assert "255 (white) at 320 mm (front), 100 mm (side) or less to 0 (black) at 480 mm or" in said
     alone = replace(kinds["dep"], colour="none")
     assert "agent is given" not in rendered(alone)
-    assert json.dumps(description.view(settings.views["default"], TASK.telling)).count("45") == 1
+    assert json.dumps(description.view(settings.views["default"], TASK)).count("45") == 1

@@ -14,10 +14,10 @@ from PIL import Image
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
-from needlehoop.envs.settings import settings_from
+from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.runs.shipped import CONF
 from needlehoop.training.planned import planned
-from needlehoop.vlm.questions import deal, of_groups, strengths
+from needlehoop.vlm.questions import deal, narrowed, of_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
@@ -29,6 +29,13 @@ def by_number(number: int, names: Sequence[str]) -> dict:
         "places": [{"name": name, "reason": f"question {number}"} for name in order],
         "sure": [0.9] * (len(order) - 1),
     }
+
+
+def test_settings_are_narrowed_to_views_of_any_name():
+    settings = compose_settings(["cams=[stereo,dep_front]"])
+    own = narrowed(settings, ["rgb_ecm_left+rgb_ecm_right"])
+    assert own.cams == ("rgb_ecm_left", "rgb_ecm_right")
+    assert ([*own.views], [*own.renderings]) == (["ecm_left", "ecm_right"], ["rgb"])
 
 
 def test_each_name_is_asked_about_once_a_round():

@@ -1,0 +1,168 @@
+"""Views on a body, which move with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from needlehoop.disturbances import optics
+from needlehoop.engines.contract import FIELDS, Channels
+from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.envs.build import PICTURE, build
+from needlehoop.envs.settings import compose_settings
+from needlehoop.pictures import window
+from needlehoop.probe.plan import Grid
+from needlehoop.scene.cameras import View, pose_of
+from needlehoop.vlm import description
+
+WRIST = ["cams=[dep_wrist]", "num_envs=3", "image_size=32", "seed=2"]
+
+
+def matrix(quaternion: np.ndarray) -> np.ndarray:
+    found = np.zeros(9)
+    mujoco.mju_quat2Mat(found, quaternion)
+    return found.reshape(3, 3)
+
+
+def at(view: View, position: np.ndarray, forward: np.ndarray, up: np.ndarray) -> View:
+    """A view of the same lens at another place."""
+    place = {"position": position, "forward": forward, "up": up}
+    lens = {"fovy": view.fovy, "near": view.near, "far": view.far}
+    return View(**{key: tuple(value.tolist()) for key, value in place.items()}, **lens)
+
+
+def moved(*words: str):
+    """A simulation of three environments after a few steps, each its own way."""
+    simulation = build(compose_settings([*WRIST, *words]))
+    simulation.reset()
+    chance = torch.Generator().manual_seed(0)
+    for _ in range(8):
+        simulation.step(torch.rand(3, 5, generator=chance, dtype=torch.float64) * 2 - 1)
+    return simulation
+
+
+@pytest.mark.parametrize("psm", ["serial", "parallelogram"])
+def test_it_is_drawn_from_where_its_body_is_now_in_each_environment(psm):
+    simulation = moved(f"psm={psm}")
+    engine, view = simulation.engine, simulation.settings.views["wrist"]
+    frames, places = engine.render()["wrist"], []
+    own, quaternion = pose_of(view)
+    for env in range(3):
+        data = engine.data(env)
+        camera, body = data.camera("wrist"), data.body("roll")
+        turn = body.xmat.reshape(3, 3)
+        assert np.allclose(camera.xpos, body.xpos + turn @ own, atol=1e-12)
+        assert np.allclose(camera.xmat.reshape(3, 3), turn @ matrix(quaternion), atol=1e-12)
+        alone = Rasteriser(engine.model, 1, {"wrist": Channels(True, True, False)}, 32, 1)
+        seen = alone.render({name: getattr(data, name)[None] for name in FIELDS})["wrist"]
+        assert torch.equal(frames.bgra[env], seen.bgra[0])
+        assert torch.equal(frames.depth[env], seen.depth[0])
+        places.append(camera.xpos.copy())
+    apart = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert (apart > 1e-3).all()
+
+
+def test_a_body_that_there_is_not_is_refused_by_its_key():
+    own = r"views.wrist.body: 'elbow' is unknown; choose from psm_base, yaw, .*roll.*needle"
+    with pytest.raises(ValueError, match=own):
+        build(compose_settings([*WRIST, "views.wrist.body=elbow"]))
+    with pytest.raises(ValueError, match=r"picture.body: 'elbow' is unknown"):
+        build(compose_settings(["+picture.body=elbow"]))
+
+
+@pytest.mark.parametrize(
+    ("word", "given"),
+    [
+        ("views.wrist.position=null", "forward, up given"),
+        ("+views.wrist.azimuth=0", "azimuth, position, forward, up given"),
+        ("+views.front.up=[0,0,1]", "target, azimuth, elevation, distance, up given"),
+    ],
+)
+def test_a_view_is_placed_in_exactly_one_way(word, given):
+    either = "target, azimuth, elevation, distance or position, forward, up"
+    with pytest.raises(ValueError, match=f"views.*{given}; give either {either}"):
+        compose_settings([*WRIST, word])
+
+
+def test_up_along_the_line_of_sight_is_refused():
+    with pytest.raises(ValueError, match=r"views.wrist: view.up: .* along forward"):
+        compose_settings([*WRIST, "views.wrist.up=[0,0.4158,1.9562]"])
+
+
+def test_both_ways_of_placing_and_the_roll_are_one_geometry(settings):
+    for name in settings.views:
+        view = settings.views[name]
+        position, quaternion = pose_of(view)
+        right, up, back = matrix(quaternion).T
+        same = at(view, position, -2 * back, up - back)
+        assert np.allclose(matrix(pose_of(same)[1]), matrix(quaternion), atol=1e-12)
+        turned = pose_of(replace(view, roll=90.0))
+        assert np.array_equal(turned[0], position)
+        # Anticlockwise: what was at its left is up now.
+        assert np.allclose(matrix(turned[1]).T, [up, -right, back], atol=1e-12)
+
+
+def test_a_disturbance_moves_and_turns_it_about_itself():
+    words = ["disturb.camera.shift=0.01", "disturb.camera.turn=9", "disturb.scene.objects=3"]
+    simulation = moved(*words)
+    engine, wrong = simulation.engine, simulation.disturbance
+    datas = [{name: getattr(engine.data(i), name).copy() for name in FIELDS} for i in range(3)]
+    fields = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
+    drawn, at = wrong.optics(fields), engine.model.camera("wrist").id
+    before, after = (one["cam_xmat"].reshape(3, -1, 3, 3)[:, at] for one in (fields, drawn))
+    away = drawn["cam_xpos"][:, at] - fields["cam_xpos"][:, at]
+    amounts = {key: wrong._drawn[f"camera.{key}"].amount[:, 0] for key in ("shift", "turn")}
+    own = before.swapaxes(1, 2)
+    assert np.allclose((own @ away[..., None])[..., 0], amounts["shift"], atol=1e-12)
+    assert np.allclose(own @ after, optics.rotation(np.deg2rad(amounts["turn"])), atol=1e-12)
+    assert np.abs(amounts["turn"]).max() > 1
+    # Strange objects lie where people's pictures look: no camera stands in the room.
+    assert np.array_equal(wrong._target, simulation.settings.picture.focus)
+
+
+def test_a_model_is_told_what_it_is_mounted_on():
+    settings = compose_settings(WRIST)
+    task, wrist = settings.definition, settings.views["wrist"]
+    assert description.view(wrist, task) == (
+        "mounted on the instrument's shaft, with which it moves and turns, looking along it towards"
+        " its tip, 12 degrees turned from that; at 107 mm from it its image is 149 mm wide"
+    )
+    said = description.view(replace(wrist, body="jaw_1", roll=30.0), task)
+    assert said.startswith(
+        "mounted on the moving body jaw_1, with which it moves and turns, turned by 30 degrees"
+        " about its line of sight; at 107 mm"
+    )
+
+
+def test_a_camera_that_is_placed_by_its_position_is_told_as_one_about_a_target(settings):
+    side, task = replace(settings.views["side"], azimuth=-20.0), settings.definition
+    position, quaternion = pose_of(side)
+    _, up, back = matrix(quaternion).T
+    # Its focus is half-way between near and far: where the target is.
+    same = at(side, position, -back, up)
+    assert np.allclose(same.focus, side.target)
+    told = description.view(side, task)
+    where = told.partition(", 400 mm from")[0]
+    assert where != told
+    assert description.view(same, task).partition(";")[0] == where
+
+
+def test_the_window_looks_through_it(monkeypatch):
+    settings = compose_settings(["+picture.body=roll", "num_envs=1"])
+    engine = build(settings).engine
+    opened = type("Handle", (), {"cam": mujoco.MjvCamera()})()
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", lambda *_, **__: opened)
+    window.open_window(engine.model, engine.data(0), settings.picture)
+    camera = engine.model.camera(PICTURE)
+    assert opened.cam.type == mujoco.mjtCamera.mjCAMERA_FIXED
+    assert (opened.cam.fixedcamid, engine.model.cam_bodyid[camera.id] > 0) == (camera.id, True)
+
+
+def test_a_grid_of_views_needs_a_target():
+    views = compose_settings(WRIST).views
+    with pytest.raises(ValueError, match=r"grid.like: 'wrist' has no target"):
+        Grid("rgb", "wrist", 20.0, (0.0, 1.0), (0.0, 1.0)).views(views)
