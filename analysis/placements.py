@@ -22,7 +22,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.scene.cameras import View
+from needlehoop.scene.cameras import Orbit
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.render.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.render.table import Cell, Column, Estimated, Table
@@ -56,9 +56,9 @@ def rules(cameras: list[str]) -> pd.DataFrame:
     rows = {}
     for name in cameras:
         settings = settings_of(name)
-        view = settings.views[name.partition("_")[2]]
+        place = _place(settings, name)
         seen, alone = _pixels(settings)
-        level = -abs(view.elevation - 45.0)
+        level = -abs(place.elevation - 45.0)
         rows[name] = {ELEVATION: level, PIXELS: float(seen), HIDDEN: seen / alone}
     return pd.DataFrame.from_dict(rows, orient="index")
 
@@ -83,7 +83,7 @@ def _size(names: Iterable[str]) -> int:
 def single_scores() -> pd.DataFrame:
     """Of the single cameras; with how near the front they stand, which was tried after the runs."""
     found = scores()
-    return found.assign(**{FRONT: [-abs(_view(camera).azimuth) for camera in found.index]})
+    return found.assign(**{FRONT: [-abs(_place_of(camera).azimuth) for camera in found.index]})
 
 
 def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
@@ -94,13 +94,19 @@ def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
     return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
 
 
-def _view(camera: str) -> View:
-    return settings_of(CAMERAS[0]).views[camera.partition("_")[2]]
+def _place(settings: Settings, camera: str) -> Orbit:
+    orbit = settings.views[camera.partition("_")[2]].orbit
+    assert orbit is not None
+    return orbit
+
+
+def _place_of(camera: str) -> Orbit:
+    return _place(settings_of(CAMERAS[0]), camera)
 
 
 def _apart(pair: list[str]) -> float:
     """The angle between the directions from which two cameras look, degrees."""
-    around, up = np.radians([(view.azimuth, view.elevation) for view in map(_view, pair)]).T
+    around, up = np.radians([(view.azimuth, view.elevation) for view in map(_place_of, pair)]).T
     toward = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
     return float(np.degrees(np.arccos(toward[:, 0] @ toward[:, 1])))
 
@@ -179,7 +185,7 @@ def places_table(runs: pd.DataFrame) -> Table:
     told = (MODEL, PIXELS, HIDDEN, ELEVATION)
     rows = []
     for name in means(runs):
-        own, views = runs[runs["cameras"] == name], [_view(one) for one in name.split("+")]
+        own, views = runs[runs["cameras"] == name], [_place_of(one) for one in name.split("+")]
         seen = [[view.azimuth for view in views], [view.elevation for view in views]]
         success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
         rows.append((name, *seen, success, sampled, *(int(places.loc[name, who]) for who in told)))
@@ -219,7 +225,7 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
     flat.remove()
     alone, both = means(singles), means(pairs)
     for name, success in alone.items():
-        view = _view(name)
+        view = _place_of(name)
         angle, down = np.radians(view.azimuth), 90.0 - view.elevation
         dark = success / max(alone.values())
         axes.scatter([angle], [down], s=75, c=[dark], cmap="Blues", vmin=-0.4, vmax=1, linewidths=0)
