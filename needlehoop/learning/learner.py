@@ -57,6 +57,9 @@ class Learner:
         if state is not None:
             with _fitting("checkpoint"):
                 self.algorithm.load_state_dict(state[algo.kind])
+                # As many as before, whatever this machine has: each goes on with its own.
+                workers = sum(key.startswith("worker") for key in state["collector"]) or 1
+                job = replace(job, collector=replace(job.collector, workers=workers))
         self._collector = collector_of(job, self.algorithm.policy, self.device)
         if state is not None:
             with _fitting("checkpoint"):

@@ -58,7 +58,6 @@ def learnt(job: Job, updates: int | None = None, state: Any = None) -> tuple[Any
     ("method", "collector"),
     [
         *((method, "single") for method in METHODS),
-        ("ppo", "processes"),
         *(pytest.param(method, "processes", marks=pytest.mark.full) for method in METHODS),
     ],
 )
@@ -71,6 +70,15 @@ def test_a_seed_gives_the_same_bits_again_and_after_a_stop(method, collector):
     rest, _, again = learnt(job, state=torch.load(io.BytesIO(state), weights_only=True))
     assert rest == told[2:]
     assert [name for name in weights if not torch.equal(weights[name], again[name])] == []
+
+
+def test_a_machine_with_other_cores_goes_on_with_as_many_workers():
+    told, _, weights = learnt(job_of("collector.workers=2", *METHODS["ppo"]))
+    _, state, _ = learnt(job_of("collector.workers=2", *METHODS["ppo"]), updates=2)
+    alone = job_of(*METHODS["ppo"])
+    rest, _, again = learnt(alone, state=torch.load(io.BytesIO(state), weights_only=True))
+    assert rest == told[2:]
+    assert all(torch.equal(weights[name], again[name]) for name in weights)
 
 
 def test_processes_fly_the_episodes_that_one_would():
