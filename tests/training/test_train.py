@@ -271,10 +271,13 @@ def test_help_says_what_a_bare_list_means_in_a_sweep(capsys):
     assert "sweep over single cameras" in said
 
 
+VIEWS = ("default", "ecm_left", "ecm_right", "front", "side", "wrist")
+
+
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("cams=dep", ["cams=dep_default", "cams=dep_front", "cams=dep_side"]),
+        ("cams=dep_", [f"cams=dep_{view}" for view in VIEWS]),
         ("seed=1 cams=segdep_f", ["cams=segdep_front"]),
         ("cam", ["cameras.", "cams="]),
     ],
