@@ -43,6 +43,7 @@ if __name__ == "__main__":
     ratio = whole["steps_per_second"] / single["steps_per_second"]
     serial = serial_share(ratio, threads)
     for count, found in ((threads, whole), (1, single)):
-        print(f"{count} threads: {found['steps_per_second']} steps/s, {found['share_of_time']}")
+        share = found["share_learning"]
+        print(f"{count} threads: {found['steps_per_second']} steps/s, {share:.0%} of it learning")
     print(f"ratio {ratio:.2f}, serial share {serial:.3f}")
     print("predicted:", predict(single["steps_per_second"], serial))

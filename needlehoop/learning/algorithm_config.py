@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 from needlehoop.config import strict
@@ -39,6 +39,10 @@ class AlgorithmConfig:
         """Frames that are kept beside the buffer."""
         return 0
 
+    def of_new_agent(self) -> AlgorithmConfig:
+        """The same for an agent that has learnt nothing yet."""
+        return self
+
     def steps(self, num_envs: int) -> int:
         """Steps of a buffer, over all environments."""
         return num_envs * self.horizon
@@ -71,6 +75,10 @@ class PpoConfig(AlgorithmConfig):
     horizon of each."""
 
     stagger: ClassVar[bool] = True
+
+    def of_new_agent(self) -> PpoConfig:
+        # It has nothing to lose.
+        return replace(self, warmup=0, finetune=1.0)
 
     def steps(self, num_envs: int) -> int:
         return super().steps(num_envs) if self.buffer is None else self.buffer

@@ -50,13 +50,14 @@ class MakeEnv:
         registry.add(*self._task)
         job: Job = pickle.loads(self._job)
         env, algo = job.env, job.algo
-        torch.manual_seed(env.seed * 2**20 + self._first)
+        # torch takes no larger ones.
+        seed = (env.seed * 2**20 + self._first) % 2**63
+        torch.manual_seed(seed)
         engine = replace(env.engine, threads=self._threads)
         own = replace(env, num_envs=self._count, engine=engine, reward=rewards.allow(env.reward))
         base = TorchRLEnv(own, self._first, algo.stagger, job.steps // env.num_envs)
         changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
         if isinstance(algo, DaggerConfig):
-            seed = env.seed * 2**20 + self._first
             changes.append(Teacher(own, algo.noise, algo.handover, seed))
         return TransformedEnv(base, Compose(*changes))
 

@@ -41,15 +41,13 @@ class Learner:
         state: dict[str, Any] | None = None,
         weights: dict[str, torch.Tensor] | None = None,
     ):
-        # A new agent has nothing to lose.
-        new = {"warmup": 0, "finetune": 1.0} if hasattr(job.algo, "warmup") else {}
         self.job, self.device = job, job.torch_device
         torch.set_num_threads(job.env.engine.threads or available_cpus())
         torch.manual_seed(job.env.seed)
         self.agent: Any = build_agent(job, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
-        algo = job.algo if job.init is not None else replace(job.algo, **new)
+        algo = job.algo if job.init is not None else job.algo.of_new_agent()
         kind = ALGORITHMS[algo.kind]
         self.algorithm = kind(self.agent, algo, job.updates, job.env.seed)
         self._flown: list[torch.Tensor] = []
@@ -133,7 +131,6 @@ class Learner:
             self._flown = [*state["flown"]]
             for buffer in flown_again(self.job, state["flown"]):
                 self.algorithm.remember(buffer)
-            self.algorithm.load_state_dict(state[self.job.algo.kind])
         policy = self.algorithm.policy.state_dict()
         self._collector.load_state_dict(_with_policy(state["collector"], policy))
         # They show again where they stand.

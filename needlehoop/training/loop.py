@@ -143,7 +143,7 @@ def _keep(
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
     """Evaluate the trained agent at length, film it, and print the results."""
-    # As after a training, where only this was left to do.
+    # Whatever the training had, so that the evaluation's bits do not depend on it.
     torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
     if job.keep != "best":
