@@ -63,6 +63,15 @@ class Normalizer(nn.Module):
         self.square += share * ((rows**2).mean(0) - self.square)
 
 
+def dense(size: int, heads: HeadConfig) -> list[nn.Module]:
+    """The layers of a trunk, from so many inputs to ``heads.hidden`` features."""
+    layers: list[nn.Module] = []
+    for _ in range(heads.layers):
+        layers += [linear(size, heads.hidden), nn.SiLU()]
+        size = heads.hidden
+    return layers
+
+
 class Trunk(nn.Module):
     """All observations to one feature vector: encoders side by side, then dense layers.
 
@@ -85,12 +94,8 @@ class Trunk(nn.Module):
             {name: Encoder(shape, encoder, heads.hidden, dtype) for name, shape in images.items()}
         )
         self.normalizers = nn.ModuleDict({name: Normalizer(n) for name, n in vectors.items()})
-        self.size = size = heads.hidden * len(images) + sum(vectors.values())
-        layers: list[nn.Module] = []
-        for _ in range(heads.layers):
-            layers += [linear(size, heads.hidden), nn.SiLU()]
-            size = heads.hidden
-        self.layers = nn.Sequential(*layers)
+        self.size = heads.hidden * len(images) + sum(vectors.values())
+        self.layers = nn.Sequential(*dense(self.size, heads))
 
     def forward(self, *observed: Tensor) -> Tensor:
         return self.layers(self.see(*observed))

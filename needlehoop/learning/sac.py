@@ -16,7 +16,7 @@ from needlehoop.learning.agent import Actor
 from needlehoop.learning.algorithm import Algorithm, Memory, step
 from needlehoop.learning.algorithm_config import SacConfig
 from needlehoop.learning.encoder import Fold, linear
-from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk
+from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, dense
 from needlehoop.learning.policy_spec import PolicySpec
 
 
@@ -29,11 +29,7 @@ class ActionValue(nn.Module):
 
     def __init__(self, size: int, heads: HeadConfig):
         super().__init__()
-        layers: list[nn.Module] = []
-        for _ in range(heads.layers):
-            layers += [linear(size, heads.hidden), nn.SiLU()]
-            size = heads.hidden
-        self.layers = nn.Sequential(*layers, linear(size, 1))
+        self.layers = nn.Sequential(*dense(size, heads), linear(heads.hidden, 1))
 
     def forward(self, *inputs: Tensor) -> Tensor:
         return self.layers(torch.cat([one.float() for one in inputs], -1))
