@@ -11,7 +11,7 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Number, OneOf, Range, Seed, check_names
+from needlehoop.config.strict import Count, Names, Number, OneOf, Range, Seed, check_names
 from needlehoop.envs.settings import Settings, import_task, with_task
 from needlehoop.learning.algorithm_config import AlgorithmConfig, config_of
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
@@ -87,7 +87,7 @@ class Job:
     algo: AlgorithmConfig
     encoder: EncoderConfig
     collector: CollectorConfig
-    logger: tuple[str, ...]
+    logger: Names
     """Where the run is shown; its own CSV files are always written."""
     wandb: WandbConfig
     evaluation: Evaluation

@@ -9,7 +9,7 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import Range
+from needlehoop.config.strict import Names, Range
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 
 
@@ -25,7 +25,7 @@ class HeadConfig:
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
-    told: tuple[str, ...] | None
+    told: Names | None
     """Facts that the value function is told and the policy is not; ``None``: the task's choice."""
     squash: bool = False
     """Whether a tanh keeps actions within their range."""
