@@ -86,7 +86,6 @@ class Job:
     env: Settings
     algo: AlgorithmConfig
     encoder: EncoderConfig
-    collector: CollectorConfig
     logger: Names
     """Where the run is shown; its own CSV files are always written."""
     wandb: WandbConfig
@@ -101,6 +100,8 @@ class Job:
     precision: str
     checkpoint_every: Count
     """Buffers between checkpoints."""
+    collector: CollectorConfig = CollectorConfig("single", None)
+    """By default that of runs from before there was a choice."""
     init: str | None = None
     """Folder of the run whose agent this one begins with."""
     weights: Annotated[str, OneOf("float32", "bfloat16")] = "float32"
@@ -242,8 +243,6 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         for kind in (Job, Settings)
     )
     own |= {**_loggers(own), "algo": config_of(values.get("algo"))}
-    # Runs from before there was a choice.
-    own.setdefault("collector", {"kind": "single", "workers": None})
     try:
         return strict.structure({**own, "env": with_task(environment)}, Job)
     except ValueError as error:
