@@ -1,7 +1,7 @@
-"""The kernel that works flaws into pictures.
+"""The kernel that adds flaws to pictures.
 
-The compiler makes 16 steps at once of a loop that is a ``while``, over arrays whose strides are
-known here: so rows are gone along in that way, and arrays are made of addresses.
+The compiler vectorises a ``while`` loop over arrays with known strides, 16 steps at once. So loops
+along rows are written as ``while``, and arrays are made from addresses.
 """
 
 # Warp compiles this file; its types are not all Python's.
@@ -27,24 +27,23 @@ _BLOOD = wp.constant(wp.vec4(8.0, 8.0, 90.0, 255.0))
 
 @wp.struct
 class Flaw:
-    """What is wrong with one picture, in the order in which it acts.
-
-    Colours: ``blur`` px, standard deviation of a Gaussian; then ``gain`` times them plus ``bias``,
-    BGR, grey levels; ``noise`` grey levels, standard deviation, of its own in each pixel and
-    channel. Depth, where there is a reading: ``depth_noise`` m, standard deviation; ``depth_step``
-    m, to whole multiples of it. Labels: ``flips``, share of the pixels that take over a
-    neighbour's, which shows along edges alone. All of them: ``drop``, share of the picture that it
-    covers, and its row and column as shares of the side.
-    """
+    """The flaws of one picture, in the order in which they act."""
 
     blur: float
+    """Of colours: standard deviation of a Gaussian, px."""
     gain: wp.vec3
     bias: wp.vec3
+    """Colours become ``gain`` times themselves plus ``bias``, BGR, grey levels."""
     noise: float
+    """Of each pixel and channel: standard deviation, grey levels."""
     depth_noise: float
+    """Where there is a reading: standard deviation, m."""
     depth_step: float
+    """Depths become whole multiples of it, m."""
     flips: float
+    """Share of the pixels that take over a neighbour's label, which shows only along edges."""
     drop: wp.vec3
+    """Share of the picture that blood covers; its row and column as shares of the side."""
 
 
 @wp.func

@@ -1,7 +1,6 @@
-"""Tasks by name: the folders of this package, and those that somebody brought.
+"""Tasks by name: the folders of this package, and those from elsewhere.
 
-Built-in tasks are found by name. A task from elsewhere is code: ``add`` alone imports it, for
-somebody who named it.
+A task from elsewhere is somebody's code: only ``add`` imports it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: object) -> Task:
-    """A task by its name; imports nothing from elsewhere.
+    """A built-in or added task by its name.
 
     Raises:
         ValueError: there is none; the message lists those that there are.
@@ -85,13 +84,12 @@ def add_folder(folder: Path) -> Task:
         spec.loader.exec_module(loaded)
     except Exception as error:
         _forget(module)
-        # Whatever somebody's module can fail with, told in a line.
         raise ValueError(f"{origin}: {error}") from error
     return _add(getattr(loaded, "TASK", None), place, origin)
 
 
 def _entry(name: object) -> Any:
-    """The entry point of the name of a task that is not ours, if an installed package has one."""
+    """The entry point of an installed package's task, if there is one."""
     found = () if name in built_in() else entry_points(group=GROUP, name=str(name))
     return next(iter(found), None)
 

@@ -104,12 +104,6 @@ def pictures(renderer, threads, steps=6, envs=5):
     return seen
 
 
-def test_images_do_not_depend_on_the_number_of_threads():
-    one, two = (pictures("rasteriser", threads) for threads in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        assert all(torch.equal(a[name], b[name]) for name in a)
-
-
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_every_world_shows_every_object_in_every_frame(renderer):
     # A render context that was spoilt at its first launch drops objects for good.
@@ -132,20 +126,6 @@ def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, id
     few = simulation.images(torch.tensor(ids))
     for name, image in few.items():
         assert torch.equal(image, whole[name][ids]), name
-
-
-@pytest.mark.parametrize("renderer", RENDERERS)
-def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(renderer):
-    # Two cameras on one view are rendered once; each must see what it would see alone.
-    def look(cams):
-        settings = compose_settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
-        simulation = build(settings)
-        simulation.reset()
-        return simulation.images()
-
-    both = look("dep_front,seg_front")
-    assert torch.equal(both["dep_front"], look("dep_front")["dep_front"])
-    assert torch.equal(both["seg_front"], look("seg_front")["seg_front"])
 
 
 def test_an_episode_does_not_depend_on_its_neighbours():
@@ -199,9 +179,3 @@ def test_a_held_needle_follows_the_tool():
     assert (moment.signals.pickup_point[:, 2] > 0.03).all()
     slip = (moment.signals.pickup_point - moment.signals.tool_midpoint - offset).norm(dim=-1)
     assert slip.max() < 1.5e-3
-
-
-def test_an_episode_is_not_begun_by_stepping():
-    simulation = build(compose_settings())
-    with pytest.raises(RuntimeError, match="reset"):
-        simulation.step(torch.zeros(8, 5))

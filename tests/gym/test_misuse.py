@@ -11,7 +11,6 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 
 import needlehoop
@@ -94,14 +93,6 @@ def test_an_action_that_is_none_is_gymnasium_s_invalid_action():
     env.step(np.zeros(5, int))
     with pytest.raises(ValueError, match="action: not finite"):
         env.step(np.full(5, np.nan))
-
-
-def test_torchrl_s_face_refuses_complex_actions_too():
-    env = needlehoop.make_env(num_envs=1, **BLIND)
-    now = env.reset()
-    now["action"] = now["signals"][:, :5].to(torch.complex64)
-    with pytest.raises(ValueError, match="action: complex64"):
-        env.step(now)
 
 
 @pytest.mark.parametrize("options", [{"start": "here"}, {3: 4}, [1], 3])

@@ -11,7 +11,6 @@ from hypothesis import given
 from needle_task import act, begin, observe, start
 from torch import Tensor
 
-from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
@@ -19,7 +18,6 @@ from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.expert import Smooth
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.start import NUMBERS, Start, draws
 from needlehoop.tasks.stepping import is_terminated, is_truncated
@@ -143,27 +141,14 @@ def test_through_from_behind_counts_as_well(layout, episode):
     assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, heading=math.pi))
 
 
-DIRECTIONS = [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.8, 0.6)]
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-def test_beside_the_hoop_is_not_through(layout, episode, direction):
-    aside = layout.hoop_opening + 2 * layout.hoop_tube + layout.needle_thickness
-    assert not passes(layout, episode, off_centre(layout, direction, aside))
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("into_the_rim", [5e-5, 1e-3, 3e-3])
-def test_a_centre_line_in_the_rim_is_not_through(layout, episode, direction, into_the_rim):
-    aside = layout.hoop_opening + into_the_rim
-    assert not passes(layout, episode, off_centre(layout, direction, aside))
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-def test_a_needle_that_touches_the_rim_from_inside_is_through(layout, episode, direction):
-    assert passes(layout, episode, off_centre(layout, direction, layout.hoop_opening - 5e-5))
-    grazing = layout.hoop_opening - layout.needle_thickness / 2
-    assert passes(layout, episode, off_centre(layout, direction, grazing))
+@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0.6, -0.8)])
+def test_the_centre_line_has_to_pass_inside_the_rim(layout, episode, direction):
+    rim = layout.hoop_opening
+    beside = 2 * layout.hoop_tube + layout.needle_thickness
+    for into_the_rim in (5e-5, 1e-3, 3e-3, beside):
+        assert not passes(layout, episode, off_centre(layout, direction, rim + into_the_rim))
+    for inside in (5e-5, layout.needle_thickness / 2):
+        assert passes(layout, episode, off_centre(layout, direction, rim - inside))
 
 
 def off_centre(layout: NeedleLayout, direction, aside: float) -> tuple[Tensor, Tensor]:
@@ -278,11 +263,6 @@ def observe_held(layout, episode, needle):
     return observe(layout, episode, state, seen(layout, needle))
 
 
-def test_a_held_needle_through_the_hoop_is_threaded(layout, episode):
-    _, signals, _ = observe_held(layout, episode, through(layout))
-    assert bool(signals.threaded)
-
-
 def test_a_needle_through_the_hoop_that_nobody_holds_is_not_threaded(layout, episode):
     state = state_of(layout, episode, jaw=layout.jaw_open)
     readings = seen(layout, through(layout), touch=(False, False), gap=1.0)
@@ -307,15 +287,6 @@ def test_touched_is_a_sphere_about_the_goal(layout, episode, share, expected):
     needle = needle_at(layout, (reach, -reach, reach), tip)
     _, signals, _ = observe_held(layout, episode, needle)
     assert bool(signals.touched) == expected
-
-
-def test_having_touched_is_remembered(layout, episode):
-    _, tip = layout.needle_angles
-    state, _, _ = observe_held(layout, episode, needle_at(layout, (0, 0, 0), tip))
-    away = seen(layout, needle_at(layout, (0, -0.05, 0), tip))
-    state, signals, _ = observe(layout, episode, state, away)
-    assert not bool(signals.touched)
-    assert bool(state["has_touched"])
 
 
 def grasp(layout: NeedleLayout, episode: NeedleRules, state: Memory, **scene) -> bool:
@@ -369,10 +340,6 @@ def test_a_grasp_needs_jaws_that_cannot_close_further(layout, episode, kind):
     episode = replace(episode, grasp=kind)
     assert grasp(layout, episode, state, gap=0.3)
     assert not grasp(layout, episode, state, gap=0.2)
-
-
-def test_a_needle_off_the_middle_of_the_gap_is_grasped(layout, episode):
-    assert grasp(layout, episode, state_of(layout, episode), gap=0.5, at=(0.001, 0.001, -0.004))
 
 
 @pytest.mark.parametrize("kind", GRASPS)
@@ -468,11 +435,6 @@ def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
         assert bool(is_terminated(episode, found.facts)) == wanted
 
 
-def test_another_success_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"episode\.success: 'win' .* choose from thread, touch"):
-        compose_settings(["episode.success=win"])
-
-
 # Actions.
 
 
@@ -558,13 +520,6 @@ def test_values_beyond_one_act_as_one(layout, episode, control):
     assert torch.equal(command, clamped)
 
 
-def test_act_leaves_the_state_it_was_given(layout, episode):
-    state = begin(episode, nominal_start(layout))
-    before = state.clone()
-    act(layout, episode, state, torch.ones(1, 5, dtype=torch.float64))
-    assert bool((state == before).all())
-
-
 @pytest.mark.parametrize("shape", [(2, 4), (2, 6), (5,), (1, 5), (3, 5), (2, 5, 1), (2, 7)])
 def test_an_action_of_the_wrong_shape_is_refused_by_name(layout, episode, shape):
     state = begin(episode, nominal_start(layout, 2))
@@ -632,21 +587,7 @@ def test_after_turning_without_end_the_way_back_begins_at_once(turning, episode)
     assert min(back for _, back in turning) > episode.rotation
 
 
-def test_turning_without_end_leaves_the_tool_where_it_is(turning, layout):
-    for state, _ in turning:
-        away = tool_place(layout, state["joints"]) - torch.tensor(layout.tool_position)
-        assert float(away.norm(dim=-1).max()) < 0.005
-
-
 # Where episodes start.
-
-
-def test_draws_are_reproducible_numbers_between_zero_and_one():
-    drawn = draws(3, 5, 7)
-    assert drawn.shape == (NUMBERS,)
-    assert ((drawn >= 0) & (drawn < 1)).all()
-    draws(3, 5, 8)
-    assert np.array_equal(drawn, draws(3, 5, 7))
 
 
 def test_every_seed_environment_and_episode_draws_its_own():
@@ -690,30 +631,6 @@ def test_the_arm_reaches_every_start(name):
     )
     lower, upper = torch.tensor([layout.workspace_lower, layout.workspace_upper]).double()
     assert bool(((begun.robot["tool"] > lower) & (begun.robot["tool"] < upper)).all())
-
-
-def test_the_lift_position_is_above_the_needle_at_the_hoops_height(layout):
-    begun = random_starts(layout, 20)
-    expected = torch.cat((begun.free["needle"][:, :2], begun.mocap["hoop"][:, 2:]), -1)
-    assert torch.equal(begun.mocap["lift_position"], expected)
-
-
-def test_without_ranges_every_start_is_the_nominal_one(layout):
-    still = replace(
-        layout,
-        needle_position_range=(0.0, 0.0),
-        needle_yaw_range=0.0,
-        hoop_position_range=(0.0, 0.0, 0.0),
-        tool_position_range=(0.0, 0.0, 0.0),
-    )
-    begun = random_starts(still, 5)
-    assert begun.robot["tool"].tolist() == [list(layout.tool_position)] * 5
-    assert begun.mocap["hoop"].tolist() == [list(layout.hoop_position)] * 5
-    assert begun.free["needle"][:, :2].tolist() == [list(layout.needle_position)] * 5
-    assert begun.robot["jaw"].tolist() == [layout.tool_jaw] * 5
-    assert begun.robot["joints"][:, 3].tolist() == [layout.tool_roll] * 5
-    yaw = 2 * torch.atan2(begun.free["needle"][:, 6], begun.free["needle"][:, 3])
-    assert yaw.tolist() == pytest.approx([layout.needle_yaw] * 5)
 
 
 def test_an_episode_begins_with_nothing_achieved(layout, episode):
@@ -793,36 +710,3 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
 
 
 # What the smooth expert does about its jaws.
-
-
-@pytest.fixture(scope="module")
-def begun(settings):
-    """The smooth expert, and what it sees with the open tool at the pickup point."""
-    simulation = build(settings)
-    seen = simulation.reset().signals.clone()
-    seen.tool_midpoint = seen.pickup_point.clone()
-    return Smooth(settings.task, settings.episode), seen
-
-
-@pytest.mark.parametrize(
-    ("jaw", "height", "rises"),
-    [(1.3, 0.007, False), (0.5, 0.007, True), (0.8, 0.0, False), (0.1, 0.0, True)],
-    ids=["open above", "half shut above", "shutting", "shut on nothing"],
-)
-def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(begun, jaw, height, rises):
-    script, seen = begun[0], begun[1].clone()
-    seen.tool_midpoint = seen.pickup_point + row(0.0, 0.0, height)
-    seen.jaw = seen.jaw_command = torch.full_like(seen.jaw, jaw)
-    up = script(seen)[:, 2]
-    assert (up > 0.2).all() if rises else (up < -0.1).all()
-
-
-def test_a_grasp_changes_little_before_the_needle_is_off_the_table(begun):
-    script, without = begun[0], begun[1].clone()
-    without.jaw = torch.full_like(without.jaw, 0.37)
-    held = without.clone()
-    held.grasped = torch.ones_like(held.grasped)
-    assert (script(without) - script(held))[:, [0, 1, 2, 4]].abs().max() < 0.4
-    assert (script(held)[:, 2] < 0.5).all()
-    held.pickup_point = held.pickup_point + row(0.0, 0.0, 0.01)
-    assert (script(held)[:, 2] == 1.0).all()

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.peg_transfer.expert import Expert
@@ -42,7 +42,7 @@ class Stage:
         self.simulation = build(self.settings)
         self.simulation.reset()
 
-    def put(self, x: float, y: float, z: float, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> Moment:
+    def put(self, x, y, z, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> StepResult:
         """The block's middle relative to the goal, m; the jaws are open."""
         goal = (*self.layout.pegs[MARKED], self.layout.block_height / 2)
         block = torch.cat((row(*goal) + row(x, y, z), row(*quat)), -1)
@@ -55,7 +55,7 @@ class Stage:
             self.simulation.state[name] = source[name].clone()
         return self.simulation.look()
 
-    def wait(self, steps: int, action: Tensor | None = None) -> Moment:
+    def wait(self, steps: int, action: Tensor | None = None) -> StepResult:
         still = torch.zeros(1, 5, dtype=torch.float64) if action is None else action
         for _ in range(steps):
             moment = self.simulation.step(still)

@@ -40,15 +40,13 @@ class Expert(Script):
 
     def _carry(self, s: Signals) -> Tensor:
         """Squeeze, lift off the peg, carry above the marked peg, lower."""
-        squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         away = s.goal - s.block_position
         down = (geo.aside(away) < _LOWERED) | (s.over & ~s.lifted)
         # Upwards first: below the pegs' tops there is no way aside.
         clear = s.lifted | down
         climb = self.layout.marked_height + self.layout.carry_height - self.low(s)
         level = torch.cat((away[:, :2] * clear.unsqueeze(-1), climb.unsqueeze(-1)), -1)
-        move = torch.where(down.unsqueeze(-1), away, level)
-        return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
+        return self.squeezed(torch.where(down.unsqueeze(-1), away, level), s)
 
     def _up(self, s: Signals, height: Tensor) -> Tensor:
         """Straight up ``(n, 3)``, m, when the jaws have let go."""
