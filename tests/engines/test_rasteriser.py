@@ -178,10 +178,9 @@ def look(bodies, position="0 0 0", axes="1 0 0 0 0 1", fovy=60, size=96):
     return [renderer.render(fields)["eye"] for renderer in renderers]
 
 
-@pytest.mark.parametrize("fovy", [35, 60, 120])
 @pytest.mark.parametrize(
-    ("position", "axes"),
-    [("0 0 0", "1 0 0 0 0 1"), (".2 .4 .5", "1 .2 0 0 .6 .8"), ("-.4 2.5 .6", "-1 .3 .2 0 -.5 .9")],
+    ("position", "axes", "fovy"),
+    [("0 0 0", "1 0 0 0 0 1", 35), (".2 .4 .5", "1 .2 0 0 .6 .8", 120)],
 )
 def test_any_camera_sees_every_type_of_geom_under_every_light(position, axes, fovy):
     drawn, traced = look(BODIES, position, axes, fovy)

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-import dataclasses
-
 import mujoco
 import numpy as np
 import pytest
 import torch
 from needle_task import begun_data, readings_of, start
 
-from needlehoop.envs.build import build
 from needlehoop.scene.signals import describe, sensors_of, vocabulary
 from needlehoop.tasks.needle_hoop import TASK, facts
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout
@@ -122,18 +119,6 @@ def test_touch_is_contact_of_that_jaw_with_the_needle(
         pairs = [set(pair) for pair in data.contact.geom if pad in pair]
         others = {int(model.geom_bodyid[geom]) for pair in pairs for geom in pair - {pad}}
         assert (needle in others) == touches
-
-
-def test_signals_of_a_simulation_have_the_shapes_of_the_table(settings):
-    small = dataclasses.replace(settings, num_envs=2)
-    simulation = build(small)
-    simulation.reset()
-    signals = simulation.step(torch.zeros(2, 5)).signals
-    assert signals.batch_size == (2,)
-    for name, row in TABLE.items():
-        value = getattr(signals, name)
-        assert value.shape == (2, *row.shape), name
-        assert value.dtype == (torch.bool if row.unit == "bool" else torch.float64), name
 
 
 def test_the_description_lists_all_but_the_verdicts():

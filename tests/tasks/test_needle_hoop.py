@@ -130,15 +130,11 @@ def state_of(
 # Through the hoop, or not.
 
 
-@pytest.mark.parametrize("lean", [0.0, 0.7, math.pi, -2.0])
-def test_through_the_middle_is_through(layout, episode, lean):
+@pytest.mark.parametrize(("lean", "heading"), [(0.0, 0.0), (0.7, 0.0), (-2.0, 0.0), (0.0, math.pi)])
+def test_through_the_middle_is_through_from_either_side(layout, episode, lean, heading):
     _, tip = layout.needle_angles
-    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, lean=lean))
-
-
-def test_through_from_behind_counts_as_well(layout, episode):
-    _, tip = layout.needle_angles
-    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, heading=math.pi))
+    needle = needle_at(layout, (0, 0, 0), tip - 0.3, heading, lean=lean)
+    assert passes(layout, episode, needle)
 
 
 @pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0.6, -0.8)])
@@ -271,22 +267,18 @@ def test_a_needle_through_the_hoop_that_nobody_holds_is_not_threaded(layout, epi
     assert not bool(signals.threaded)
 
 
-def test_a_tip_at_the_goal_before_the_plane_is_touched_but_not_threaded(layout, episode):
-    _, tip = layout.needle_angles
-    needle = needle_at(layout, (0.0, -0.5 * episode.goal_radius, 0.0), tip)
-    state, signals, _ = observe_held(layout, episode, needle)
-    assert bool(signals.touched)
-    assert not bool(signals.threaded)
-    assert bool(state["has_touched"])
-
-
 @pytest.mark.parametrize(("share", "expected"), [(0.98, True), (1.02, False)])
-def test_touched_is_a_sphere_about_the_goal(layout, episode, share, expected):
+def test_touched_is_a_sphere_about_the_goal_and_is_remembered(layout, episode, share, expected):
     _, tip = layout.needle_angles
     reach = share * episode.goal_radius / math.sqrt(3)
     needle = needle_at(layout, (reach, -reach, reach), tip)
-    _, signals, _ = observe_held(layout, episode, needle)
-    assert bool(signals.touched) == expected
+    state, signals, _ = observe_held(layout, episode, needle)
+    assert bool(signals.touched) == bool(state["has_touched"]) == expected
+    assert not bool(signals.threaded)
+    away = seen(layout, needle_at(layout, (0, -0.05, 0), tip))
+    state, signals, _ = observe(layout, episode, state, away)
+    assert not bool(signals.touched)
+    assert bool(state["has_touched"]) == expected
 
 
 def grasp(layout: NeedleLayout, episode: NeedleRules, state: Memory, **scene) -> bool:
@@ -300,17 +292,11 @@ def grasp(layout: NeedleLayout, episode: NeedleRules, state: Memory, **scene) ->
     return bool(signals.grasped)
 
 
-def test_closing_on_the_needle_grasps_it(layout, episode):
+def test_a_grasp_needs_a_closing_command_and_both_jaws(layout, episode):
     assert grasp(layout, episode, state_of(layout, episode, jaw=0.99 * episode.close_below))
-
-
-def test_a_grasp_needs_a_closing_command(layout, episode):
     assert not grasp(layout, episode, state_of(layout, episode, jaw=1.01 * episode.close_below))
-
-
-@pytest.mark.parametrize("touch", [(True, False), (False, True), (False, False)])
-def test_a_grasp_needs_both_jaws(layout, episode, touch):
-    assert not grasp(layout, episode, state_of(layout, episode), touch=touch)
+    for touch in ((True, False), (False, True)):
+        assert not grasp(layout, episode, state_of(layout, episode), touch=touch)
 
 
 BEYOND = psm.JAW_LENGTH + 0.0019
@@ -320,11 +306,8 @@ BEYOND = psm.JAW_LENGTH + 0.0019
     ("gap", "at"),
     [
         pytest.param(0.0, (0.0, 0.0, 0.0), id="shut"),
-        pytest.param(-0.2, (0.0, 0.0, 0.0), id="squeezed shut"),
-        pytest.param(0.0, (0.0, 0.0, BEYOND - 0.0088), id="shut, resting on top"),
         pytest.param(0.4, (0.0, 0.0, BEYOND - 0.0088), id="ajar, resting on top"),
         pytest.param(0.4, (0.0, 0.0031, 0.0), id="outside one blade"),
-        pytest.param(0.4, (0.0, -0.0031, 0.0), id="outside the other blade"),
         pytest.param(0.4, (0.0, 0.0, -0.0098), id="behind the hinge"),
     ],
 )
@@ -381,23 +364,14 @@ def lift(layout: NeedleLayout, episode: NeedleRules, state: Memory, away: float,
     return bool(signals.lifted)
 
 
-def test_lifted_needs_a_grasp_at_the_lift_position(layout, episode):
+def test_lifted_needs_a_grasp_at_the_lift_position_and_stays_true(layout, episode):
     held, free = state_of(layout, episode, grasped=True), state_of(layout, episode, jaw=0.9)
     near, far = 0.98 * episode.lift_radius, 1.02 * episode.lift_radius
     assert lift(layout, episode, held, near)
     assert not lift(layout, episode, held, far)
     assert not lift(layout, episode, free, near)
-
-
-def test_lifted_stays_true(layout, episode):
     dropped = state_of(layout, episode, jaw=0.9, lifted=True)
     assert lift(layout, episode, dropped, 0.5, touch=(False, False))
-
-
-def test_elapsed_is_the_share_of_steps(layout, episode):
-    state = state_of(layout, episode, steps=episode.max_steps // 4)
-    _, signals, _ = observe(layout, episode, state, seen(layout, through(layout)))
-    assert float(signals.elapsed) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(
@@ -489,59 +463,39 @@ def test_no_push_drives_the_target_out_of_the_workspace(layout, episode, control
     )
 
 
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_roll_and_jaw_stop_at_their_limits(layout, episode, sense):
-    state = begin(episode, nominal_start(layout))
-    _, command = push(layout, episode, state, row(0, 0, 0, sense, sense), 60)
-    assert float(command[0, 3]) == pytest.approx(layout.tool_roll + sense * layout.roll_range)
-    assert float(command[0, 6]) == (layout.jaw_open if sense > 0 else layout.jaw_closed)
-
-
 @pytest.mark.parametrize("control", CONTROLS)
-def test_commands_stay_within_the_joint_limits(layout, episode, control):
+def test_commands_stay_within_their_limits_and_values_beyond_one_act_as_one(
+    layout, episode, control
+):
     episode = replace(episode, control=control)
     pushes = corners(episode.action_size)
     state = begin(episode, nominal_start(layout, len(pushes)))
+    assert torch.equal(
+        act(layout, episode, state, 5 * pushes)[1], act(layout, episode, state, pushes)[1]
+    )
     lower, upper = psm.joint_limits()
     for _ in range(20):
         state, command = act(layout, episode, state, pushes)
         assert command.shape == (len(pushes), 7)
         assert bool(((command[:, :6] >= lower) & (command[:, :6] <= upper)).all())
-        assert bool(((command[:, 6] >= -0.698) & (command[:, 6] <= 1.396)).all())
+        assert bool((command[:, 6] >= layout.jaw_closed).all())
+        assert bool((command[:, 6] <= layout.jaw_open).all())
+        if control == "tip":
+            turned = (command[:, 3] - layout.tool_roll).abs()
+            assert float(turned.max()) <= layout.roll_range + 1e-9
 
 
-@pytest.mark.parametrize("control", CONTROLS)
-def test_values_beyond_one_act_as_one(layout, episode, control):
-    episode = replace(episode, control=control)
-    state = begin(episode, nominal_start(layout))
-    action = torch.linspace(-5.0, 5.0, episode.action_size, dtype=torch.float64)[None]
-    _, command = act(layout, episode, state, action)
-    _, clamped = act(layout, episode, state, action.clamp(-1, 1))
-    assert torch.equal(command, clamped)
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 6), (5,), (1, 5), (3, 5), (2, 5, 1), (2, 7)])
-def test_an_action_of_the_wrong_shape_is_refused_by_name(layout, episode, shape):
-    state = begin(episode, nominal_start(layout, 2))
-    with pytest.raises(ValueError, match=r"action: shape .*expected \(2, 5\) for control=tip"):
-        act(layout, episode, state, torch.zeros(shape))
-
-
-@pytest.mark.parametrize("control", CONTROLS)
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_an_action_that_is_not_finite_is_refused_by_name_and_environment(
-    layout, episode, control, value
-):
-    episode = replace(episode, control=control)
+def test_an_action_of_another_shape_or_not_finite_is_refused_by_name(layout, episode):
     state = begin(episode, nominal_start(layout, 4))
-    action = torch.zeros(4, episode.action_size)
-    action[1, 0] = action[3, -1] = value
+    with pytest.raises(ValueError, match=r"action: shape .*expected \(4, 5\) for control=tip"):
+        act(layout, episode, state, torch.zeros(4, 6))
+    action = torch.zeros(4, 5)
+    action[1, 0], action[3, -1] = math.nan, -math.inf
     with pytest.raises(ValueError, match=r"action: not finite in environments \[1, 3\]"):
         act(layout, episode, state, action)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(("axis", "sense"), [(0, 1.0), (1, -1.0), (2, 1.0)])
 def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis, sense):
     episode = replace(episode, control="pose")
     state = begin(episode, nominal_start(layout))
@@ -559,38 +513,26 @@ def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis
     )
 
 
-@pytest.fixture(scope="module")
-def turning(layout, episode) -> list[tuple[Memory, float]]:
-    """Turning on and on about each axis: the state at times, and how far three turns back go."""
+def test_after_turning_without_end_the_way_back_begins_at_once(layout, episode):
+    """The target does not run ahead of the joints' limits."""
     episode = replace(episode, control="pose")
     action = torch.zeros(6, 7, dtype=torch.float64)
     action[:, 3:6] = torch.cat((torch.eye(3), -torch.eye(3)))
-    state = begin(episode, nominal_start(layout, 6))
-    passed = []
-    for _ in range(8):
-        state, _ = push(layout, episode, state, action, 25)
-        back, _ = push(layout, episode, state, -action, 3)
-        passed.append((state, float((back["joints"] - state["joints"]).abs().amax(-1).min())))
-    return passed
-
-
-def test_turning_without_end_stops_at_the_joint_limits(turning):
+    state, _ = push(layout, episode, begin(episode, nominal_start(layout, 6)), action, 200)
     lower, upper = psm.joint_limits()
-    for state, _ in turning:
-        assert bool(((state["joints"] >= lower) & (state["joints"] <= upper)).all())
-    last, _ = turning[-1]
-    assert bool(((last["joints"] == lower) | (last["joints"] == upper)).any(-1).any())
-
-
-def test_after_turning_without_end_the_way_back_begins_at_once(turning, episode):
-    """The target does not run ahead of the joints."""
-    assert min(back for _, back in turning) > episode.rotation
+    assert bool(((state["joints"] == lower) | (state["joints"] == upper)).any(-1).any())
+    back, _ = push(layout, episode, state, -action, 3)
+    moved = (back["joints"] - state["joints"]).abs().amax(-1)
+    assert float(moved.min()) > episode.rotation
+    away = tool_place(layout, state["joints"]) - torch.tensor(layout.tool_position)
+    assert float(away.norm(dim=-1).max()) < 0.005
 
 
 # Where episodes start.
 
 
-def test_every_seed_environment_and_episode_draws_its_own():
+def test_every_seed_environment_and_episode_draws_its_own_numbers():
+    assert np.array_equal(draws(3, 5, 7), draws(3, 5, 7))
     keys = [(s, v, e) for s in range(4) for v in range(4) for e in range(4)]
     assert len({tuple(draws(*key)) for key in keys}) == len(keys)
 
@@ -651,17 +593,12 @@ def assert_same_bits(together, apart: list) -> None:
         assert torch.equal(value, torch.cat([one[name] for one in apart])), name
 
 
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_starts_do_not_depend_on_the_batch(layout, count):
+@pytest.mark.parametrize("count", [2, 7])
+def test_starting_and_acting_do_not_depend_on_the_batch(layout, episode, count):
     drawn = torch.from_numpy(np.stack([draws(0, env, 0) for env in range(count)]))
-    apart = [start(layout, drawn[i : i + 1]) for i in range(count)]
-    together = start(layout, drawn)
+    apart, together = [start(layout, one[None]) for one in drawn], start(layout, drawn)
     for part in ("robot", "free", "mocap"):
         assert_same_bits(getattr(together, part), [getattr(one, part) for one in apart])
-
-
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_acting_does_not_depend_on_the_batch(layout, episode, count):
     generator = torch.Generator().manual_seed(count)
     state = begin(episode, random_starts(layout, count))
     alone = [state[i : i + 1] for i in range(count)]
@@ -691,8 +628,8 @@ def mixed_readings(layout: NeedleLayout, count: int) -> list[dict[str, Tensor]]:
 
 
 @pytest.mark.parametrize("kind", GRASPS)
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
+def test_observing_does_not_depend_on_the_batch(layout, episode, kind):
+    count = 16
     episode = replace(episode, grasp=kind)
     readings = mixed_readings(layout, count)
     together = {name: torch.cat([one[name] for one in readings]) for name in readings[0]}
@@ -705,8 +642,7 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
     assert_same_bits(signals.to_dict(), [one.to_dict() for _, one, _ in single])
     if weld is not None:
         assert_same_bits(weld._asdict(), [one._asdict() for _, _, one in single])
-    if count > 2:
-        assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
+    assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
 
 
 # What the smooth expert does about its jaws.
