@@ -44,12 +44,12 @@ class View:
 
     target: Point | None = None
     azimuth: Annotated[float, Range(-360.0, 360.0)] | None = None
-    elevation: float | None = None
+    elevation: Annotated[float, Range(-89.9, 89.9)] | None = None
     distance: Annotated[float, Range(0.0, 100.0, above=True)] | None = None
     position: Point | None = None
     forward: Point | None = None
     up: Point | None = None
-    fovy: float
+    fovy: Annotated[float, Range(0.1, 179.0)]
     near: float
     far: Annotated[float, Range(0.0, 1e4, above=True)]
     """Depths that the depth channel maps to 255 and to 0, m along the optical axis."""
@@ -64,10 +64,6 @@ class View:
         if found not in ways:
             either = " or ".join(", ".join(keys) for keys in ways)
             raise ValueError(f"view: {', '.join(found) or 'no place'} given; give either {either}")
-        if not 0 < self.fovy < 180:
-            raise ValueError(f"view.fovy: {self.fovy} must lie in (0, 180) degrees")
-        if self.elevation is not None and not -90 < self.elevation < 90:
-            raise ValueError(f"view.elevation: {self.elevation} must lie in (-90, 90) degrees")
         if self.forward and self.up and not np.cross(self.forward, self.up).any():
             raise ValueError(f"view.up: {self.up} is zero or along forward={self.forward}")
         if not 0 < self.near < self.far:
@@ -109,10 +105,6 @@ class Rendering:
         check_names("rendering.depth", [self.depth], ("channel", "shade", "none"))
         if self.channels == 0:
             raise ValueError("rendering.colour: nothing to render; give a colour or depth=channel")
-        if self.colour == "none" and self.depth == "shade":
-            raise ValueError("rendering.depth: shade needs a colour; choose rgb or flat")
-        if self.colour == "flat" and not self.colours:
-            raise ValueError("rendering.colours: a flat rendering needs a colour per class")
 
     @property
     def channels(self) -> int:

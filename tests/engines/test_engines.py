@@ -123,20 +123,3 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
     assert found.not_finite == 0
     assert found.outside_table == 0
     assert found.deep_contacts < 0.005 * found.steps
-
-
-def test_a_held_needle_follows_the_tool():
-    settings = compose_settings(["num_envs=4"])
-    simulation = build(settings)
-    script = Expert(settings.task, settings.episode)
-    moment = simulation.reset()
-    while not bool(moment.signals.grasped.all()):
-        moment = simulation.step(script(moment.signals))
-    offset = moment.signals.pickup_point - moment.signals.tool_midpoint
-    for _ in range(15):
-        action = torch.zeros(4, 5, dtype=torch.float64)
-        action[:, 2], action[:, 4] = 1.0, -1.0
-        moment = simulation.step(action)
-    assert (moment.signals.pickup_point[:, 2] > 0.03).all()
-    slip = (moment.signals.pickup_point - moment.signals.tool_midpoint - offset).norm(dim=-1)
-    assert slip.max() < 1.5e-3

@@ -129,17 +129,6 @@ def test_threads_and_subsets_change_no_bit(scene):
                         assert torch.equal(one, of_all if ids is None else of_all[ids])
 
 
-@pytest.mark.parametrize("size", [1, 33])
-def test_any_size_goes(scene, size):
-    model, fields = scene
-    first = {name: values[:1] for name, values in fields["grasp"].items()}
-    renderers = Rasteriser(model, 1, {"side": ALL}, size, 1), Tracer(model, 1, {"side": ALL}, size)
-    drawn, traced = (renderer.render(first)["side"] for renderer in renderers)
-    geoms, depths, _ = agreement(drawn, traced)
-    assert geoms >= 0.998
-    assert depths >= 0.99
-
-
 WORLD = """
 <mujoco>
   <visual><headlight ambient=".3 .3 .3" diffuse=".4 .4 .4"/></visual>

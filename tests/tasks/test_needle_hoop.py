@@ -239,18 +239,6 @@ def test_the_verdict_depends_only_on_needle_relative_to_hoop(layout, episode, ca
     assert bool(passed) == (case == "through")
 
 
-def test_the_centre_line_runs_from_tail_to_tip_through_the_pickup_point(layout):
-    position, quat = row(0.1, -0.2, 0.3), geo.from_rotation_vector(row(0.4, 0.5, -0.6))
-    curve = facts.centre_line(layout, position, quat)[0]
-    length = (curve[1:] - curve[:-1]).norm(dim=-1).sum()
-    assert float(length) == pytest.approx(layout.needle_radius * layout.needle_arc, rel=1e-3)
-    # Chords of an arc: from the pickup point to the tip, and to the tail.
-    chords = [2 * layout.needle_radius * math.sin(abs(a) / 2) for a in layout.needle_angles]
-    ends = (curve[[0, -1]] - position).norm(dim=-1)
-    assert ends.tolist() == pytest.approx(chords)
-    assert ends[0] < ends[1]
-
-
 # What observe makes of it.
 
 

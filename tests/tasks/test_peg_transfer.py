@@ -195,29 +195,6 @@ def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
     assert found == {settings.task.pegs[i] for i in settings.task.goals}
 
 
-def test_a_block_that_nobody_touches_stays_still():
-    simulation = build(peg_settings("num_envs=3", layout="wide"))
-    before = simulation.reset().signals.block_position.clone()
-    for _ in range(250):
-        simulation.engine.step(simulation.act(torch.zeros(3, 5)))
-    moved = (simulation.look().signals.block_position - before).abs()
-    assert moved.max() < 1e-7
-
-
-@pytest.mark.parametrize(
-    ("word", "message"),
-    [
-        ("task.starts=[]", "starts"),
-        ("task.goals=[0]", "goals"),
-        ("task.marked_radius=0.006", "marked_radius"),
-        ("task.pegs=[[0,0]]", "pegs"),
-    ],
-)
-def test_a_layout_that_makes_no_sense_is_refused(word, message):
-    with pytest.raises(ValueError, match=message):
-        peg_settings(word)
-
-
 # The physics.
 
 

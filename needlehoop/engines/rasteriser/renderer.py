@@ -45,12 +45,7 @@ class Rasteriser:
             view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
             for view, channels in views.items()
         }
-        rows = []
-        for view, images in self._images.items():
-            camera = model.camera(view).id
-            if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
-                raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
-            rows.append((camera, *images))
+        rows = [(model.camera(view).id, *images) for view, images in self._images.items()]
         dtype: Any = Lens.numpy_dtype()
         self._lenses = wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
         pixels = size * size
