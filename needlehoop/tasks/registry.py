@@ -53,17 +53,20 @@ def is_from_elsewhere(name: object, folder: str | None) -> bool:
 
 
 def add(name: object, folder: str | None) -> None:
-    """Import a task from elsewhere, if that is where it is: ``task_dir``, or an installed package.
+    """Import a task from ``task_dir`` or an installed package, if it is from there.
 
     Raises:
         ValueError: no such task, an error in its code, or a task that leaves something out.
     """
-    entry = _entry(name) if folder is None else None
-    if folder is None and entry is None:
+    if folder is not None:
+        task = add_folder(Path(folder))
+    elif entry := _entry(name):
+        task = _add_installed(entry)
+    else:
         return
-    task = add_folder(Path(folder)) if folder is not None else _add_installed(entry)
     if task.name != name:
-        raise ValueError(f"task: {name!r} was chosen, and {folder or entry} has {task.name!r}")
+        origin = folder or f"the entry point {name}"
+        raise ValueError(f"task: {name!r} was chosen, and {origin} has {task.name!r}")
 
 
 def add_folder(folder: Path) -> Task:
