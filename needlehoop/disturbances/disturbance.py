@@ -169,7 +169,7 @@ class Disturbance:
         return found
 
     def spoiler(self, ids: Tensor | None) -> Spoiler | None:
-        """What the cameras of environments ``ids`` (all by default) make of their frames."""
+        """A function that adds flaws to frames of environments ``ids`` (all by default)."""
         if self._sensors is None or not self._does(*_SENSORS):
             return None
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()

@@ -169,7 +169,7 @@ def _cover(
     drop: wp.vec3, side: int, image: wp.array2d[wp.uint8], depth: wp.array2d[float],
     geom: wp.array2d[int],
 ):  # fmt: skip
-    """Nothing is seen through blood. Channels without rows are not there."""
+    """Cover a disc with blood. Channels without rows are not there."""
     y, x = float(side) * drop[1] - 0.5, float(side) * drop[2] - 0.5
     radius = float(side) * wp.sqrt(drop[0] / wp.pi)
     for row in range(wp.max(int(y - radius), 0), wp.min(int(y + radius) + 1, side)):
@@ -206,10 +206,10 @@ def spoil(
     geoms: wp.uint64,
     side: int,
 ):
-    """Spoil pictures of a view, one after the other, in the same scratch buffer.
+    """Add flaws to pictures of a view, one after the other, in the same scratch buffer.
 
     Args:
-        envs: whose pictures they are, from the ``first`` on.
+        envs: environments of the pictures, from the ``first`` on.
         flaws: ``(n, views)``.
         starts: where the noise of colours, depth and labels begins in its table, ``(n, views)``.
         normal: address of a table of normal numbers, float32; ``uniform``: of numbers in [0, 1).

@@ -64,7 +64,7 @@ class Sensors:
             self._fields[name][ids] = values
 
     def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:
-        """What spoils the frames of environments ``ids`` ``(k,)``.
+        """A function that adds flaws to the frames of environments ``ids`` ``(k,)``.
 
         ``places`` ``(k, views * 3)``: where their noise begins, in [0, 1).
         """

@@ -44,7 +44,7 @@ class Imager:
     ) -> dict[str, Tensor]:
         """Images ``(n, channels, h, w)`` uint8 by camera name, of frames by view.
 
-        ``spoil``: what each camera makes of its frames first; they change.
+        ``spoil``: adds flaws to the frames first.
         """
         images = {}
         for camera, _, rendering in self._jobs:

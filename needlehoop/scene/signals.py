@@ -87,7 +87,7 @@ def touch(geom: str, body: str, meaning: str) -> Signal:
 
 
 def command(unit: str, meaning: str) -> Signal:
-    """What a joint is told by the robot's memory."""
+    """A joint's command, which is in the robot's memory."""
     return Signal((), unit, "joint", "command", meaning)
 
 

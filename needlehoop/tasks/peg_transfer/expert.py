@@ -95,7 +95,7 @@ class Smooth(Expert):
         leave = self._up(s, self.asking(1.0) * ramp(s.jaw, 0.4, 0.8))
         free = torch.lerp(_FUNNEL.approach(self, s), leave, home.unsqueeze(-1))
         move = torch.where(s.grasped.unsqueeze(-1), self._transfer(s, aside, low), free)
-        # That low it is about the peg, wherever it seems to be.
+        # So low, it must be about the peg, even if it seems to be beside it.
         lets_go = about * ramp(low, _HOLD, _OPEN)
         shut = torch.where(s.grasped, 1.0 - lets_go, _FUNNEL.near(s) * (1.0 - home))
         turn = blade_turn(s, s.block_quat) * (~s.grasped * (1.0 - home))
