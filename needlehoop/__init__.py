@@ -132,7 +132,6 @@ def load_policy(
 
     Args:
         run: the run's folder, or a ``policy.safetensors`` alone; by default the shipped agent's.
-            Or cameras, ``dep_front+rgb_side``: a released agent that was unpacked into ``agents/``.
         device: ``auto``, ``cpu``, ``cuda`` or ``cuda:<k>``.
         policy: ``last`` or ``best``, see ``keep=``; by default the last, or the best where the run
             kept no other.

@@ -9,7 +9,7 @@ import mujoco
 from torch import Tensor
 
 from needlehoop import rewards
-from needlehoop.engines.addresses import Addresses
+from needlehoop.engines.engine import Addresses
 from needlehoop.envs.build import scene_spec
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language import program

@@ -4,8 +4,5 @@ import os
 
 ALL = os.environ.get("NEEDLEHOOP_TEST") == "all"
 
-FUZZ_CASES = int(os.environ.get("FUZZ_CASES", 600 if ALL else 90))
-"""Pairs of a key and a value that the fuzz tests try."""
-
 CRASH_POINTS = int(os.environ.get("CRASH_POINTS", 24 if ALL else 6))
 """Operations on files at which a run is killed, evenly spread."""

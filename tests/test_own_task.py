@@ -8,7 +8,6 @@ import shutil
 from pathlib import Path
 
 import gymnasium
-import numpy as np
 import pytest
 import torch
 from strength import ALL
@@ -40,11 +39,6 @@ def expert_of(simulation: Simulation):
     return task.controllers["expert"](simulation.layout, simulation.episode)
 
 
-def test_it_is_short():
-    lines = [line for file in FOLDER.glob("*.py") for line in file.read_text().splitlines()]
-    assert sum(bool(line.strip()) for line in lines) <= 250
-
-
 def test_the_expert_puts_the_cube_on_the_spot():
     simulation = built(f"num_envs={200 if ALL else 50}", "seed=4000")
     act, moment = expert_of(simulation), simulation.reset()
@@ -73,21 +67,6 @@ def test_a_cube_held_over_the_spot_is_not_placed():
     assert moment.facts["has_held"].all()
 
 
-def test_random_actions_keep_the_physics_finite():
-    simulation = built("num_envs=10")
-    generator = torch.Generator().manual_seed(0)
-    simulation.reset()
-    for step in range(100):
-        if step % 5 == 0:
-            action = 2.0 * torch.randint(0, 2, (10, 4), generator=generator).double() - 1.0
-        moment = simulation.step(action)
-        assert torch.isfinite(moment.signals.cube).all()
-        assert all(np.isfinite(simulation.engine.data(env).qvel).all() for env in range(10))
-        over = moment.terminated | moment.truncated
-        if bool(over.any()):
-            simulation.reset(over)
-
-
 def test_both_engines_have_the_same_bits():
     words = ["num_envs=2", "cams=[dep_front,seg_side]", "image_size=24", "engine.threads=1"]
     one, other = (built(*words, f"engine={kind}") for kind in KINDS)
@@ -105,31 +84,17 @@ def test_both_engines_have_the_same_bits():
 
 # Everything takes it.
 
-TINY = ["obs=signals", "num_envs=8", "steps=1600", "algo.minibatches=100"]
-TINY += ["algo.network.hidden=64", "algo.network.layers=2", "algo.learning_rate=4e-3"]
-TINY += ["engine.threads=1"]
-TINY += ["evaluation.every=0", "evaluation.final_episodes=20", "evaluation.video_episodes=0"]
-
-
-SHORT = ["steps=160", "algo.minibatches=1", "evaluation.final_episodes=1"]
-
-
-def trained(results: Path, *words: str) -> Path:
-    run_train("algo=dagger", f"task_dir={FOLDER}", f"results={results}", *TINY, *words)
-    return results / "main/signals/expert/seed0"
-
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory) -> Path:
     """The folder of an agent that imitated the expert for a moment."""
-    return trained(tmp_path_factory.mktemp("own"), *SHORT)
-
-
-@pytest.mark.full
-def test_an_agent_learns_it_by_imitation(tmp_path):
-    # How to pick the cube up; with four times as much of all it puts it down, too.
-    found = json.loads((trained(tmp_path) / "evaluation.json").read_text())
-    assert found["held"] >= 0.5
+    results = tmp_path_factory.mktemp("own")
+    run_train(
+        *("algo=dagger", f"task_dir={FOLDER}", f"results={results}", "obs=signals", "num_envs=8"),
+        *("steps=160", "algo.minibatches=1", "algo.network.hidden=16", "engine.threads=1"),
+        *("evaluation.every=0", "evaluation.final_episodes=1", "evaluation.video_episodes=0"),
+    )
+    return results / "main/signals/expert/seed0"
 
 
 def test_a_run_s_files_import_it_with_trust_alone(run, tmp_path, capsys):
@@ -155,13 +120,6 @@ def test_a_run_s_files_import_it_with_trust_alone(run, tmp_path, capsys):
     assert main([*words, "trust=true"]) == 0
     assert json.loads(capsys.readouterr().out)["episodes"] == 4
     needlehoop.make_env_of(run, num_envs=1, trust=True).reset()
-
-
-@pytest.mark.full
-def test_a_sweep_s_process_imports_it(tmp_path):
-    words = ["-m", "seed=3", "hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "algo=dagger"]
-    run_train(*words, f"task_dir={FOLDER}", f"results={tmp_path}", *TINY, *SHORT)
-    assert (tmp_path / "main/signals/expert/seed3/evaluation.json").exists()
 
 
 def test_environments_take_it():
@@ -210,10 +168,7 @@ def copied(tmp_path) -> Path:
     [
         ('    goal="placed",\n', "", "missing 1 required keyword-only argument: 'goal'"),
         ('goal="placed"', 'goal="palced"', "goal: no 'palced' among held, placed"),
-        ('teacher="expert"', 'teacher="smooth"', "teacher: no 'smooth' among expert"),
-        ('state=("tool"', 'state=("tol"', "state: no 'tol' among tool, cube"),
         ('name="cube_on_spot"', 'name="reach"', "the name 'reach' is taken"),
-        ('name="cube_on_spot"', 'name="cube"', "'cube_on_spot' was chosen"),
         ("TASK = Task(", "TSAK = Task(", "has no TASK"),
         ("from .expert", "from .exprt", "No module named"),
     ],

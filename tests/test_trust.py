@@ -72,94 +72,35 @@ def policy(tmp_path_factory):
     return folder / "policy.safetensors", asdict(senses), values
 
 
-def hostile(senses, values, marker):
-    """Notes that name code or sizes without end; and whether the policy is still one."""
-    evil = json.loads(json.dumps(EVIL).replace("{marker}", str(marker)))
-    for reward in (evil, {**evil, "source": None}, {**evil, "call": "os:system"}):
-        yield "reward", senses, {**values, "reward": reward}, True
-    yield "entry point", senses, {**values, "reward": {"kind": "mine", "function": "os:x"}}, True
-    yield "target", senses, {**values, "reward": {"_target_": "os.system"}}, True
-    yield "task", senses, {**values, "task": {"name": "os"}, "task_dir": "/tmp"}, True
-    yield "no config", senses, {}, True
-    for key in senses:
-        for bad in (evil, "os:system", [evil], None, 1e300, {"../..": 3}):
-            yield f"{key} {bad}", {**senses, key: bad}, values, key == "control" and bad in FITS
-        yield f"no {key}", {k: v for k, v in senses.items() if k != key}, values, False
-    yield "large", {**senses, "image_size": 10**9}, values, False
-    yield "deep", {**senses, "network": {**senses["network"], "layers": 64}}, values, False
-    yield "extra", {**senses, "function": "os:system"}, values, False
-
-
-FITS = ("os:system",)
-"""A name of a control mode is for people: nothing looks it up."""
-
-
 def test_a_policy_with_hostile_notes_runs_nothing(policy, tmp_path):
     path, senses, values = policy
     state = load_file(path)
     seen = {"rgb_front": torch.randint(0, 255, (2, 3, 32, 32), dtype=torch.uint8)}
-    action = needlehoop.load_policy(path)(seen)
-    bad, marker = tmp_path / "policy.safetensors", tmp_path / "ran"
-    for notes in ({"config": json.dumps(values)}, {"senses": "{}"}, {"senses": "["}):
-        save_file(state, bad, notes)
-        with pytest.raises(ValueError, match=r"policy\.safetensors"):
-            needlehoop.load_policy(bad)
-    for name, sees, config, fits in hostile(senses, values, marker):
+    action, bad = needlehoop.load_policy(path)(seen), tmp_path / "policy.safetensors"
+    network = {**senses["network"], "hidden": 16_384, "layers": 12}
+    for sees, config, fits in (
+        (senses, {**values, "reward": EVIL}, True),
+        (senses, {**values, "reward": {"_target_": "os.system"}}, True),
+        (senses, {**values, "task": {"name": "os"}, "task_dir": "/tmp"}, True),
+        ({**senses, "cams": EVIL}, values, False),
+        ({**senses, "function": "os:system"}, values, False),
+        ({**senses, "image_size": 10**9}, values, False),
+        ({**senses, "network": network}, values, False),
+    ):
         save_file(state, bad, {"senses": json.dumps(sees), "config": json.dumps(config)})
-        found = said = None
         with audited() as asked:
             try:
                 found = needlehoop.load_policy(bad)
-            except ValueError as error:
-                said = str(error)
-        assert said is None or "\n" not in said, name
-        assert {one for one in asked if one != ("open", str(bad))} == set(), name
-        assert (found is not None) == fits, (name, said)
-        if found is not None:
-            assert torch.equal(found(seen), action), name
-    assert not marker.exists()
-
-
-def test_the_shipped_policy_loads_whatever_it_computes_in():
-    assert callable(needlehoop.load_policy())
+            except ValueError:
+                found = None
+        assert {one for one in asked if one != ("open", str(bad))} == set()
+        assert fits == (found is not None and torch.equal(found(seen), action))
 
 
 def test_the_audit_sees_what_it_looks_for():
     with audited() as asked:
         exec("open('/dev/null').close()")
     assert {event for event, _ in asked} >= {"open", "exec"}
-
-
-def test_shapes_in_a_header_are_compared_before_anything_is_built(policy, tmp_path, monkeypatch):
-    path, senses, _ = policy
-    network = {**senses["network"], "hidden": 16_384, "layers": 12}
-    bad = tmp_path / "policy.safetensors"
-    save_file(load_file(path), bad, {"senses": json.dumps({**senses, "network": network})})
-    built = []
-    monkeypatch.setattr(torch.Tensor, "normal_", lambda t, *a, **k: built.append(t.device) or t)
-    with pytest.raises(ValueError, match="does not fit its config"):
-        needlehoop.load_policy(bad)
-    assert {one.type for one in built} <= {"meta"}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda w: w * torch.nan, "not finite"),
-        (lambda w: w * torch.inf, "not finite"),
-        (lambda w: w.to(torch.float64), "does not fit its config"),
-        (lambda w: w.to(torch.int32), "does not fit its config"),
-        (lambda w: w[:-1].clone(), "does not fit its config"),
-    ],
-)
-def test_other_numbers_are_refused(policy, tmp_path, change, message):
-    path, senses, _ = policy
-    state = load_file(path)
-    state["head.mean.weight"] = change(state["head.mean.weight"])
-    bad = tmp_path / "policy.safetensors"
-    save_file(state, bad, {"senses": json.dumps(senses)})
-    with pytest.raises(ValueError, match=message):
-        needlehoop.load_policy(bad)
 
 
 @pytest.fixture
@@ -176,7 +117,6 @@ def test_no_command_imports_what_a_run_names(stranger, tmp_path, capsys):
     folder, marker = stranger
     for words in (
         ["evaluate", str(folder)],
-        ["watch", str(folder), "window=false", f"out={tmp_path}/film.mp4"],
         ["demonstrations", f"demonstrator={folder}", f"out={tmp_path}/demos-v0", "seed=9"],
     ):
         assert main(words) == 2
@@ -223,8 +163,7 @@ def test_a_run_of_one_s_own_function_goes_on_with_trust(tmp_path, capsys):
 
 
 def test_a_config_from_a_file_is_never_loaded():
-    plain = {"kind": "python", "function": "os:system", "values": {}, "source": None}
-    for config_ in (plain, {**plain, "call": "os:system"}):
-        rewards.check(config_, TASK)
-        with pytest.raises(ValueError, match="trust=true"):
-            load_reward(config_)
+    config = {"kind": "python", "function": "os:system", "values": {}, "source": None}
+    rewards.check(config, TASK)
+    with pytest.raises(ValueError, match="trust=true"):
+        load_reward(config)

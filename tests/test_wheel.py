@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from needlehoop.runs.files import POLICY
-from needlehoop.runs.shipped import CONF
 
 ROOT = Path(__file__).parent.parent
 AGENTS = {
@@ -29,14 +28,8 @@ from needlehoop.cli.main import main
 from needlehoop.learning.job import typed_job
 from needlehoop.runs.shipped import AGENT, RECORDINGS, agent_of
 
-said = []
-for words in (["signals"], ["--help"], ["train", "--help"], ["train", "cams=dep_front", "stpes=9"]):
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        try:
-            main(words)
-        except SystemExit as end:
-            print(end.code)
-    said.append(out.getvalue())
+with contextlib.redirect_stdout(io.StringIO()) as out:
+    main(["signals"])
 values = composing.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
 job = typed_job(values)
 print(json.dumps({
@@ -44,7 +37,7 @@ print(json.dumps({
                str(agent_of("reach/wide"))],
     "run": job.place,
     "views": sorted(values["views"]),
-    "said": said,
+    "said": out.getvalue(),
 }))
 """
 
@@ -105,13 +98,5 @@ def test_an_install_needs_no_checkout(wheel, tmp_path):
     assert [place for place in found["places"] if not place.startswith(f"{site}/")] == []
     assert found["run"] == "main/dep_front+seg_side/vlm_img/seed0"
     assert found["views"] == sorted(path.stem for path in (ROOT / "conf/view").glob("*.yaml"))
-    signals, help_, train, refused = found["said"]
-    assert "needle_tip" in signals
-    assert "snapshot" in help_
-    assert "sweep over single cameras" in train
-    assert "needlehoop train: stpes: unknown key" in refused
+    assert "needle_tip" in found["said"]
     assert list(elsewhere.iterdir()) == []
-
-
-def test_a_checkout_has_its_settings_at_the_top():
-    assert ROOT / "conf" == CONF

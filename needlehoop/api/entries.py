@@ -20,18 +20,13 @@ _SETTINGS = ("cams", "reward", "task", "obs", "conf_dir", "task_dir")
 def single(**kwargs: Any) -> GymnasiumEnv:
     """One environment.
 
+    ``cams`` (``PAIR`` by default), ``reward``, ``overrides``, ``conf_dir`` and ``task_dir`` (for
+    ``needlehoop/OwnTask-v0``) are as in ``needlehoop.make_env``.
+
     Keyword Args:
-        cams (Sequence[str]): cameras, each ``<rendering>_<view>``;
-            by default ``dep_front`` and ``seg_side``.
-        reward (str | Callable): an option of ``conf/reward``, by default ``human``;
-            or a function of ``Signals``.
         name (str | None): of the task that the id stands for; ``None``: any.
-        task (str): its variant, as ``wide`` is; or an option of ``conf/task``.
+        task (str): its variant, such as ``wide``; or an option of ``conf/task``.
         obs (str): an option of ``conf/obs``.
-        overrides (Sequence[str]): any other setting, as on the command line:
-            ``["obs.frame_stack=3"]``.
-        conf_dir (path): a folder of YAML of one's own, laid out as ``conf/``.
-        task_dir (path): a folder with a task of one's own, for ``needlehoop/OwnTask-v0``.
         run (path): a run's folder: the environment that it was trained on. ``overrides`` may
             change its conditions; no other settings go with it.
         trust (bool): whether Python code that the run's files name as its reward may run.

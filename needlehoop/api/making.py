@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Seed, shown
+from needlehoop.config.strict import Count, Seed
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.learning.subject import flown_job
 from needlehoop.runs.run import Run
@@ -18,21 +18,20 @@ from needlehoop.runs.run import Run
 def settings(
     cams: str | Iterable[str],
     reward: str | Callable[..., Any],
-    overrides: Iterable[str],
+    overrides: str | Iterable[str],
     **more: Any,
 ) -> Settings:
     """Settings from the arguments of ``needlehoop.make_env``; errors as there.
 
     Args:
-        cams: ``+`` joins them as it does in tables.
+        cams: a list, or a text that joins them by ``,`` or, as in tables, by ``+``.
         more: further settings; those that are ``None`` are left as they are.
     """
-    chosen = cams.split(",") if isinstance(cams, str) else _texts("cams", cams)
-    names = [name for word in chosen for name in word.split("+")]
+    cams = cams if isinstance(cams, str) else ",".join(map(str, cams))
     option = None if callable(reward) else reward
-    named = {"cams": f"[{','.join(names)}]", "reward": option, **more}
+    named = {"cams": f"[{cams.replace('+', ',')}]", "reward": option, **more}
     words = [f"{key}={value}" for key, value in named.items() if value is not None]
-    found = compose_settings([*words, *_texts("overrides", overrides)])
+    found = compose_settings([*words, *_listed(overrides)])
     return replace(found, reward=rewards.given(reward)) if callable(reward) else found
 
 
@@ -41,17 +40,14 @@ def settings_of(
     num_envs: int,
     seed: int | None,
     trust: bool = False,
-    overrides: Iterable[str] = (),
+    overrides: str | Iterable[str] = (),
 ) -> Settings:
     """The settings of a run's environment; arguments and errors as in ``make_env_of``.
 
     Args:
         seed: ``None``: that of its final evaluation, unseen in training.
     """
-    if not isinstance(run, str | Path):
-        raise ValueError(f"run: {shown(run)} is no folder")
-    words = _texts("overrides", overrides)
-    job, _ = flown_job(Run.open(Path(run)).config(), words, trust)
+    job, _ = flown_job(Run.open(Path(run)).config(), _listed(overrides), trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
         job.env,
@@ -60,10 +56,5 @@ def settings_of(
     )
 
 
-def _texts(key: str, given: Any) -> list[str]:
-    """Raises ``ValueError`` for anything but a list of texts."""
-    is_list = isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping)
-    found: list[Any] = list(given) if is_list else []
-    if not is_list or not all(isinstance(one, str) for one in found):
-        raise ValueError(f"{key}: {shown(given)} is no list of texts")
-    return found
+def _listed(overrides: str | Iterable[str]) -> list[str]:
+    return [overrides] if isinstance(overrides, str) else list(overrides)

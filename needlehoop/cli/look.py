@@ -217,7 +217,7 @@ def _scene(settings: Any) -> Any:
     """The scene with every camera; ``home`` is the nominal start of an episode."""
     import torch
 
-    from needlehoop.engines.addresses import Addresses
+    from needlehoop.engines.engine import Addresses
     from needlehoop.envs.build import scene_spec
     from needlehoop.tasks.start import NUMBERS, Chance
 

@@ -218,20 +218,3 @@ def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:
 def _say_left_out(findings: StudyFindings) -> None:
     if findings.left_out:
         print(f"left out: {len(findings.left_out)}", *findings.left_out, sep="\n  ")
-
-
-@command(
-    _one_study("a study's folder, with policies", type=Path),
-    _out("a new folder (agents)", default=Path("agents")),
-)
-def pack(options: argparse.Namespace) -> None:
-    """Pack the trained agents of a study, one of each camera set, as files for a release.
-
-    A file of each: <cameras>.safetensors.xz, in bfloat16, 2 MiB at most. agents.csv says how often
-    each succeeds, and SHA256SUMS is for sha256sum -c. After xz --decompress agents/*.xz,
-    needlehoop.load_policy('dep_front+rgb_side') finds one.
-    """
-    from needlehoop.api.trained import pack
-
-    for path in pack(options.study, options.out):
-        print(f"{path}: {path.stat().st_size:,} bytes")

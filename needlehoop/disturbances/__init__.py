@@ -1,1 +1,1 @@
-"""What cameras, lamps and robots do wrong: nothing by default; in training, or in a stress test."""
+"""Disturbances of cameras, pictures, scene and robot, in training or in a stress test."""

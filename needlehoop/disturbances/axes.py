@@ -1,4 +1,4 @@
-"""Axes of disturbance: what each means, what an episode draws for it, what a config asks for."""
+"""Axes of disturbance: their meanings, what an episode draws for each, and their config."""
 
 from __future__ import annotations
 
@@ -12,29 +12,26 @@ import numpy as np
 from needlehoop.config.strict import Amount, Share
 
 EPISODE, VIEW, THING = "episode", "view", "thing"
-"""What an axis is drawn for: once, for each view by itself, for each thing in the scene."""
+"""An axis is drawn once an episode, for each view, or for each thing in the scene."""
 
 GROUPS = ("camera", "picture", "scene", "robot")
-"""What is disturbed."""
 
 MOST_OBJECTS = 12
 """Strange objects that may lie about."""
 
 
 class Drawn(NamedTuple):
-    """What episodes drew for an axis; a dimension for views or things follows ``n``.
-
-    ``amount`` ``(n, …, size)``: how strong, in the axis's unit. ``free`` ``(n, …, free)``: numbers
-    in [0, 1) that say where, when or which.
-    """
+    """What episodes drew for an axis; a dimension for views or things follows ``n``."""
 
     amount: np.ndarray
+    """``(n, …, size)``, in the axis's unit."""
     free: np.ndarray
+    """``(n, …, free)``: numbers in [0, 1) that decide where, when or which."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that goes wrong.
+    """One kind of disturbance.
 
     An episode draws ``size`` numbers, uniform in [-amount, amount] if ``signed``, else in [0,
     amount]; the config gives the amount.
@@ -154,13 +151,14 @@ _FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 def uniform(name: str, count: int, *keys: np.ndarray | int) -> np.ndarray:
-    """Numbers in [0, 1), float64 ``(n, count)``: the finaliser of SplitMix64 over the keys.
+    """Numbers in [0, 1), float64 ``(n, count)``: the finaliser of SplitMix64 over name and keys.
 
     They depend on nothing else. So an episode is disturbed in the same way whatever runs beside
     it, and resuming needs no state.
 
-    ``name``: what they are for; another name gives others. ``keys``: seed, environments, episodes,
-    steps: integers, or ``(n,)`` of them.
+    Args:
+        name: what they are for.
+        keys: seed, environments, episodes, steps: integers, or ``(n,)`` of them.
     """
     state = np.full(1, zlib.crc32(name.encode()), np.uint64)
     for key in keys:

@@ -1,4 +1,4 @@
-"""What goes wrong in a batch of environments, episode by episode."""
+"""Disturbs a batch of environments, episode by episode."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not i
 
 
 class Disturbance:
-    """Disturbs ``n`` environments. What it does depends on seed, environment, episode and step.
+    """Disturbs ``n`` environments, depending on seed, environment, episode and step alone.
 
     Args:
         amounts: of the axes that may do something, by their keys in ``AXES``.
-        model: the scene.
-        things: number of the thing that each geom is a part of ``(ngeom,)``.
-        views: names of the cameras that are looked through; ``size`` px are their images' sides.
-        target: what they look at ``(3,)``, m.
+        things: number of the thing that each geom belongs to ``(ngeom,)``.
+        views: names of the chosen cameras' views.
+        target: the point that they look at ``(3,)``, m.
+        size: side of their images, px.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Disturbance:
         """Share of the amounts in episodes that begin from now on."""
         n, parts = num_envs, {EPISODE: (), VIEW: (len(views),), THING: (1 + things.max(),)}
         self._amounts = {key: np.full(n, float(amount)) for key, amount in amounts.items()}
-        # Of all axes: one that may do nothing drew nothing.
+        # Of all axes; zeros where there is no amount.
         self._drawn = {
             key: Drawn(*(np.zeros((n, *parts[axis.per], k)) for k in (axis.size, axis.free)))
             for key, axis in AXES.items()
@@ -70,7 +70,7 @@ class Disturbance:
         return any(key in self._amounts for key in keys)
 
     def _does(self, *begins: str) -> bool:
-        """Whether an axis does something in some environment whose key begins in such a way."""
+        """Whether an axis whose key begins in such a way does something in some environment."""
         return any(one.any() for key, one in self._amounts.items() if key.startswith(begins))
 
     def deal(self, ids: np.ndarray, amounts: Mapping[str, np.ndarray]) -> None:
@@ -83,8 +83,10 @@ class Disturbance:
     ) -> None:
         """Episodes begin in rows ``ids`` ``(k,)`` of the batch.
 
-        ``envs`` ``(k,)``: their indices among all of the seed. ``episodes`` ``(k,)``: how many each
-        had before. ``control`` ``(k, nu)``: commands that hold their starts.
+        Args:
+            envs: their indices ``(k,)`` among all of the seed.
+            episodes: how many each had before ``(k,)``.
+            control: commands ``(k, nu)`` that hold their starts.
         """
         self._seed = seed
         for name, values in (("envs", envs), ("episodes", episodes), ("steps", 0)):
@@ -123,7 +125,7 @@ class Disturbance:
 
     @property
     def offset(self) -> Tensor | None:
-        """How far the tips stand from where they were told to ``(n, 3)``, m; ``None``: not."""
+        """Offsets of the tips from their targets ``(n, 3)``, m; ``None``: no such axis."""
         if not self._may("robot.offset"):
             return None
         return torch.from_numpy(self._drawn["robot.offset"].amount)
@@ -167,7 +169,7 @@ class Disturbance:
         return found
 
     def spoiler(self, ids: Tensor | None) -> Spoiler | None:
-        """What the cameras of environments ``ids`` (all by default) make of their frames."""
+        """A function that adds flaws to frames of environments ``ids`` (all by default)."""
         if self._sensors is None or not self._does(*_SENSORS):
             return None
         rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
@@ -178,10 +180,11 @@ class Disturbance:
     def deliver(
         self, images: dict[str, Tensor], views: Mapping[str, str], ids: Tensor | None
     ) -> dict[str, Tensor]:
-        """The images that arrive now: late, again and again, or black.
+        """The images that arrive now: late, frozen or black ones.
 
-        Of images ``(k, c, h, w)`` by camera, taken now in environments ``ids`` (all by default);
-        ``views``: of the cameras, by name.
+        Args:
+            images: taken now ``(k, c, h, w)`` in environments ``ids`` (all by default), by camera.
+            views: of the cameras, by name.
         """
         if not self._may(*_DELIVERY):
             return images
@@ -229,9 +232,10 @@ class Disturbance:
 
 
 def failing(drawn: Drawn, steps: np.ndarray, views: int, max_steps: int) -> np.ndarray:
-    """Which view fails now ``(k, views)`` bool: one of them, for so many steps as were drawn.
+    """Which view fails now ``(k, views)`` bool: at most one of them.
 
-    Drawn are how long; then when it begins, and which view. ``steps``: taken so far ``(k,)``.
+    ``drawn``: for how many steps; then when it begins, and which view. ``steps``: taken so far
+    ``(k,)``.
     """
     # It begins to fail in the first quarter of an episode's time.
     begins = 1 + np.floor(drawn.free[:, 0] * 0.25 * max_steps)

@@ -1,7 +1,7 @@
-"""The kernel that works flaws into pictures.
+"""The kernel that adds flaws to pictures.
 
-The compiler makes 16 steps at once of a loop that is a ``while``, over arrays whose strides are
-known here: so rows are gone along in that way, and arrays are made of addresses.
+The compiler vectorises a ``while`` loop over arrays with known strides, 16 steps at once. So loops
+along rows are written as ``while``, and arrays are made from addresses.
 """
 
 # Warp compiles this file; its types are not all Python's.
@@ -27,24 +27,23 @@ _BLOOD = wp.constant(wp.vec4(8.0, 8.0, 90.0, 255.0))
 
 @wp.struct
 class Flaw:
-    """What is wrong with one picture, in the order in which it acts.
-
-    Colours: ``blur`` px, standard deviation of a Gaussian; then ``gain`` times them plus ``bias``,
-    BGR, grey levels; ``noise`` grey levels, standard deviation, of its own in each pixel and
-    channel. Depth, where there is a reading: ``depth_noise`` m, standard deviation; ``depth_step``
-    m, to whole multiples of it. Labels: ``flips``, share of the pixels that take over a
-    neighbour's, which shows along edges alone. All of them: ``drop``, share of the picture that it
-    covers, and its row and column as shares of the side.
-    """
+    """The flaws of one picture, in the order in which they act."""
 
     blur: float
+    """Of colours: standard deviation of a Gaussian, px."""
     gain: wp.vec3
     bias: wp.vec3
+    """Colours become ``gain`` times themselves plus ``bias``, BGR, grey levels."""
     noise: float
+    """Of each pixel and channel: standard deviation, grey levels."""
     depth_noise: float
+    """Where there is a reading: standard deviation, m."""
     depth_step: float
+    """Depths become whole multiples of it, m."""
     flips: float
+    """Share of the pixels that take over a neighbour's label, which shows only along edges."""
     drop: wp.vec3
+    """Share of the picture that blood covers; its row and column as shares of the side."""
 
 
 @wp.func
@@ -170,7 +169,7 @@ def _cover(
     drop: wp.vec3, side: int, image: wp.array2d[wp.uint8], depth: wp.array2d[float],
     geom: wp.array2d[int],
 ):  # fmt: skip
-    """Nothing is seen through blood. Channels without rows are not there."""
+    """Cover a disc with blood. Channels without rows are not there."""
     y, x = float(side) * drop[1] - 0.5, float(side) * drop[2] - 0.5
     radius = float(side) * wp.sqrt(drop[0] / wp.pi)
     for row in range(wp.max(int(y - radius), 0), wp.min(int(y + radius) + 1, side)):
@@ -207,10 +206,10 @@ def spoil(
     geoms: wp.uint64,
     side: int,
 ):
-    """Spoil pictures of a view, one after the other, in the same scratch buffer.
+    """Add flaws to pictures of a view, one after the other, in the same scratch buffer.
 
     Args:
-        envs: whose pictures they are, from the ``first`` on.
+        envs: environments of the pictures, from the ``first`` on.
         flaws: ``(n, views)``.
         starts: where the noise of colours, depth and labels begins in its table, ``(n, views)``.
         normal: address of a table of normal numbers, float32; ``uniform``: of numbers in [0, 1).

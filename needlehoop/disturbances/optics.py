@@ -50,10 +50,7 @@ def cameras(
     time: np.ndarray,
     mounted: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cameras as they stand, moved and turned.
-
-    They are moved along the world's axes, and along their own where they are mounted on a body;
-    they are turned about their own.
+    """Cameras, moved along the world's axes, or along their own on a body; turned about their own.
 
     Args:
         position: ``(n, views, 3)`` m, world frame.

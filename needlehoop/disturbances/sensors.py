@@ -1,4 +1,4 @@
-"""The sensors of the cameras, which spoil what they see."""
+"""The sensors of the cameras, which add flaws to what they see."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ Spoiler = Callable[[str, Frame, slice], None]
 
 
 def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
-    """The fields of ``Flaw`` for pictures ``(k, views)``, of what was drawn for each axis.
+    """The fields of ``Flaw`` for pictures ``(k, views)``, from what was drawn for each axis.
 
-    They touch what they would in a real camera: an exposure changes colours and neither depth
-    nor labels. Exposure, contrast and white balance act one after the other.
+    Exposure, contrast and white balance act one after the other, on colours alone.
     """
     share = {name: drawn[f"picture.{name}"].amount for name in ("brightness", "contrast", "cast")}
     same = {"blur": "blur", "noise": "noise", "labels": "flips"}
@@ -42,10 +41,7 @@ def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
 
 
 class Sensors:
-    """Of environments. Noise is cut out of two tables that are always the same.
-
-    ``views``: names of their cameras. ``size``: side of the images, px.
-    """
+    """Sensors of all views ``size`` px wide. Noise is cut out of two tables that never change."""
 
     def __init__(self, num_envs: int, views: tuple[str, ...], size: int):
         start_warp()
@@ -68,7 +64,7 @@ class Sensors:
             self._fields[name][ids] = values
 
     def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:
-        """What spoils the frames of environments ``ids`` ``(k,)``.
+        """A function that adds flaws to the frames of environments ``ids`` ``(k,)``.
 
         ``places`` ``(k, views * 3)``: where their noise begins, in [0, 1).
         """

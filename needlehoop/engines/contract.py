@@ -1,4 +1,4 @@
-"""What engines and renderers are told, and what they give. Imports no simulator."""
+"""Settings of engines and renderers, and what they return. Imports no simulator."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ OPTICS = {
     "lamp_strength": 1.0,
     "table_grain": 0.0,
 }
-"""What a disturbance may add to them, and what it is where it is left out.
+"""Fields that a disturbance may add to them, and their defaults.
 
 ``cam_zoom`` ``(n, ncam)``: factors of the focal lengths. ``geom_tint`` ``(n, ngeom, 3)``: factors
 of the colours. ``geom_sheen`` ``(n, ngeom)``: strength of highlights. ``lamp_strength`` ``(n, 1)``:
-factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``: how strong a pattern is, where it begins,
-its cells to a m.
+factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``: strength of a pattern, where it begins,
+cells per m.
 """
 
 Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]
@@ -54,20 +54,21 @@ Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]
 
 
 class Frame(NamedTuple):
-    """What one view saw; ``None`` where a channel was not asked for.
+    """The image of one view; ``None`` where a channel was not asked for.
 
-    ``bgra`` ``(n, h, w, 4)`` uint8; ``depth`` ``(n, h, w)`` float32, m along the optical
-    axis, 0 where nothing was hit; ``geom`` ``(n, h, w)`` int32 geom ids, -1 for nothing.
-    Buffers of the engine: valid until its next render.
+    The tensors are buffers of the engine: valid until its next render.
     """
 
     bgra: Tensor | None
+    """``(n, h, w, 4)`` uint8."""
     depth: Tensor | None
+    """``(n, h, w)`` float32, m along the optical axis, 0 where nothing was hit."""
     geom: Tensor | None
+    """``(n, h, w)`` int32 geom ids, -1 for nothing."""
 
 
 class Channels(NamedTuple):
-    """What a view is asked for."""
+    """The channels that a view is asked for."""
 
     colour: bool
     depth: bool

@@ -1,12 +1,11 @@
 """The dm_control engine: one dm_control physics per scene, stepped one after the other.
 
-Slow, and the oracle of the CPU engine: the same bits by another road.
+It is slow, and checks the CPU engine: both give the same bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from typing import Any
 
@@ -25,30 +24,14 @@ silence_mujoco()
 
 
 class Physics(dm_mujoco.Physics):
-    """dm_control's physics, with a hint where it finds no OpenGL, and no error when it diverges."""
+    """dm_control's physics, without an error when it diverges."""
 
-    @contextmanager
-    def check_invalid_state(self) -> Iterator[None]:
-        """Nothing is raised; the engine's ``diverged`` tells."""
-        yield
-
-    def render(self, *args: Any, **kwargs: Any) -> Any:
-        """See dm_control; not what agents' cameras are drawn with.
-
-        Raises:
-            RuntimeError: no OpenGL for this process.
-        """
-        try:
-            return super().render(*args, **kwargs)
-        except (AttributeError, ImportError, mujoco.FatalError) as error:
-            # What a machine without OpenGL raises, by library.
-            raise RuntimeError(
-                "physics.render: no OpenGL in this process; without a display, set MUJOCO_GL=egl"
-                " (or osmesa) before Python starts"
-            ) from error
+    def check_invalid_state(self) -> AbstractContextManager[None]:
+        """Raises nothing: the engine's ``diverged`` tells."""
+        return nullcontext()
 
     def refresh(self) -> None:
-        """Bring sensors up to the present state, as far as velocities: the batch's stage."""
+        """Compute sensors of the present state, as far as velocities."""
         mujoco.mj_step1(self.model.ptr, self.data.ptr)
 
 
@@ -60,7 +43,7 @@ class DmControlEngine(Engine):
         self.physics = [Physics.from_model(MjModel(copy(model))) for _ in range(self.num_envs)]
         """Of each environment."""
         for physics in self.physics:
-            # The legacy step goes on from the last refresh, blind to a weld switched since then.
+            # The legacy step would not see a weld that was switched since the last refresh.
             physics.legacy_step = False
 
     def step(self, control: Tensor) -> None:
@@ -103,6 +86,6 @@ class DmControlEngine(Engine):
             mujoco.mj_setConst(self.physics[env].model.ptr, self.physics[env].data.ptr)
 
     def _owner(self, env: int, name: str) -> Any:
-        """Where one environment's field is: its MjModel or its MjData."""
+        """The MjModel or the MjData of an environment, whichever has the field."""
         model, data = self.physics[env].model.ptr, self.physics[env].data.ptr
         return data if hasattr(data, name) else model

@@ -1,4 +1,4 @@
-"""What an engine is, physics and cameras of ``n`` copies of one scene, and the default one.
+"""Engines: physics and cameras of ``n`` copies of one scene; the base class and the default one.
 
 An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
 """
@@ -15,7 +15,6 @@ import torch
 from mujoco.batch import DATA_FIELDS, Batch
 from torch import Tensor
 
-from needlehoop.engines.addresses import STATE, Addresses
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import Rasteriser
@@ -25,7 +24,39 @@ from needlehoop.tasks.start import Start
 
 _VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
+_STATE = ("time", "qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "eq_active")
+"""What the scene's physics depends on: it has no activations, and nothing applies forces."""
+
 Index = int | slice | EllipsisType
+
+
+class Addresses:
+    """Where a ``Start`` goes in the state of a compiled scene."""
+
+    def __init__(self, model: mujoco.MjModel, robot: Robot):
+        self._qpos0, self._nmocap = model.qpos0.copy(), model.nmocap
+        self._pose = robot.poser(model)
+        joints = (model.joint(i) for i in range(model.njnt))
+        free = int(mujoco.mjtJoint.mjJNT_FREE)
+        self._free = {one.name: int(one.qposadr[0]) for one in joints if one.type[0] == free}
+        bodies = (model.body(i) for i in range(model.nbody))
+        self._mocap = {one.name: int(one.mocapid[0]) for one in bodies if one.mocapid[0] >= 0}
+        weld = int(mujoco.mjtEq.mjEQ_WELD)
+        equalities = (model.equality(i) for i in range(model.neq))
+        self.welds = {one.name: one.id for one in equalities if one.type[0] == weld and one.name}
+        """Index of each weld that a task may switch."""
+
+    def state(self, start: Start) -> dict[str, np.ndarray]:
+        """``qpos`` ``(k, nq)``, ``mocap_pos`` ``(k, nmocap, 3)`` and ``ctrl`` ``(k, nu)``."""
+        qpos = np.tile(self._qpos0, (len(start), 1))
+        self._pose(qpos, start)
+        for name, pose in start.free.items():
+            at = self._free[name]
+            qpos[:, at : at + 7] = pose.numpy()
+        mocap = np.zeros((len(start), self._nmocap, 3))
+        for name, place in start.mocap.items():
+            mocap[:, self._mocap[name]] = place.numpy()
+        return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
 class Engine(ABC):
@@ -58,7 +89,7 @@ class Engine(ABC):
         self.num_envs, self.model = num_envs, model
         self._substeps, self._threads = substeps, config.threads or available_cpus()
         self._addresses = Addresses(model, robot)
-        self._state = (*STATE, "eq_data") if self._addresses.welds else STATE
+        self._state = (*_STATE, "eq_data") if self._addresses.welds else _STATE
         self._renderer = None
         if views and config.renderer == "rasteriser" and quality == 1:
             self._renderer = Rasteriser(model, num_envs, views, size, self._threads)

@@ -1,4 +1,4 @@
-"""Starts Warp, and sets MuJoCo's warnings, without a word on the terminal or a file on the disk."""
+"""Keeps Warp and MuJoCo from printing what a user need not know."""
 
 from __future__ import annotations
 
@@ -12,21 +12,16 @@ import mujoco
 import warp as wp
 
 _NO_GPU = "Warp CUDA warning: Could not find or load the NVIDIA CUDA driver"
-"""Warp's library prints this itself, and has no setting against it."""
+"""Warp's C++ library prints this, and has no setting against it."""
 
 
 @cache
 def start_warp() -> None:
-    """Start Warp. It must not say that there is no GPU, nor report every kernel that it loads."""
+    """Start Warp without its messages about missing GPUs and loaded kernels."""
     wp.config.log_level = wp.LOG_WARNING
-    try:
-        stderr = os.dup(2)
-    except OSError:
-        # A program without standard error: there is nothing to hide.
-        wp.init()
-        return
     with tempfile.TemporaryFile() as caught:
         sys.stderr.flush()
+        stderr = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()
@@ -40,11 +35,11 @@ def start_warp() -> None:
 
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 def _ignore(message: bytes) -> None:
-    """MuJoCo's warnings are counted in its data; the engines read them there."""
+    pass
 
 
 def silence_mujoco() -> None:
-    """Keep MuJoCo from printing warnings and writing them to ``MUJOCO_LOG.TXT``.
+    """Keep MuJoCo from writing warnings to ``MUJOCO_LOG.TXT``: the engines read them in its data.
 
     A handler that the program has set already stays.
     """

@@ -51,11 +51,10 @@ class Tracer:
             use_shadows=quality > 1,
             samples_per_pixel=quality if any(c.colour for c in views.values()) else 1,
         )
-        # A context whose first launch races another's stays broken (it drops objects),
-        # so each one is used once here, before any thread has it. It compiles the kernels: with
-        # sums in any order, a fifth faster; that moves a few pixels in a million, at edges.
-        # mujoco_warp asks for fast mathematics itself, but Warp passes that on to CUDA only.
-        # Warp's own headers name infinity and NaN, of which the compiler would warn over a page.
+        # A context whose first launch races another's drops objects for good. So each one is used
+        # once here, before any thread has it. This compiles the kernels: with -ffast-math they are
+        # a fifth faster, and a few pixels in a million at edges differ. (mujoco_warp asks for it
+        # too, but Warp passes that on to CUDA only.)
         before = wp.config.cpu_compiler_flags
         flags = f"{before or '-march=native'} -ffast-math -Wno-nan-infinity-disabled"
         wp.config.cpu_compiler_flags = flags

@@ -23,10 +23,7 @@ PICTURE = "picture"
 
 
 def scene_spec(settings: Settings) -> mujoco.MjSpec:
-    """The scene, ready to compile: robot, table, lights, sensors and what the task adds.
-
-    Its cameras are those of all views, and ``picture``.
-    """
+    """The scene to compile: robot, table, lights, sensors, the task's bodies, all cameras."""
     s, task = settings, settings.definition
     spec = task.robot.model(s.task, s.psm)
     spec.modelname = "needlehoop"
@@ -43,14 +40,15 @@ def scene_spec(settings: Settings) -> mujoco.MjSpec:
 
 
 def compile_scene(settings: Settings) -> mujoco.MjModel:
-    """The scene of the settings, compiled."""
+    """The compiled scene of the settings."""
     return scene_spec(settings).compile()
 
 
 def build(settings: Settings, first_env: int = 0) -> Simulation:
-    """A simulation on the engine of the settings, with the images of its cameras.
+    """A simulation of the settings.
 
-    ``first_env``: index of the first environment among all that share the seed.
+    Args:
+        first_env: index of the first environment among all that share the seed.
 
     Raises:
         ValueError: settings that do not go together, by key.
@@ -65,17 +63,17 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
         from needlehoop.engines.engine import CpuEngine as Kind
     images = (channels_of(s), s.image_size, s.quality)
     engine = Kind(model, task.robot, s.num_envs, s.episode.substeps, *images, s.engine)
-    wrong = None
-    if s.disturb.amounts:
+    disturbance = None
+    if amounts := s.disturb.amounts:
         views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
         seen = (things(model, task.paint), views, _middle(s, views), s.image_size)
-        wrong = Disturbance(s.disturb.amounts, model, *seen, s.episode.max_steps, s.num_envs)
+        disturbance = Disturbance(amounts, model, *seen, s.episode.max_steps, s.num_envs)
     reward = rewards.load(s.reward, task)
-    return Simulation(s, engine, imager, reward, first_env, wrong)
+    return Simulation(s, engine, imager, reward, first_env, disturbance)
 
 
 def _middle(settings: Settings, views: Sequence[str]) -> np.ndarray:
-    """What cameras in the room look at ``(3,)``, m: of these views, or else in pictures."""
+    """The point ``(3,)``, m, that these views look at if they stand in the room, else pictures."""
     chosen = [settings.views[view] for view in views]
     points = [view.focus for view in chosen if view.body is None]
     return np.mean(points or [settings.picture.focus], 0)

@@ -1,4 +1,4 @@
-"""Controllers by name, the episodes that they fly, and what came of these."""
+"""Controllers by name, the episodes that they run, and their outcomes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from torch import Tensor
 from needlehoop.config.strict import check_names
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.simulation import Simulation, StepResult
 from needlehoop.rewards import potential, reference_reward
 from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Controller
 
 NOISE_MEMORY = 0.7
-"""Share of the noise that stays from step to step. It makes the noise lead somewhere."""
+"""Share of the noise that stays from step to step."""
 
 MakeController = Callable[[Simulation], Controller]
-"""Makes a controller for the environments of a simulation."""
 
 
 def controllers(settings: Settings) -> tuple[str, ...]:
@@ -57,7 +56,7 @@ def random_controller(action_size: int, seed: int) -> Controller:
 
 
 class Perturbation:
-    """Correlated noise on actions; an expert under it shows how to correct errors.
+    """Correlated noise on actions: an expert under it shows how to correct errors.
 
     Each episode draws its strength, uniform up to ``strongest``, in units of the action.
     """
@@ -94,15 +93,13 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of ``n`` environments.
+    """One step of ``n`` environments."""
 
-    ``action`` ``(n, action_size)`` led to ``moment``; there is none at the start. ``alive``
-    ``(n,)`` bool: the moment belongs to an episode. The last moment of an episode still does.
-    """
-
-    moment: Moment
+    moment: StepResult
     action: Tensor | None
+    """``(n, action_size)``, which led to ``moment``; ``None`` at the start."""
     alive: Tensor
+    """``(n,)`` bool: the moment belongs to an episode, at most as its last."""
 
     @property
     def goes_on(self) -> Tensor:
@@ -111,10 +108,7 @@ class Step:
 
 
 def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
-    """The next episode of every environment, step by step, from its start until all are over.
-
-    The simulation is reset by this call.
-    """
+    """Reset, and run one episode in every environment until all are over."""
     moment, action = simulation.reset(), None
     alive = torch.ones(simulation.num_envs, dtype=torch.bool)
     while True:
@@ -130,7 +124,7 @@ def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
 def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation]:
     """The first ``episodes`` environments of the settings' seed, ``size`` at a time.
 
-    Episode ``i`` is the same however many there are. ``settings.num_envs`` is ignored.
+    Episode ``i`` does not depend on how many there are. ``settings.num_envs`` is ignored.
 
     Raises:
         ValueError: fewer than one episode.
@@ -155,7 +149,6 @@ class Outcome:
 
     @property
     def success(self) -> Tensor:
-        """Whether the task was done."""
         return self.facts["success"]
 
     def summary(self) -> dict[str, float | int]:
@@ -172,7 +165,7 @@ class Outcome:
 
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
-    """What came of one episode in each of ``episodes`` environments; see ``batches``."""
+    """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
     outcomes = [
         outcome_of(simulation, make(simulation)) for simulation in batches(settings, episodes, size)
     ]
@@ -186,7 +179,7 @@ def run_batches(settings: Settings, episodes: int, size: int, make: MakeControll
 
 
 def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
-    """What came of a rollout."""
+    """The outcome of one episode in each environment."""
     columns, human = simulation.task.columns, reference_reward(simulation.task)
     last: dict[str, Tensor] = {}
     for step in rollout(simulation, controller):
@@ -203,9 +196,7 @@ def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
 
 
 def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
-    """What comes of a controller, in one episode of each of ``episodes`` environments.
-
-    ``num_envs`` and cameras of the settings are ignored.
+    """The outcome of a named controller; ``num_envs`` and cameras of the settings are ignored.
 
     Raises:
         ValueError: fewer than one episode, or an unknown controller.

@@ -19,13 +19,13 @@ from needlehoop.engines.dm_control import DmControlEngine, Physics
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.simulation import Simulation, StepResult
 
 
 class DmControlTask(control.Task):
     """The dm_control face of a ``Simulation`` of one environment; dm_control steps its physics."""
 
-    moment: Moment
+    moment: StepResult
     """What is known now; there from the first reset on."""
 
     def __init__(self, simulation: Simulation):
@@ -36,14 +36,14 @@ class DmControlTask(control.Task):
 
     @property
     def _random(self) -> np.random.RandomState:
-        """The generator that dm_control's own tasks draw from; here it stands for its seed."""
+        """dm_control's own tasks draw from it; here only its seed counts."""
         return self._generator
 
     @_random.setter
     def _random(self, generator: np.random.RandomState) -> None:
-        # Shimmy's `reset(seed=)` sets it and nothing else.
+        # Shimmy's `reset(seed=)` seeds one with a number, which numpy puts first in its state.
         self._generator = generator
-        self.simulation.reseed(_seed_of(generator))
+        self.simulation.reseed(int(generator.get_state(legacy=False)["state"]["key"][0]))
 
     def initialize_episode(self, physics: Physics) -> None:
         self.moment = self.simulation.reset()
@@ -57,8 +57,8 @@ class DmControlTask(control.Task):
         self.moment = self.simulation.observe()
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
-        size = self._settings.episode.action_size
-        return specs.BoundedArray((size,), np.float32, -1.0, 1.0, name="action")
+        size = (self._settings.episode.action_size,)
+        return specs.BoundedArray(size, np.float32, -1.0, 1.0, name="action")
 
     def observation_spec(self, physics: Physics) -> OrderedDict[str, specs.Array]:
         """Known without an observation: dm_control may ask before the first reset."""
@@ -82,30 +82,17 @@ class DmControlTask(control.Task):
         return float(self.moment.reward[0])
 
     def get_termination(self, physics: Physics) -> float | None:
-        moment = self.moment
-        if bool(moment.terminated[0]):
+        if bool(self.moment.terminated[0]):
             return 0.0
         # A time-out ends the episode but not the return: the discount stays 1.
-        return 1.0 if bool(moment.truncated[0]) else None
-
-
-def _seed_of(generator: np.random.RandomState) -> int:
-    """The number that a generator was just seeded with, or else one drawn from it."""
-    # What numpy's legacy seeding with one number puts first is that number.
-    state = generator.get_state(legacy=False)["state"]
-    seed = int(state["key"][0])
-    fresh = np.random.RandomState(seed).get_state(legacy=False)["state"]
-    if state["pos"] == fresh["pos"] and np.array_equal(state["key"], fresh["key"]):
-        return seed
-    return int(generator.randint(2**31))
+        return 1.0 if bool(self.moment.truncated[0]) else None
 
 
 def load(settings: Settings, env: int = 0) -> dm_env.Environment:
-    """A dm_control Environment.
+    """A dm_control Environment with the episodes of environment ``env`` of the seed.
 
-    Its episodes are those of environment ``env`` of a batch with the same seed; ``num_envs`` is
-    ignored. Images are height x width x channels, one observation per chosen camera; with nothing
-    to observe it reports ``proprio``.
+    ``num_envs`` is ignored. Images are height x width x channels, one observation per camera. With
+    nothing to observe it reports ``proprio``.
 
     Raises:
         ValueError: settings that do not go together, by key.
@@ -113,7 +100,6 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
     engine = replace(settings.engine, kind="dm_control")
     s = replace(settings, engine=engine, num_envs=1)
     if not (s.cams or s.vectors):
-        # Something has to be observed.
         s = replace(s, obs=replace(s.obs, proprio=True))
     simulation = build(s, first_env=env)
     assert isinstance(simulation.engine, DmControlEngine)

@@ -44,7 +44,7 @@ class Imager:
     ) -> dict[str, Tensor]:
         """Images ``(n, channels, h, w)`` uint8 by camera name, of frames by view.
 
-        ``spoil``: what each camera makes of its frames first; they change.
+        ``spoil``: adds flaws to the frames first.
         """
         images = {}
         for camera, _, rendering in self._jobs:
@@ -95,7 +95,7 @@ class Imager:
 
 
 def channels_of(settings: Settings) -> dict[str, Channels]:
-    """What each view must be asked for to show the cameras: a view is rendered once."""
+    """The channels that each view needs for its cameras: a view is rendered once."""
     asked: dict[str, Channels] = {}
     for camera in settings.cameras:
         own = settings.renderings[camera.rendering]
@@ -122,7 +122,7 @@ def _palette(
 
 
 def things(model: mujoco.MjModel, classes: Mapping[str, FlatClass]) -> np.ndarray:
-    """The thing that each geom is a part of ``(ngeom,)``: a class from 1 on, or 0 for the rest."""
+    """Number of the class that each geom belongs to ``(ngeom,)``, from 1 on; 0 for the rest."""
     found = np.zeros(model.ngeom, int)
     for number, one in enumerate(classes.values(), 1):
         own = np.zeros(model.nbody, bool)

@@ -35,8 +35,9 @@ class Observer:
         ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
         an episode's first frame repeated; and what ``read`` gives.
 
-        ``ids``: environments whose images are new (all by default); ``images``: what ``look``
-        returned for them; by default it looks now.
+        Args:
+            ids: environments whose images are new (all by default).
+            images: what ``look`` returned for them; by default it looks now.
         """
         new = self.look(ids) if images is None else images
         if self._obs.frame_stack > 1:
@@ -44,7 +45,7 @@ class Observer:
         if ids is None:
             self.pixels = new
         elif new:
-            # The previous images are in somebody's hands: new tensors, not new contents.
+            # Callers may still hold the previous images.
             self.pixels = {name: image.clone() for name, image in self.pixels.items()}
             for name, image in new.items():
                 self.pixels[name][ids] = image
@@ -52,7 +53,7 @@ class Observer:
         return {**seen, **read(self._simulation.task, self._obs, signals)}
 
     def look(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """The present images of environments (all by default), by camera; none without eyes."""
+        """The present images of environments (all by default), by camera."""
         if not self._simulation.settings.cams or (ids is not None and not len(ids)):
             return {}
         return self._simulation.images(ids)

@@ -29,21 +29,18 @@ class Observations:
     proprio: bool
     """What the robot knows of itself: of the PSM joint positions, jaw and jaw command."""
     signals: bool
-    """The whole state, for agents that need no eyes."""
+    """The whole state, for agents without cameras."""
     frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
     told: Names
     """Facts that one image need not show, in the order in which they are reported."""
 
 
-VECTORS = ("proprio", "signals", "told")
-"""Observations that are not images, in the order in which an agent reads them."""
-
-
 def sources(task: Task, obs: Observations) -> dict[str, tuple[str, ...]]:
-    """The signals of each observed vector by name, in the order of ``VECTORS``."""
-    names = (task.robot.proprio * obs.proprio, task.state * obs.signals, obs.told)
-    return {name: own for name, own in zip(VECTORS, names, strict=True) if own}
+    """The signals of each observed vector, in the order in which an agent reads the vectors."""
+    proprio, state = task.robot.proprio * obs.proprio, task.state * obs.signals
+    names = {"proprio": proprio, "signals": state, "told": obs.told}
+    return {name: own for name, own in names.items() if own}
 
 
 @dataclass(frozen=True)
@@ -69,11 +66,9 @@ class Settings:
     task_dir: str | None = None
     """Folder of a task from outside the package."""
     disturb: Disturb = field(default_factory=Disturb)
-    """What goes wrong; nothing by default."""
 
     def __post_init__(self) -> None:
         check_names("obs.told", self.obs.told, self.definition.told)
-        # Names are checked before anything is built.
         parse_cameras(self.cams, self.views, self.renderings)
         rewards.check(self.reward, self.definition)
         amounts = self.disturb.amounts
@@ -90,7 +85,6 @@ class Settings:
 
     @property
     def definition(self) -> Task:
-        """The task."""
         return find(self.task.name)
 
     @property
@@ -100,12 +94,11 @@ class Settings:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The chosen cameras."""
         return parse_cameras(self.cams, self.views, self.renderings)
 
     @property
     def vectors(self) -> dict[str, int]:
-        """Lengths of the observed vectors by name, in the order of ``VECTORS``."""
+        """Lengths of the observed vectors by name, in the order of ``sources``."""
         task = self.definition
         return {
             name: sum(task.signals[one].size for one in own)
@@ -129,7 +122,7 @@ def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settin
 
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
-    """What somebody typed, composed, as settings; keys of other tools are left aside.
+    """Settings from a composed config that somebody typed; keys of other tools are ignored.
 
     Raises:
         ValueError: as in ``compose_settings``.
@@ -143,7 +136,7 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
 
 
 def import_task(values: Mapping[str, Any]) -> None:
-    """Import the task that a config names, if it is from elsewhere: for what somebody typed.
+    """Import the task that a typed config names, if it is from elsewhere.
 
     Raises:
         ValueError: as in ``registry.add``.
@@ -152,7 +145,7 @@ def import_task(values: Mapping[str, Any]) -> None:
 
 
 def recall_task(values: Mapping[str, Any], trust: bool) -> None:
-    """The same for a config that was read from a run's files, if the person trusts them.
+    """The same for a config that was read from a run's files, if ``trust``.
 
     Raises:
         ValueError: the task is from elsewhere, and there is no trust.
@@ -175,7 +168,7 @@ def _named(values: Mapping[str, Any]) -> tuple[Any, str | None]:
 
 
 def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Composed values with ``task`` and ``episode`` as the dataclasses of the task they name.
+    """Composed values with the task's own dataclasses for ``task`` and ``episode``.
 
     A flat rendering that names no colours gets the task's.
 

@@ -25,24 +25,23 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Moment:
-    """What is known after a reset or a step; leading dimension ``n``.
-
-    ``terms`` are the reward's, ``potential`` their sum, ``reward`` what this step pays
-    (the potential's rise; the first step pays it whole). ``facts``: every fact ``(n,)`` bool by
-    name, in the order of ``Task.all_facts``: of the moment, then of the episode. ``diverged`` among
-    them: the physics broke down. Then the episode is truncated, and ``signals`` are read from the
-    last moment before. ``steps``: taken in the episode.
-    """
+class StepResult:
+    """What is known after a reset or a step; leading dimension ``n``."""
 
     signals: Signals
+    """Where the physics ``diverged``, those of the last moment before."""
     terms: dict[str, Tensor]
+    """Of the reward, by name."""
     potential: Tensor
+    """The sum of the terms."""
     reward: Tensor
+    """The rise of the potential in this step; the first step pays all of it."""
     facts: dict[str, Tensor]
+    """Every fact ``(n,)`` bool by name, in the order of ``Task.all_facts``."""
     terminated: Tensor
     truncated: Tensor
     steps: Tensor
+    """Taken in the episode."""
 
 
 class Simulation:
@@ -74,7 +73,6 @@ class Simulation:
 
     @property
     def num_envs(self) -> int:
-        """Environments."""
         return self.engine.num_envs
 
     def reseed(self, seed: int) -> None:
@@ -84,7 +82,7 @@ class Simulation:
         self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
         self.state: Memory | None = None
 
-    def reset(self, mask: Tensor | None = None, stagger: bool = False) -> Moment:
+    def reset(self, mask: Tensor | None = None, stagger: bool = False) -> StepResult:
         """``begin``, then ``look``."""
         self.begin(mask, stagger)
         return self.look()
@@ -127,39 +125,39 @@ class Simulation:
         own = (self.task, self.layout, self.episode)
         self.state, control = act(*own, self._begun(), action)
         self._before = self.engine.sensordata()
-        wrong = self.disturbance
-        if wrong is None:
+        disturbance, displaced = self.disturbance, self.task.robot.displaced
+        if disturbance is None:
             return control
-        if wrong.offset is not None:
-            assert self.task.robot.displaced is not None
-            control = self.task.robot.displaced(*own[1:], self.state, control, wrong.offset)
-        return wrong.command(control)
+        if displaced is not None and disturbance.offset is not None:
+            control = displaced(*own[1:], self.state, control, disturbance.offset)
+        return disturbance.command(control)
 
-    def observe(self) -> Moment:
+    def observe(self) -> StepResult:
         """Facts, reward and termination after the physics has moved."""
         return self.look(pays=True)
 
-    def step(self, action: Tensor) -> Moment:
+    def step(self, action: Tensor) -> StepResult:
         """One control step of every environment."""
         self.engine.step(self.act(action))
         return self.observe()
 
     def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """What the cameras show of environments ``ids`` ``(k,)`` (all by default).
+        """What the cameras show now of environments ``ids`` ``(k,)`` (all by default).
 
-        Images ``(k, c, h, w)`` uint8 by camera. They are rendered now: ask before the next step.
+        Images ``(k, c, h, w)`` uint8 by camera.
         """
-        wrong, imager = self.disturbance, self.imager
-        if wrong is None:
+        disturbance, imager = self.disturbance, self.imager
+        if disturbance is None:
             return imager(self.engine.render(ids))
-        images = imager(self.engine.render(ids, wrong.optics), wrong.spoiler(ids))
-        return wrong.deliver(images, imager.views, ids)
+        frames = self.engine.render(ids, disturbance.optics)
+        return disturbance.deliver(imager(frames, disturbance.spoiler(ids)), imager.views, ids)
 
     def deal(self, ids: Tensor, envs: Tensor, amounts: Mapping[str, Tensor]) -> None:
-        """Make environments ``ids`` ``(k,)`` others from their next episode on.
+        """Give environments ``ids`` ``(k,)`` other episodes, from the next one on.
 
-        ``envs``: indices ``(k,)`` among all of the seed; each begins with its first episode.
-        ``amounts``: of what is wrong there ``(k,)``, by axis.
+        Args:
+            envs: indices ``(k,)`` among all of the seed; each begins with its first episode.
+            amounts: of disturbances there ``(k,)``, by axis.
         """
         rows = ids.numpy()
         self.envs[rows], self._episodes[rows] = envs.numpy(), 0
@@ -168,9 +166,9 @@ class Simulation:
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future, as tensors and numbers."""
-        wrong = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
+        own = {} if self.disturbance is None else {"disturbance": self.disturbance.snapshot()}
         return {
-            **wrong,
+            **own,
             "seed": torch.tensor(self._seed),
             "episodes": torch.tensor(self._episodes),
             "potential": self._potential.clone(),
@@ -190,7 +188,7 @@ class Simulation:
             self._vary(torch.arange(self.num_envs))
         self.engine.restore(snapshot["engine"])
 
-    def look(self, pays: bool = False) -> Moment:
+    def look(self, pays: bool = False) -> StepResult:
         """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
         data, diverged = self.engine.sensordata(), self.engine.diverged()
         if bool(diverged.any()):
@@ -207,7 +205,7 @@ class Simulation:
         terminated = is_terminated(self.episode, seen.facts)
         late = is_truncated(self.episode, seen.memory, seen.facts)
         truncated = late | (diverged & ~terminated)
-        return Moment(
+        return StepResult(
             signals=seen.signals,
             terms=terms,
             potential=total,
@@ -220,8 +218,7 @@ class Simulation:
 
     def _vary(self, ids: Tensor) -> None:
         """Give environments the physics of their episodes."""
-        assert self.disturbance is not None
-        factors = self.disturbance.physics(ids.numpy())
+        factors = self.disturbance and self.disturbance.physics(ids.numpy())
         if factors is not None:
             self.engine.vary(ids, *factors)
 

@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.envs.threads import Threads
 from needlehoop.runs.machine import available_cpus
 
@@ -33,10 +33,10 @@ class TorchRLEnv(EnvBase):
     Args:
         settings: what to build.
         first_env: index of the first environment among all that share the seed.
-        stagger: whether the first episodes are cut off at evenly spread times, so that
-            environments in lockstep are not all at the same stage of theirs.
+        stagger: whether the first episodes are cut off at evenly spread times. Then environments
+            in lockstep are at different stages of their episodes.
         length: steps of each environment in a training, for ``disturb.ramp``; ``None``: none
-            is under way, and what is wrong is wrong from the start.
+            is under way, and disturbances have their full amounts.
 
     Raises:
         ValueError: settings that do not go together, by key.
@@ -128,10 +128,10 @@ class TorchRLEnv(EnvBase):
         return 1.0 if self._length is None else min(1.0, self._taken / self._length)
 
     def _set_level(self) -> None:
-        """How wrong things are in the episodes that begin now."""
-        wrong, ramp = self.simulation.disturbance, self.settings.disturb.ramp
-        if wrong is not None:
-            wrong.level = min(1.0, self.done_share / ramp) if ramp > 0 else 1.0
+        """Scale the disturbances of the episodes that begin now."""
+        disturbance, ramp = self.simulation.disturbance, self.settings.disturb.ramp
+        if disturbance is not None:
+            disturbance.level = min(1.0, self.done_share / ramp) if ramp > 0 else 1.0
 
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         self._taken += 1
@@ -155,7 +155,7 @@ class TorchRLEnv(EnvBase):
 
     def _tensordict(
         self,
-        moment: Moment,
+        moment: StepResult,
         rest: dict[str, Any],
         ids: Tensor | None,
         images: Callable[[], dict[str, Tensor]] = dict,

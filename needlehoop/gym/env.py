@@ -10,7 +10,7 @@ import numpy as np
 
 from needlehoop.config.strict import check_names
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.gym.vector import (
     GymnasiumVectorEnv,
     Observation,
@@ -113,7 +113,7 @@ class GymnasiumEnv(gymnasium.Env):
         if self._window is not None:
             self._window.close()
 
-    def _seen(self, moment: Moment) -> tuple[Observation, dict[str, Any]]:
+    def _seen(self, moment: StepResult) -> tuple[Observation, dict[str, Any]]:
         if self._window is not None:
             self._window.show()
         seen = {name: value[0] for name, value in self._alone.look(moment).items()}

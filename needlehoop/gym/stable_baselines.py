@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, info, real_numbers, row
 
 try:
@@ -104,7 +104,7 @@ class StableBaselinesVecEnv(VecEnv):
         """No environment is."""
         return [False] * len(list(self._get_indices(indices)))
 
-    def _rows(self, moment: Moment) -> list[dict[str, Any]]:
+    def _rows(self, moment: StepResult) -> list[dict[str, Any]]:
         """What is known beside the observations, one environment after the other."""
         known = info(moment)
         rows = [row(known, env) for env in range(self.num_envs)]

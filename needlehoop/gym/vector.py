@@ -19,7 +19,7 @@ from needlehoop.config.strict import Pixels, check_names, shown
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.pictures.stills import Photographer
 
 MODES = ("rgb_array",)
@@ -189,7 +189,7 @@ class GymnasiumVectorEnv(VectorEnv):
 
     # What ``GymnasiumEnv`` uses too.
 
-    def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> Moment:
+    def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> StepResult:
         """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
 
         With a seed, everywhere that seed's first.
@@ -201,12 +201,12 @@ class GymnasiumVectorEnv(VectorEnv):
             self._observer.pixels = {}
         return self.simulation.reset(None if mask is None else torch.from_numpy(mask))
 
-    def advance(self, actions: np.ndarray) -> Moment:
+    def advance(self, actions: np.ndarray) -> StepResult:
         """One control step of every environment under ``(n, action_size)``, and nothing else."""
         # A copy: torch would warn of arrays that it may not write to.
         return self.simulation.step(torch.from_numpy(np.array(actions, dtype=np.float64)))
 
-    def look(self, moment: Moment, mask: np.ndarray | None = None) -> Observation:
+    def look(self, moment: StepResult, mask: np.ndarray | None = None) -> Observation:
         """What all ``n`` environments observe at the present moment, as new arrays by name.
 
         Images are new where ``mask`` ``(n,)`` is true (everywhere by default).
@@ -224,7 +224,7 @@ class GymnasiumVectorEnv(VectorEnv):
         if self.simulation.state is None:
             raise ResetNeeded("reset all environments first")
 
-    def _infos(self, moment: Moment) -> dict[str, Any]:
+    def _infos(self, moment: StepResult) -> dict[str, Any]:
         return masked(info(moment), np.ones(self.num_envs, dtype=np.bool_))
 
     def _mask(self, given: Any) -> np.ndarray:
@@ -257,7 +257,7 @@ def real_numbers(action: Any, space: spaces.Space) -> np.ndarray:
     return found
 
 
-def info(moment: Moment) -> dict[str, Any]:
+def info(moment: StepResult) -> dict[str, Any]:
     """What is known beside the observation, ``(n,)`` each: facts and terms by name, verdicts."""
     facts = {name: _array(fact) for name, fact in moment.facts.items()}
     return {

@@ -88,13 +88,6 @@ def read_actor(path: Path, spec: PolicySpec, device: torch.device) -> Actor:
     return actor.to(device)
 
 
-def as_bfloat16(path: Path) -> bytes:
-    """A policy's file, float32 weights as bfloat16; errors as in ``read_spec``."""
-    read_actor(path, read_spec(path), torch.device("cpu"))
-    with _opened(path) as file:
-        return save(_as(torch.bfloat16, load_file(path)), file.metadata())
-
-
 def _as(dtype: torch.dtype, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Weights in another type; the vectors' statistics stay as they are."""
     return {n: one.to(dtype) if one.dtype == torch.float32 else one for n, one in state.items()}

@@ -1,1 +1,1 @@
-"""The arm: its kinematics, and its MuJoCo model as plain MJCF. Nothing of the task."""
+"""The arm: its kinematics, and its MuJoCo model as plain MJCF. It knows no task."""

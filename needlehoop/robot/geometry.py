@@ -1,8 +1,7 @@
-"""Vectors and quaternions, batched, written out by component.
+"""Vectors and quaternions (w, x, y, z), batched, written out by component.
 
-Reductions and matrix products may round differently for another batch size; sums of
-named components do not, which keeps one environment equal to its row in a batch.
-Quaternions are (w, x, y, z).
+Reductions and matrix products may round differently for another batch size. Sums of named
+components do not, so one environment stays equal to its row in a batch.
 """
 
 from __future__ import annotations

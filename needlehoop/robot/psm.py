@@ -12,8 +12,8 @@ Modified (Craig) convention throughout.
 The model is plain MJCF, ``mjcf/<variant>.xml``. Every body's frame is its joint's, so the compiled
 model and ``forward_kinematics`` are one chain. ``README.md`` says where its numbers are from.
 
-Kinematics are pytorch-kinematics', which is imported at the first call: it brings matplotlib
-along, and a tool that is moved by its tip (``straight_wrist``) needs none of it.
+Kinematics are pytorch-kinematics', which is imported at the first call: it is slow to import, and
+``straight_wrist`` does not need it.
 """
 
 from __future__ import annotations
@@ -99,10 +99,10 @@ def model_spec(variant: str, rcm: np.ndarray, grip: float) -> mujoco.MjSpec:
 
 
 def poser(model: mujoco.MjModel) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
-    """What puts postures of the arm into generalised positions ``qpos`` ``(k, nq)``.
+    """A function that writes postures of the arm into ``qpos`` ``(k, nq)``, the linkage closed.
 
-    It takes ``qpos``, joint positions ``(k, 6)`` in the order of ``JOINTS``, rad and m, and the
-    jaws' angle ``(k,)``, rad. The linkage is closed.
+    Its arguments are ``qpos``, joint positions ``(k, 6)`` in the order of ``JOINTS``, rad and m,
+    and the jaws' angle ``(k,)``, rad.
     """
     six = [int(model.joint(name).qposadr[0]) for name in JOINT_NAMES]
     jaw_1 = int(model.joint("jaw_1").qposadr[0])
@@ -186,8 +186,8 @@ def forward_kinematics(q: Joints) -> Joints:
 def straight_wrist(position: Tensor, roll: Tensor, reach: float) -> Tensor:
     """Joint positions that put a point of a straight-wristed tool at ``position``.
 
-    With the wrist at zero the instrument is a line through the RCM, so direction gives
-    yaw and pitch and distance gives the insertion: no iteration.
+    With the wrist at zero the instrument is a line through the RCM: the direction gives yaw and
+    pitch, the distance gives the insertion.
 
     Args:
         position: target ``(..., 3)`` in the RCM frame, m, below the RCM (z < 0).

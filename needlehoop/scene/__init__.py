@@ -1,1 +1,1 @@
-"""The scene: arm, table, cameras and named sensors. Nothing of what is to be done."""
+"""The scene: arm, table, cameras and named sensors. It knows no task."""

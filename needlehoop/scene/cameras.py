@@ -34,28 +34,29 @@ _POSE = ("position", "forward", "up")
 class View:
     """Where a camera stands; values in ``conf/view``. Angles in degrees, lengths in m.
 
-    It is placed in one of two ways, in the frame of its ``body``. By ``target``, ``azimuth``,
-    ``elevation`` and ``distance``: it looks at the target. The azimuth is about z: 0 is the front
-    (at -y), 90 is the left (at -x). Or by ``position``, ``forward`` and ``up``: where it is, where
-    it looks, and which way is up in its image; the last two need be neither of length 1 nor at
-    right angles.
+    It is placed in one of two ways, in the frame of its ``body``:
+
+    - ``target``, ``azimuth``, ``elevation``, ``distance``: it looks at the target. The azimuth is
+      about z: 0 is the front (at -y), 90 is the left (at -x).
+    - ``position``, ``forward``, ``up``: where it is, where it looks, and which way is up in its
+      image. The last two need be neither of length 1 nor at right angles.
     """
 
     target: Point | None = None
     azimuth: Annotated[float, Range(-360.0, 360.0)] | None = None
-    elevation: float | None = None
+    elevation: Annotated[float, Range(-89.9, 89.9)] | None = None
     distance: Annotated[float, Range(0.0, 100.0, above=True)] | None = None
     position: Point | None = None
     forward: Point | None = None
     up: Point | None = None
-    fovy: float
+    fovy: Annotated[float, Range(0.1, 179.0)]
     near: float
     far: Annotated[float, Range(0.0, 1e4, above=True)]
     """Depths that the depth channel maps to 255 and to 0, m along the optical axis."""
     body: str | None = None
     """The body that it is mounted on, and moves with; ``None``: it stands in the room."""
     roll: Annotated[float, Range(-360.0, 360.0)] = 0.0
-    """Turns it about its line of sight, anticlockwise for one who looks along that."""
+    """Turns it anticlockwise about its line of sight."""
 
     def __post_init__(self) -> None:
         ways = (Orbit._fields, _POSE)
@@ -63,10 +64,6 @@ class View:
         if found not in ways:
             either = " or ".join(", ".join(keys) for keys in ways)
             raise ValueError(f"view: {', '.join(found) or 'no place'} given; give either {either}")
-        if not 0 < self.fovy < 180:
-            raise ValueError(f"view.fovy: {self.fovy} must lie in (0, 180) degrees")
-        if self.elevation is not None and not -90 < self.elevation < 90:
-            raise ValueError(f"view.elevation: {self.elevation} must lie in (-90, 90) degrees")
         if self.forward and self.up and not np.cross(self.forward, self.up).any():
             raise ValueError(f"view.up: {self.up} is zero or along forward={self.forward}")
         if not 0 < self.near < self.far:
@@ -74,7 +71,7 @@ class View:
 
     @property
     def given(self) -> dict[str, Any]:
-        """Its keys without those that are left at their defaults, as a file has them."""
+        """Its keys and values, as a file has them: without defaults."""
         own = {one.name: (getattr(self, one.name), one.default) for one in fields(self)}
         return {key: value for key, (value, default) in own.items() if value != default}
 
@@ -86,10 +83,7 @@ class View:
 
     @property
     def focus(self) -> np.ndarray:
-        """A point in the middle of its image ``(3,)``, m, in the frame of its body.
-
-        The target, or a point half-way between the near and the far depth.
-        """
+        """The target, or the middle of its depths ``(3,)``, m, in the frame of its body."""
         if self.target is not None:
             return np.asarray(self.target)
         position, quaternion = pose_of(self)
@@ -98,15 +92,12 @@ class View:
 
 @dataclass(frozen=True)
 class Rendering:
-    """What a camera reports; values in ``conf/rendering``.
-
-    ``colour`` is ``rgb`` (lit materials), ``flat`` (one colour per class of object, see
-    ``colours``), or ``none``. ``depth`` is ``channel`` (a channel of its own), ``shade``
-    (colours get darker with depth), or ``none``.
-    """
+    """What a camera reports; values in ``conf/rendering``."""
 
     colour: str
+    """``rgb``: lit materials. ``flat``: one of ``colours`` per class of object. ``none``."""
     depth: str
+    """``channel``: a channel of its own. ``shade``: colours get darker with depth. ``none``."""
     colours: Mapping[str, tuple[Shade, Shade, Shade]]
 
     def __post_init__(self) -> None:
@@ -114,10 +105,6 @@ class Rendering:
         check_names("rendering.depth", [self.depth], ("channel", "shade", "none"))
         if self.channels == 0:
             raise ValueError("rendering.colour: nothing to render; give a colour or depth=channel")
-        if self.colour == "none" and self.depth == "shade":
-            raise ValueError("rendering.depth: shade needs a colour; choose rgb or flat")
-        if self.colour == "flat" and not self.colours:
-            raise ValueError("rendering.colours: a flat rendering needs a colour per class")
 
     @property
     def channels(self) -> int:

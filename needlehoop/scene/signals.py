@@ -1,7 +1,6 @@
 """Signals: what a scene's named sensors and its task say at one moment.
 
-A task has a table of them. The table is also the vocabulary that reward programs are written in;
-a signal that would give the verdict away is left out of that.
+A task has a table of them. Reward programs may read all of the table but the verdicts.
 """
 
 from __future__ import annotations
@@ -31,17 +30,15 @@ class Sensor(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """One row of the table: per-environment shape, unit, frame, source and meaning.
-
-    ``source`` is ``sensor`` (read from the scene), ``command`` (what the action moved),
-    ``fact`` (geometry decided by the task) or ``verdict`` (a fact that rewards written by
-    others may not see).
-    """
+    """One row of the table."""
 
     shape: tuple[int, ...]
+    """Of one environment."""
     unit: str
     frame: str
     source: str
+    """``sensor``: read from the scene. ``command``: what the action moved. ``fact``: geometry
+    decided by the task. ``verdict``: a fact that reward programs may not see."""
     meaning: str
     sensors: tuple[Sensor, ...] = ()
     """What it is read from. A single sensor has the signal's name, several their objects'."""
@@ -90,13 +87,13 @@ def touch(geom: str, body: str, meaning: str) -> Signal:
 
 
 def command(unit: str, meaning: str) -> Signal:
-    """What a joint is told by the robot's memory."""
+    """A joint's command, which is in the robot's memory."""
     return Signal((), unit, "joint", "command", meaning)
 
 
 def signals_class(table: Mapping[str, Signal]) -> type:
     """The TensorClass with a field for each signal of a table."""
-    # Imported where signals are made: it takes a second, which bad settings need not wait for.
+    # Slow to import.
     from tensordict import TensorClass
 
     fields = {"__annotations__": dict.fromkeys(table, Tensor), "__module__": __name__}
@@ -104,7 +101,7 @@ def signals_class(table: Mapping[str, Signal]) -> type:
 
 
 def sensors_of(table: Mapping[str, Signal]) -> dict[str, Sensor]:
-    """Every sensor that a table's signals are read from, in order, by its name in the scene."""
+    """The sensors of a table's signals, in order, by their names in the scene."""
     return {
         name if len(signal.sensors) == 1 else sensor.objname: sensor
         for name, signal in table.items()

@@ -1,7 +1,6 @@
-"""What a task gives. All that is generic reads this and knows no task by name.
+"""What a task gives. The rest of the package reads this and knows no task by name.
 
-Functions are pure and batched: tensors in, tensors out, a leading dimension of ``n``
-environments.
+Functions are pure and batched: tensors with a leading dimension of ``n`` environments.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from needlehoop.tasks.start import Chance, Start
 
 Memory = Any
 """What is remembered between steps, a TensorDict of batch size ``(n,)``: the robot's targets,
-``steps`` taken, facts that are remembered or were true once, and since when some are true."""
+``steps`` taken, and what ``Fact`` asks for."""
 
 Controller = Callable[[Any], Tensor]
 """Signals to actions ``(n, action_size)``."""
@@ -33,15 +32,14 @@ DIVERGED = "diverged"
 
 
 class Weld(NamedTuple):
-    """What a weld between two bodies has to become.
-
-    ``changed`` and ``active`` ``(n,)`` bool; ``pose`` ``(n, 7)`` of the second body in the first
-    one's frame (position in m, quaternion), of use where ``active``.
-    """
+    """What a weld between two bodies becomes."""
 
     changed: Tensor
+    """``(n,)`` bool."""
     active: Tensor
+    """``(n,)`` bool."""
     pose: Tensor
+    """``(n, 7)``: the second body in the first one's frame, position in m and quaternion."""
 
 
 @dataclass(frozen=True)
@@ -51,19 +49,19 @@ class Fact:
     name: str
     meaning: str
     verdict: bool = False
-    """Whether it is the answer, so that reward writers may not see it."""
+    """Whether it is the answer, which reward programs may not see."""
     remembered: bool = False
-    """Whether the next ``observe`` finds its value in the memory."""
+    """Whether the memory keeps its value for the next ``observe``."""
     once: bool = False
-    """Whether ``has_<name>`` says that it was true at some time of the episode. A run's tables
-    report that in its place."""
+    """Whether the memory has ``has_<name>``: it was true at some time of the episode. A run's
+    tables report that in its place."""
     timed: bool = False
     """Whether the memory has ``<name>_since``: the last step after which it was not true."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A part of the task, in the order in which parts follow each other."""
+    """A part of the task."""
 
     name: str
     ends: str
@@ -74,10 +72,9 @@ class Phase:
 
 @dataclass(frozen=True)
 class FlatClass:
-    """Things that a flat rendering paints in one colour."""
+    """Bodies, with all that hangs on them, that a flat rendering paints in one colour."""
 
     bodies: tuple[str, ...]
-    """Bodies whose subtrees it paints."""
     colour: tuple[int, int, int]
     """RGB, 0 to 255; a rendering may name another."""
 
@@ -93,12 +90,12 @@ def at_commands(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
 
 
 class Part(NamedTuple):
-    """How a body of a robot is told to a model that is to know of a camera mounted on it."""
+    """How a prompt describes a robot's body that a camera is mounted on."""
 
     name: str
     """Such as ``the forearm``."""
     along: tuple[float, float, float]
-    """The direction of its length towards the tip, in the body's frame; of length 1."""
+    """Unit vector along it towards the tip, in the body's frame."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,63 +103,62 @@ class Robot:
     """Arms, and how actions move them."""
 
     model: Callable[[Any, str], mujoco.MjSpec]
-    """From a layout and the setting ``psm``, its bodies, joints, servos and materials; the rest of
-    the scene is added to them."""
+    """From a layout and the setting ``psm``: its bodies, joints, servos and materials, to which
+    the rest of the scene is added."""
     poser: Callable[[mujoco.MjModel], Callable[[np.ndarray, Start], None]] = at_commands
-    """For a compiled scene, what writes a start's robot into ``qpos`` ``(k, nq)``."""
+    """For a compiled scene: a function that writes a start's robot into ``qpos`` ``(k, nq)``."""
     begin: Callable[[Any, Start], dict[str, Tensor]] = lambda rules, start: {
         name: value.clone() for name, value in start.robot.items()
     }
-    """From rules and a start, what the robot remembers."""
+    """From rules and a start: its part of the memory."""
     act: Callable[[Any, Any, Memory, Tensor], tuple[dict[str, Tensor], Tensor]]
-    """From layout, rules, memory and an action ``(n, action_size)``, what it remembers now, and
-    the servos' commands ``(n, nu)``."""
+    """From layout, rules, memory and an action ``(n, action_size)``: its part of the memory now,
+    and the servos' commands ``(n, nu)``."""
     table: Callable[[Mapping[str, Signal], str | None], Mapping[str, Signal]]
-    """From what a task senses, and the body that the robot may hold, a table with what the robot
-    senses, its touches of that body and its commands."""
+    """From the task's signals and the body that may be held: all signals, with the robot's
+    sensors, touches and commands."""
     commands: Mapping[str, str]
-    """Signals that come from the memory and not from sensors, and their names there."""
+    """Signals that are read from the memory, and their names there."""
     body: str
     """Root of its bodies: class ``robot`` of flat renderings."""
     proprio: tuple[str, ...]
     """Signals that it knows of itself."""
     displaced: Callable[[Any, Any, Memory, Tensor, Tensor], Tensor] | None = None
-    """From layout, rules, memory, the servos' commands and an offset ``(n, 3)`` in m, commands
-    that put the tip so far beside where it was told to. ``None``: it cannot be disturbed so."""
+    """From layout, rules, memory, the servos' commands and an offset ``(n, 3)``, m: commands that
+    put the tip beside its target. ``None``: ``disturb.robot.offset`` is refused."""
     parts: Mapping[str, Part] = field(default_factory=dict)
-    """How bodies that a camera may well be mounted on are told to a model, by body."""
+    """Descriptions of bodies for cameras that are mounted on them."""
     opens: int | None = None
-    """Number of the action that lets go of what is held where it is 1. Actions of 0 hold still.
-    ``None``: nothing is ever held."""
+    """Index of the action that lets go where it is 1. Actions of 0 hold still. ``None``: nothing
+    is ever held."""
 
 
 @dataclass(frozen=True)
 class Telling:
-    """How a task is told to a vision-language model.
+    """How a task is described to a vision-language model.
 
-    The general prompts are in ``needlehoop/vlm/prompts``; they take these texts and words in.
-    Nothing here may tell the human reward, or the limits by which success is decided.
+    These texts go into the general prompts, ``needlehoop/vlm/prompts``. They must not give away
+    the human reward or the limits that decide success.
     """
 
     texts: Path
-    """Folder of texts with ``$gaps``. ``scene.txt``: what there is, and what the task is.
-    ``signals.txt``: the numbers behind the signals, a line ``- …`` each. ``<fact>.txt``, for some
-    of ``moments``: the question which camera shows the fact best."""
+    """Folder of texts with ``$gaps``. ``scene.txt``: the scene and the task. ``signals.txt``: the
+    numbers behind the signals, a line ``- …`` each. ``<fact>.txt``, for some of ``moments``: the
+    question which camera shows the fact best."""
     values: Callable[[Any, Any], Mapping[str, object]]
-    """From layout and rules, what fills the gaps, by name; and ``control``: what an agent does at
+    """From layout and rules: values of the gaps, by name; and ``control``: what an agent does at
     every step, such as ``moves the tip by up to 6 mm``."""
     goal: str
-    """What is so in the picture of the goal, such as ``the cube is on the spot``."""
+    """The picture of the goal in words, such as ``the cube is on the spot``."""
     done: str
-    """The same without the test of success, for reward writers: ``the cube is where it has to
-    be``."""
+    """The same without the test of success: ``the cube is where it has to be``."""
     front: str
     """What the views at azimuth 0 are in front of, such as ``the spot``."""
     moments: Mapping[str, str] = field(default_factory=dict)
-    """Facts whose first moments are pictured, in order, and what is so then, such as ``the cube
-    has just been grasped``. Start and goal are pictured as well."""
+    """Facts whose first moments are pictured after the start and before the goal, in order, each
+    in words, such as ``the cube has just been grasped``."""
     painted: Mapping[str, str] = field(default_factory=dict)
-    """What has to be said of a class of flat renderings, by class."""
+    """Remarks on classes of flat renderings, by class."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,19 +184,18 @@ class Task:
     classes: Mapping[str, FlatClass]
     """Of flat renderings, beside ``robot``."""
     start: Callable[[Any, Chance], Start]
-    """From a layout and chance, where everything begins."""
+    """From a layout and chance: where everything begins."""
     facts: tuple[Fact, ...]
-    """In the order in which they are reported."""
     observe: Callable[
         [Any, Any, Memory, Mapping[str, Tensor]], tuple[dict[str, Tensor], dict[str, Weld]]
     ]
-    """From layout, rules, memory (after the action) and readings (after a forward), the facts
-    ``(n,)`` bool by name, and what welds have to become, by their name in the scene."""
+    """From layout, rules, memory (after the action) and readings (after a forward): the facts
+    ``(n,)`` bool by name, and welds by their name in the scene."""
     goal: str
     """The fact that says that the task is done."""
     phases: tuple[Phase, ...]
     state: tuple[str, ...]
-    """Signals that ``obs=signals`` reports: enough to do the task without eyes."""
+    """Signals that ``obs=signals`` reports: enough to do the task without cameras."""
     controllers: Mapping[str, Callable[[Any, Any], Controller]]
     """Scripted controllers by name, from layout and rules. ``expert`` must be there."""
     teacher: str
@@ -208,12 +203,12 @@ class Task:
     human: type
     """The reward that a person wrote; values in ``conf/reward``."""
     success: Callable[[Any, Any], Tensor] | None = None
-    """From rules and signals, whether an episode is successful now, ``(n,)`` bool; ``None``: where
+    """From rules and signals: whether an episode is successful now, ``(n,)`` bool. ``None``: where
     ``goal`` holds."""
     cheat: Callable[[Memory, Any], Tensor] | None = None
-    """From memory and signals, whether an episode looks done and is not; ``None``: never."""
+    """From memory and signals: whether an episode looks done and is not. ``None``: never."""
     cheating: str = "cheating"
-    """What the controller ``cheat`` does, in a few words. Models are not told."""
+    """What the controller ``cheat`` does, in a few words; not for prompts."""
     critic: Sequence[str] = ()
     """Facts that the value function is told by default."""
     telling: Telling | None = None
@@ -238,10 +233,7 @@ class Task:
 
     @cached_property
     def signals(self) -> dict[str, Signal]:
-        """The table of all signals: readings of sensors, the robot's commands, ``elapsed``, facts.
-
-        Its sensors are those of the scene.
-        """
+        """The table of all signals: the task's and the robot's, ``elapsed``, facts."""
         facts = {
             one.name: Signal((), "bool", "-", "verdict" if one.verdict else "fact", one.meaning)
             for one in self.facts
@@ -251,7 +243,6 @@ class Task:
 
     @cached_property
     def signals_class(self) -> type:
-        """The TensorClass of its signals."""
         return signals_class(self.signals)
 
     @property
@@ -261,19 +252,19 @@ class Task:
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Facts that a robot can keep track of by itself; a verdict would be the answer."""
+        """Facts that an agent may be told: all but the verdicts."""
         return tuple(n for n, row in self.signals.items() if row.source == "fact")
 
     @property
     def columns(self) -> dict[str, str]:
-        """What a run's tables report of an episode's last step: the fact by the column's name."""
+        """The facts that a run's tables report of an episode's last step, by column."""
         cheat = {} if self.cheat is None else {"cheat": "cheat"}
         own = {one.name: f"has_{one.name}" if one.once else one.name for one in self.facts}
         return {"success": "success", **cheat, **own, DIVERGED: DIVERGED}
 
     @property
     def all_facts(self) -> tuple[str, ...]:
-        """Of the moment, then of the episode: the keys of ``facts`` in every environment."""
+        """The keys of ``StepResult.facts``: of the moment, then of the episode."""
         cheat = () if self.cheat is None else ("cheat",)
         once = (f"has_{fact.name}" for fact in self.facts if fact.once)
         return (*(fact.name for fact in self.facts), "success", *cheat, *once, DIVERGED)

@@ -16,7 +16,7 @@ GRASPS = ("weld", "friction")
 """What holds a thing in the jaws."""
 
 Length = Annotated[float, Range(1e-5, 1.0)]
-"""m; the arm reaches a quarter of the most, and of far less MuJoCo makes no shapes."""
+"""m; MuJoCo makes no shapes of far smaller sizes."""
 
 Place = Annotated[float, Range(-1.0, 1.0)]
 """A coordinate, m."""
@@ -30,7 +30,7 @@ Turn = Annotated[float, Range(-2 * math.pi, 2 * math.pi)]
 
 @dataclass(frozen=True)
 class Layout:
-    """What every task's layout has: sizes and placement; values in ``conf/task``.
+    """Sizes and placement of a task; values in ``conf/task``.
 
     Lengths in m, angles in rad, positions in the world frame. Ranges are half-widths of uniform
     distributions about the nominal value.
@@ -162,7 +162,7 @@ class ArmEpisode(ToolEpisode):
 
 
 def lengths(layout: Layout) -> dict[str, str]:
-    """Fields that are a ``Length``, by name, in mm: what a text for a model takes in."""
+    """Fields that are a ``Length``, by name, in mm, for prompts."""
     hints = get_type_hints(type(layout), include_extras=True)
     return {
         name: millimetres(getattr(layout, name)) for name, hint in hints.items() if hint == Length

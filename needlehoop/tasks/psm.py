@@ -1,4 +1,4 @@
-"""The PSM as the robot of a task: how actions move it, how its jaws hold, its signals and words."""
+"""The PSM as the robot of a task: control, grasps, signals, and its description for prompts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ JOINT_SIGNALS = {
 
 
 def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
-    """The arm's signals about those of a task, and its jaws' touches of what they hold."""
+    """A task's signals with the arm's own, and its jaws' touches of what they hold."""
     touches = {
         f"jaw_{side}_touch": touch(f"jaw_{side}_pad", held, f"{word} jaw touches the {held}")
         for side, word in ((1, "first"), (2, "second"))
@@ -50,7 +50,7 @@ def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
 
 
 def tool_start(layout: ArmLayout, chance: Chance) -> dict[str, Tensor]:
-    """The robot of a ``Start``: the tool somewhere in its range, roll and jaw as laid out."""
+    """The robot of a ``Start``: the tool somewhere in its range, roll and jaw nominal."""
     tool = chance.place(layout.tool_position, layout.tool_position_range)
     roll, jaw = (tool.new_full((len(tool),), x) for x in (layout.tool_roll, layout.tool_jaw))
     return start_of(layout, tool, roll, jaw)
@@ -84,11 +84,13 @@ def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
 def act(
     layout: ArmLayout, rules: ToolEpisode, memory: Memory, action: Tensor
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """Move the targets by an action in [-1, 1] and turn them into servo commands.
+    """Move the targets by an action in [-1, 1].
 
-    The memory has ``target`` ``(n, 3)`` for ``tool_midpoint``, m; ``tool_roll`` ``(n,)`` about the
-    instrument, rad; ``quat`` ``(n, 4)`` of the tool frame (``control=pose``); ``joints`` ``(n, 6)``
-    and ``jaw`` ``(n,)`` as commanded. The commands ``(n, 7)`` are six joints (rad, m) and the jaw.
+    Returns:
+        The robot's memory: ``target`` ``(n, 3)`` for ``tool_midpoint``, m; ``tool_roll`` ``(n,)``
+        about the instrument, rad; ``quat`` ``(n, 4)`` of the tool frame (``control=pose``);
+        ``joints`` ``(n, 6)`` and ``jaw`` ``(n,)`` as commanded. And the servos' commands
+        ``(n, 7)``: six joints (rad, m) and the jaw.
     """
     target = layout.clamp(memory["target"] + rules.translation * action[:, :3])
     jaw = memory["jaw"] + rules.jaw * action[:, -1]
@@ -103,8 +105,8 @@ def act(
     else:
         turn = geo.from_rotation_vector(rules.rotation * action[:, 3:6])
         near = _pose_joints(layout, target, geo.multiply(turn, quat), memory["joints"])
-        # What the joints can do is the target: it never runs ahead of the limits. The
-        # second pass brings the tip back from where an unreachable turn pulled it.
+        # The target is what the joints can do: it never runs ahead of their limits. The second
+        # pass brings the tip back from where an unreachable turn pulled it.
         quat = _tool_quat(near)
         joints = _pose_joints(layout, target, quat, near)
     moved = {"target": target, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
@@ -187,13 +189,13 @@ ROBOT = Robot(
 def add_grasp(
     spec: mujoco.MjSpec, rules: ArmEpisode, body: str, **softness: Sequence[float]
 ) -> None:
-    """Prepare the scene for ``episode.grasp``: how the jaws hold a body.
+    """Add what ``episode.grasp`` holds a body with.
 
-    ``weld``: the inactive weld ``grasp`` of the wrist with it; ``softness``: MuJoCo's ``solref``
-    and ``solimp`` of that. ``friction``: contacts that do not creep, by MuJoCo's pass against slip;
-    without it, what is held creeps by 0.66 mm a second.
+    ``weld``: the inactive weld ``grasp`` of the wrist with it, of this ``softness`` (MuJoCo's
+    ``solref`` and ``solimp``). ``friction``: MuJoCo's pass against slip.
     """
     if rules.grasp == "friction":
+        # Without it, what is held creeps by 0.66 mm a second.
         spec.option.noslip_iterations = 3
         return
     spec.add_equality(
@@ -215,16 +217,14 @@ def hold(
     position: Tensor,
     quat: Tensor,
 ) -> tuple[Tensor, dict[str, Weld]]:
-    """Whether a thing is held, ``(n,)`` bool, and what the weld has to become.
+    """Whether a thing is held, ``(n,)`` bool, and the weld.
 
     A grasp begins where the thing is between the blades, both touch it, and it keeps them open
-    wider than they are told to be. So shut jaws that stand on it hold nothing.
+    wider than commanded. So shut jaws that stand on it hold nothing.
 
     Args:
-        rules: the kind of grasp, and the jaw commands that begin and end it.
         memory: after the action; ``grasped`` says what was held before.
-        readings: the arm's, and its touches of the thing.
-        points: gives places inside the thing ``(n, k, 3)``, world frame, m.
+        points: gives points inside the thing ``(n, k, 3)``, world frame, m.
         position: of the welded body ``(n, 3)``, m.
         quat: of it ``(n, 4)``.
     """
@@ -250,8 +250,8 @@ def hold(
 def outside_jaws(wrist: Tensor, tool_quat: Tensor, jaw: Tensor, points: Tensor) -> Tensor:
     """Distances ``(n, k)``, m, of points ``(n, k, 3)`` from the gap between the blades; 0 in it.
 
-    ``wrist``: ``wrist_pos`` ``(n, 3)``, m; ``tool_quat`` ``(n, 4)``; ``jaw``: the angle between
-    the blades ``(n,)``, rad; all as in the signals. The gap is taken as a box.
+    ``wrist`` ``(n, 3)``, m; ``tool_quat`` ``(n, 4)``; ``jaw`` ``(n,)``, rad: as in the signals. The
+    gap is taken as a box.
     """
     away = points - wrist.unsqueeze(1)
     x, y, z = geo.rotate(geo.conjugate(tool_quat).unsqueeze(1), away).unbind(-1)
@@ -287,7 +287,7 @@ def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
 
 
 def grasped(rules: ArmEpisode, part: str) -> str:
-    """When the jaws hold a thing, of which ``part`` is between them."""
+    """In words: when the jaws hold a thing by its ``part``."""
     return (_BEGINS + _ENDS[rules.grasp]).format(
         part=part,
         close=f"{rules.close_below:g}",

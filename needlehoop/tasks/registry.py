@@ -1,7 +1,6 @@
-"""Tasks by name: the folders of this package, and those that somebody brought.
+"""Tasks by name: the folders of this package, and those from elsewhere.
 
-Built-in tasks are found by name. A task from elsewhere is code: ``add`` alone imports it, for
-somebody who named it.
+A task from elsewhere is somebody's code: only ``add`` imports it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ def names() -> tuple[str, ...]:
 
 
 def find(name: object) -> Task:
-    """A task by its name; imports nothing from elsewhere.
+    """A built-in or added task by its name.
 
     Raises:
         ValueError: there is none; the message lists those that there are.
@@ -54,17 +53,20 @@ def is_from_elsewhere(name: object, folder: str | None) -> bool:
 
 
 def add(name: object, folder: str | None) -> None:
-    """Import a task from elsewhere, if that is where it is: ``task_dir``, or an installed package.
+    """Import a task from ``task_dir`` or an installed package, if it is from there.
 
     Raises:
         ValueError: no such task, an error in its code, or a task that leaves something out.
     """
-    entry = _entry(name) if folder is None else None
-    if folder is None and entry is None:
+    if folder is not None:
+        task = add_folder(Path(folder))
+    elif entry := _entry(name):
+        task = _add_installed(entry)
+    else:
         return
-    task = add_folder(Path(folder)) if folder is not None else _add_installed(entry)
     if task.name != name:
-        raise ValueError(f"task: {name!r} was chosen, and {folder or entry} has {task.name!r}")
+        origin = folder or f"the entry point {name}"
+        raise ValueError(f"task: {name!r} was chosen, and {origin} has {task.name!r}")
 
 
 def add_folder(folder: Path) -> Task:
@@ -85,13 +87,12 @@ def add_folder(folder: Path) -> Task:
         spec.loader.exec_module(loaded)
     except Exception as error:
         _forget(module)
-        # Whatever somebody's module can fail with, told in a line.
         raise ValueError(f"{origin}: {error}") from error
     return _add(getattr(loaded, "TASK", None), place, origin)
 
 
 def _entry(name: object) -> Any:
-    """The entry point of the name of a task that is not ours, if an installed package has one."""
+    """The entry point of an installed package's task, if there is one."""
     found = () if name in built_in() else entry_points(group=GROUP, name=str(name))
     return next(iter(found), None)
 

@@ -1,10 +1,10 @@
 """What scripted controllers of tasks with the PSM share.
 
-They see signals and act through the agent's own actions, so what they do an agent can. Two kinds
-go down onto a thing, grasp it and rise. The sharp one has switches. The smooth one can be imitated
-from images: who learns from images of 64 px knows places to 2 or 3 mm, and does what the expert
-would do on average over what may be there. So every switch is a ramp, wider than that; and where
-the arm is to arrive, the target lies beyond, since half of a small action leads nowhere.
+They see signals and act through the agent's own actions. Two kinds go down onto a thing, grasp it
+and rise. The sharp one has switches. The smooth one can be imitated from images: an agent that sees
+images of 64 px knows places to 2 or 3 mm, and learns the expert's average action over that range.
+So every switch is a ramp, wider than that. And targets lie beyond the place where the arm is to
+arrive, because the average of small actions would stop before it.
 """
 
 from __future__ import annotations
@@ -23,24 +23,23 @@ _GAIN = 0.4
 """Share of the remaining error that an action asks for; the servos lag behind."""
 
 _START, _OFF = 0.3, (0.002, 0.008)
-"""The action with which a thing begins to rise; and its heights off the ground, m, at which it is
-seen to come along, not at all and for sure. So what closing, holding and having missed ask for
-hardly differs until it shows which it is: held, the thing rises; missed, the jaws open again."""
+"""The action with which a thing begins to rise; and the heights off the ground, m, between which
+it is more and more surely held. Until then the actions of closing, holding and having missed
+hardly differ. A held thing then rises; over a missed one the jaws open again."""
 
 _JAMMED, _ABOVE = (0.9, 0.5), (0.003, 0.006)
-"""Angles of the jaws, rad, and heights of them, m, at which they would come down on the thing and
-rest there: none and all of that. There the only way is up."""
+"""Angles of the jaws, rad, and their heights above the pickup point, m, between which they would
+more and more surely rest on the thing. There they rise."""
 
 
 @dataclass(frozen=True)
 class Script:
-    """A controller for ``control=tip``, without memory: phases follow from the signals.
-
-    It has an ``ArmLayout``, and the action scales of a ``ToolEpisode``.
-    """
+    """A controller for ``control=tip``, without memory: phases follow from the signals."""
 
     layout: Any
+    """An ``ArmLayout``."""
     episode: Any
+    """A ``ToolEpisode``."""
 
     def __post_init__(self) -> None:
         if self.episode.control != "tip":
@@ -66,9 +65,14 @@ class Script:
         wanted = torch.where(shut, self.layout.jaw_closed, self.layout.tool_jaw)
         return ((wanted - s.jaw_command) / self.episode.jaw).clamp(-1, 1)
 
+    def squeezed(self, move: Tensor, s: Signals) -> Tensor:
+        """A move ``(n, 3)``, m; none until the jaws are told to be shut."""
+        squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
+        return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
+
     def slowly(self, height: Tensor) -> tuple[Tensor, Tensor]:
-        """How surely a thing so high off the ground ``(n,)`` has come along, from 0 to 1; and the
-        most that it may rise by, m."""
+        """How surely a thing at a height off the ground ``(n,)``, m, is held, from 0 to 1; and the
+        largest move ``(n,)`` up, m."""
         off = ramp(height, *_OFF)
         fastest = torch.lerp(torch.full_like(off, _START), torch.ones_like(off), off)
         return off, self.asking(1.0) * fastest
@@ -76,26 +80,23 @@ class Script:
 
 @dataclass(frozen=True)
 class Funnel:
-    """How the smooth kind comes down on a thing, m and rad.
-
-    Args:
-        free: radius of the funnel's bottom about the pickup point.
-        edge: the distance aside at which the jaws are no more sent below the pickup point.
-        height: over the pickup point, at which the jaws open and shut.
-        aside: distances aside of it, the same.
-        shut: angles of the jaws between which they begin to rise. A thing between them keeps
-            them open by more than the second, and whether it is held yet no image shows.
-    """
+    """How the smooth kind comes down on a thing, m and rad."""
 
     free: float
+    """Radius of the funnel's bottom about the pickup point."""
     edge: float
+    """Distance aside beyond which the jaws are not sent below the pickup point."""
     height: tuple[float, float]
+    """Heights over the pickup point between which the jaws shut."""
     aside: tuple[float, float]
+    """Distances aside of it between which the jaws shut."""
     shut: tuple[float, float]
+    """Angles of the jaws between which they begin to rise. A thing between them keeps them open by
+    more than the second, and images do not show whether it is held yet."""
 
     hover, slope, press = 0.012, 1.5, 0.003
-    """Height and slope of the funnel; and how far below the pickup point the jaws are sent: onto
-    what stops them."""
+    """Height and slope of the funnel; and how far below the pickup point the jaws are sent, until
+    something stops them."""
 
     def approach(self, script: Script, s: Signals) -> Tensor:
         """Down the funnel; up, where the jaws shut too early or on nothing. ``(n, 3)``, m."""
@@ -118,8 +119,10 @@ class Funnel:
 def descend(s: Signals, turn: Tensor, hover: float, askew: float) -> Tensor:
     """The sharp kind's way down ``(n, 3)``, m: above the pickup point, then onto it once lined up.
 
-    ``turn`` ``(n,)``, rad, is missing, and may be ``askew`` then. The open jaws line up at a height
-    of ``hover``, m.
+    Args:
+        turn: about the instrument that is still missing ``(n,)``, rad.
+        hover: height at which the open jaws line up, m.
+        askew: turn that may be missing on the way down, rad.
     """
     away = s.pickup_point - s.tool_midpoint
     aside = geo.aside(away)

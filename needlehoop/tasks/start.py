@@ -14,17 +14,16 @@ from needlehoop.robot.geometry import about_z
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where things are when an episode begins, ``n`` of them; m, rad, world frame.
-
-    ``robot``: the robot's own numbers by name. ``free``: poses ``(n, 7)`` (position, quaternion)
-    of free joints by name. ``mocap``: positions ``(n, 3)`` of mocap bodies by name; they are
-    never turned. ``control`` ``(n, nu)``: servo commands that hold the start.
-    """
+    """Where things are when ``n`` episodes begin; m, rad, world frame."""
 
     robot: Mapping[str, Tensor]
+    """The robot's own numbers by name."""
     free: Mapping[str, Tensor]
+    """Poses ``(n, 7)`` (position, quaternion) of free joints by name."""
     mocap: Mapping[str, Tensor]
+    """Positions ``(n, 3)`` of mocap bodies by name; they are never turned."""
     control: Tensor
+    """Servo commands ``(n, nu)`` that hold the start."""
 
     def __len__(self) -> int:
         return len(self.control)
@@ -37,8 +36,7 @@ NUMBERS = 64
 def draws(seed: int, env: int, episode: int) -> np.ndarray:
     """The uniform numbers ``(NUMBERS,)`` of one episode of one environment.
 
-    Counter-based: they depend on nothing but the arguments, so an episode is the same
-    whatever else runs beside it.
+    They depend on the arguments alone, so an episode is the same whatever runs beside it.
     """
     sequence = np.random.SeedSequence(entropy=seed, spawn_key=(env, episode))
     return np.random.Generator(np.random.Philox(sequence)).random(NUMBERS)

@@ -15,21 +15,20 @@ from needlehoop.tasks.start import Start
 
 
 class Seen(NamedTuple):
-    """What a task makes of a scene's readings.
-
-    ``memory`` from now on; ``facts`` ``(n,)`` bool by name, in the order of ``Task.all_facts``,
-    without ``diverged``, which the engine tells.
-    """
+    """What a task makes of a scene's readings."""
 
     memory: Memory
+    """From now on."""
     signals: Signals
     facts: dict[str, Tensor]
+    """``(n,)`` bool by name, in the order of ``Task.all_facts``, without ``diverged``, which the
+    engine tells."""
     welds: dict[str, Weld]
 
 
 def begin(task: Task, rules: Episode, start: Start) -> Memory:
     """The memory when an episode begins: targets where the robot is, nothing true yet."""
-    # Imported where an episode begins: it takes a second, which bad settings need not wait for.
+    # Slow to import.
     from tensordict import TensorDict
 
     n = len(start)
@@ -57,8 +56,6 @@ def act(
         raise ValueError(
             f"action: shape {tuple(action.shape)}; expected {expected} for control={rules.control}"
         )
-    if action.is_complex():
-        raise ValueError(f"action: {str(action.dtype).rpartition('.')[2]}; expected real numbers")
     finite = torch.isfinite(action).all(-1)
     if not bool(finite.all()):
         bad = (~finite).nonzero().flatten().tolist()
@@ -71,7 +68,7 @@ def act(
 def observe(
     task: Task, layout: Layout, rules: Episode, memory: Memory, readings: Mapping[str, Tensor]
 ) -> Seen:
-    """Decide the facts from current ``readings`` and the memory after the action; remember some."""
+    """Decide the facts from readings and the memory after the action."""
     facts, welds = task.observe(layout, rules, memory, readings)
     kept = {fact.name: facts[fact.name] for fact in task.facts if fact.remembered}
     for fact in task.facts:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import random
 import shutil
-from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
 import yaml
-from strength import FUZZ_CASES
 from tiny_runs import PLACE, TINY, composed, refusal, run_composed, table
 
 import needlehoop
@@ -153,31 +150,6 @@ def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
     recorded["study"] = "${oc.env:SECRET}"
     values, _ = changed(recorded, ["episode.grasp=friction"])
     assert values["study"] == "${oc.env:SECRET}"
-
-
-def test_any_value_for_any_condition(tiny_run, monkeypatch, tmp_path):
-    from test_fuzz import VALUES, Understood, check_refusal
-
-    def understood(*_, **__):
-        raise Understood
-
-    monkeypatch.setattr(evaluating, "load_agent", understood)
-    recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
-    keys = [key for top in ("task", "episode", "reward") for key in recorded[top]]
-    tops = {key: top for top in ("task", "episode", "reward") for key in recorded[top]}
-    words = [f"{tops[key]}.{key}={value}" for key in keys for value in VALUES]
-    words += [f"{top}={value}" for top in recorded for value in VALUES[:8]]
-    before = files(tiny_run)
-    for word in random.Random(0).sample(words, max(10, FUZZ_CASES // 20)):
-        told = StringIO()
-        with monkeypatch.context() as patch:
-            patch.setattr("sys.stderr", told)
-            try:
-                assert main(["evaluate", str(tiny_run), word]) == 2
-            except Understood:
-                continue
-        check_refusal(told.getvalue(), word.partition("=")[0], word)
-    assert files(tiny_run) == before
 
 
 def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch, tmp_path):

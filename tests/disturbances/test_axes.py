@@ -43,15 +43,7 @@ def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
     sensors = Sensors(1, ("front",), SIDE)
     own = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
     sensors.set(np.array([0]), **flaws(own))
-    found = Frame(
-        *(
-            one if one is None else torch.empty_strided(one.shape, one.stride(), dtype=one.dtype)
-            for one in seen
-        )
-    )
-    for one, copy in zip(seen, found, strict=True):
-        if copy is not None:
-            copy.copy_(one)
+    found = Frame(*(one if one is None else one.clone() for one in seen))
     sensors.spoiler(np.array([0]), np.full((1, 3), 0.3))("front", found, slice(0, 1))
     return found
 
@@ -70,13 +62,6 @@ AMOUNTS = {
 """How much of each axis is tried, and which channels it touches."""
 
 
-def test_all_axes_of_pictures_are_tried():
-    arrive = {"late", "frozen", "black"}
-    assert {f"picture.{name}" for name in (*AMOUNTS, *arrive)} == {
-        key for key in AXES if key.startswith("picture.")
-    }
-
-
 @pytest.mark.parametrize("name", AMOUNTS)
 def test_an_axis_of_pictures_touches_what_it_would_in_a_real_camera(name):
     amount, touched = AMOUNTS[name]
@@ -90,14 +75,6 @@ def test_an_axis_of_pictures_touches_what_it_would_in_a_real_camera(name):
         alone = Frame(None, None, None)._replace(**{field: getattr(seen, field)})
         own = spoilt(alone, {name: amount})
         assert torch.equal(getattr(own, field), getattr(found, field))
-
-
-def test_a_frame_whose_rows_do_not_follow_each_other_is_spoilt_alike():
-    amounts = {name: amount for name, (amount, _) in AMOUNTS.items()}
-    seen = frame()
-    strange = Frame(*(torch.stack((one, one), -1)[..., 0] for one in seen))
-    for one, other in zip(spoilt(seen, amounts), spoilt(strange, amounts), strict=True):
-        assert torch.equal(one, other)
 
 
 def test_exposure_contrast_and_white_balance_act_one_after_the_other():
@@ -130,10 +107,6 @@ def test_labels_flip_along_edges_alone():
     assert flipped.nonzero()[:, 1].unique().tolist() == [SIDE // 2]
     # Half of them look to the left, where the other label is.
     assert float(flipped[:, SIDE // 2].float().mean()) == pytest.approx(0.25, abs=0.15)
-    level = seen._replace(geom=seen.geom.transpose(1, 2).contiguous())
-    assert (spoilt(level, {"labels": 0.5}).geom != level.geom)[0].nonzero()[
-        :, 0
-    ].unique().tolist() == [SIDE // 2]
 
 
 def test_a_drop_covers_its_share():
@@ -178,13 +151,6 @@ def test_one_view_fails_for_as_long_as_was_drawn():
     assert fails == [[False, False], *[[False, True]] * 3, *[[False, False]] * 2]
 
 
-def test_lamps_keep_their_length_when_they_hang_elsewhere():
-    own = drawn((1,), scene_lamp=[20.0, -10.0, 5.0])
-    found = optics.lamps(np.array([[[0.0, 0.0, -1.0]]]), own)
-    assert np.allclose(np.linalg.norm(found, axis=-1), 1.0)
-    assert found[0, 0, 2] > -0.99
-
-
 def test_as_many_objects_lie_about_as_were_drawn():
     count = Drawn(np.array([[2.0]]), np.full((1, 2 * MOST_OBJECTS), 0.4))
     places = optics.objects(count, 3, np.array([0.1, 0.2, 0.0]))[0]
@@ -222,8 +188,3 @@ def test_options_are_the_severities_they_say():
     for rows in levels.values():
         assert all(row == sorted(row) and len(row) == 5 for row in rows.values())
     assert compose_settings([]).disturb.amounts == {}
-
-
-def test_an_axis_is_added_with_a_plus_or_without():
-    for word in ("+disturb.camera.shift=0.004", "disturb.camera.shift=0.004"):
-        assert compose_settings([word]).disturb.amounts == {"camera.shift": 0.004}

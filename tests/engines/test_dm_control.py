@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 import torch
-from stability import shake
 
 from needlehoop.config import composing
 from needlehoop.engines.contract import KINDS
@@ -92,12 +89,6 @@ def test_one_engine_goes_on_from_the_others_snapshot(first, second):
         moment = one.step(action)
         other.step(action)
         same_state(one.engine.snapshot(), other.engine.snapshot())
-
-
-def test_random_actions_are_counted_the_same():
-    settings = compose_settings(["num_envs=2", "episode.max_steps=15", "engine.threads=1"])
-    other = replace(settings, engine=replace(settings.engine, kind="dm_control"))
-    assert shake(settings, episodes=2) == shake(other, episodes=2)
 
 
 def test_settings_of_before_there_was_a_choice_mean_the_cpu():

@@ -2,7 +2,6 @@
 
 from dataclasses import fields, replace
 
-import numpy as np
 import pytest
 import torch
 from strength import ALL
@@ -35,95 +34,51 @@ def same_moment(batch, single, env):
             assert torch.equal(row[env], one[0]), field.name
 
 
-@pytest.mark.parametrize(
-    ("psm", "grasp"),
-    [("parallelogram", "weld"), pytest.param("serial", "friction", marks=pytest.mark.full)],
-)
-def test_dm_control_and_the_batch_agree_bit_for_bit(psm, grasp):
-    settings = compose_settings(
-        ["num_envs=3", "seed=5", f"psm={psm}", f"episode.grasp={grasp}", "episode.max_steps=70"]
-    )
-    batch = build(settings)
-    singles = [dm_env.load(settings, env=i) for i in range(3)]
-    script, chance = Expert(settings.task, settings.episode), random_controller(5, seed=1)
-    moment = batch.reset()
+@pytest.mark.parametrize("control", ["tip", "pose"])
+def test_dm_controls_face_and_the_batch_agree_bit_for_bit(control):
+    words = ["num_envs=2", "seed=5", f"episode.control={control}", "episode.max_steps=30"]
+    settings = compose_settings(words)
+    batch, singles = build(settings), [dm_env.load(settings, env=env) for env in range(2)]
+    act = random_controller(settings.episode.action_size, seed=3)
+    if control == "tip":
+        act = Expert(settings.task, settings.episode)
+    moment, grasped = batch.reset(), False
     for single in singles:
         single.reset()
-    seen = {"grasped": False, "released": False, "threaded": False, "reset": False}
-    for step in range(100):
-        action = script(moment.signals)
-        action[2] = chance(moment.signals)[2]
-        if 22 <= step < 26:
-            # One needle is dropped on the way.
-            action[0, -1] = 1.0
-        held = moment.signals.grasped.clone()
-        moment = batch.step(action)
-        seen["grasped"] |= bool(moment.signals.grasped.any())
-        seen["released"] |= bool((held & ~moment.signals.grasped).any())
-        seen["threaded"] |= bool(moment.signals.threaded.any())
-        over = moment.terminated | moment.truncated
-        for env, single in enumerate(singles):
-            ended = single.step(action[env].numpy()).last()
-            assert ended == bool(over[env])
-            same_moment(moment, single.task.moment, env)
-            state = batch.engine.snapshot()
-            for name in ("qpos", "qvel"):
-                assert np.array_equal(state[name][env], getattr(single.physics.data, name))
-        if bool(over.any()):
-            seen["reset"] = True
-            moment = batch.reset(over)
-            for env, single in enumerate(singles):
-                if over[env]:
-                    single.reset()
-                    same_moment(moment, single.task.moment, env)
-    assert all(seen.values()), seen
-
-
-def test_one_environment_agrees_with_dm_control_in_the_other_control_mode():
-    settings = compose_settings(["num_envs=1", "episode.control=pose"])
-    batch = build(settings)
-    single = dm_env.load(settings)
-    act = random_controller(settings.episode.action_size, seed=3)
-    moment = batch.reset()
-    single.reset()
-    for _ in range(30):
+    for _ in range(45):
         action = act(moment.signals)
         moment = batch.step(action)
-        single.step(action[0].numpy())
-        same_moment(moment, single.task.moment, 0)
-
-
-def pictures(renderer, threads, steps=6, envs=5):
-    settings = compose_settings([*CAMS, f"num_envs={envs}", "seed=2"])
-    simulation = build(replace(settings, engine=EngineConfig(threads, renderer)))
-    act = random_controller(5, seed=0)
-    moment, seen = simulation.reset(), []
-    for _ in range(steps):
-        seen.append(simulation.images())
-        moment = simulation.step(act(moment.signals))
-    return seen
-
-
-def test_images_do_not_depend_on_the_number_of_threads():
-    one, two = (pictures("rasteriser", threads) for threads in (1, 2))
-    for a, b in zip(one, two, strict=True):
-        assert all(torch.equal(a[name], b[name]) for name in a)
+        grasped |= bool(moment.signals.grasped.any())
+        over = moment.terminated | moment.truncated
+        for env, single in enumerate(singles):
+            assert single.step(action[env].numpy()).last() == bool(over[env])
+            same_moment(moment, single.task.moment, env)
+        if bool(over.any()):
+            moment = batch.reset(over)
+            for env in over.nonzero().flatten().tolist():
+                singles[env].reset()
+                same_moment(moment, singles[env].task.moment, env)
+    assert grasped == (control == "tip")
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_every_world_shows_every_object_in_every_frame(renderer):
     # A render context that was spoilt at its first launch drops objects for good.
-    colours = compose_settings().renderings["seg"].colours
-    for images in pictures(renderer, threads=2, steps=3):
-        flat = images["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)
+    settings = compose_settings([*CAMS, "num_envs=5", "seed=2"])
+    simulation = build(replace(settings, engine=EngineConfig(2, renderer)))
+    act, moment = random_controller(5, seed=0), simulation.reset()
+    colours = settings.renderings["seg"].colours
+    for _ in range(3):
+        flat = simulation.images()["seg_side"].permute(0, 2, 3, 1).reshape(5, -1, 3)
+        moment = simulation.step(act(moment.signals))
         for name, colour in colours.items():
             counts = (flat == torch.tensor(colour, dtype=torch.uint8)).all(-1).sum(-1)
             assert (counts >= 10).all(), (name, counts)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
-@pytest.mark.parametrize("ids", [[3], [7, 1, 4]])
-def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, ids):
+def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer):
+    ids = [7, 1, 4]
     settings = compose_settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
     simulation = build(settings)
     moment = simulation.reset()
@@ -132,20 +87,6 @@ def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer, id
     few = simulation.images(torch.tensor(ids))
     for name, image in few.items():
         assert torch.equal(image, whole[name][ids]), name
-
-
-@pytest.mark.parametrize("renderer", RENDERERS)
-def test_a_renderer_agrees_with_itself_for_depth_and_colour_of_a_shared_view(renderer):
-    # Two cameras on one view are rendered once; each must see what it would see alone.
-    def look(cams):
-        settings = compose_settings([f"cams=[{cams}]", "num_envs=2", f"engine.renderer={renderer}"])
-        simulation = build(settings)
-        simulation.reset()
-        return simulation.images()
-
-    both = look("dep_front,seg_front")
-    assert torch.equal(both["dep_front"], look("dep_front")["dep_front"])
-    assert torch.equal(both["seg_front"], look("seg_front")["seg_front"])
 
 
 def test_an_episode_does_not_depend_on_its_neighbours():
@@ -182,26 +123,3 @@ def test_random_actions_at_full_amplitude_keep_the_physics_finite(grasp):
     assert found.not_finite == 0
     assert found.outside_table == 0
     assert found.deep_contacts < 0.005 * found.steps
-
-
-def test_a_held_needle_follows_the_tool():
-    settings = compose_settings(["num_envs=4"])
-    simulation = build(settings)
-    script = Expert(settings.task, settings.episode)
-    moment = simulation.reset()
-    while not bool(moment.signals.grasped.all()):
-        moment = simulation.step(script(moment.signals))
-    offset = moment.signals.pickup_point - moment.signals.tool_midpoint
-    for _ in range(15):
-        action = torch.zeros(4, 5, dtype=torch.float64)
-        action[:, 2], action[:, 4] = 1.0, -1.0
-        moment = simulation.step(action)
-    assert (moment.signals.pickup_point[:, 2] > 0.03).all()
-    slip = (moment.signals.pickup_point - moment.signals.tool_midpoint - offset).norm(dim=-1)
-    assert slip.max() < 1.5e-3
-
-
-def test_an_episode_is_not_begun_by_stepping():
-    simulation = build(compose_settings())
-    with pytest.raises(RuntimeError, match="reset"):
-        simulation.step(torch.zeros(8, 5))

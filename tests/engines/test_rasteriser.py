@@ -103,18 +103,6 @@ def test_colours_agree_on_every_material(scene, both):
         assert wrong[material] <= 0.05 * count, (material, wrong[material], count)
 
 
-@pytest.mark.parametrize("view", VIEWS)
-def test_the_needle_covers_as_many_pixels(scene, both, view):
-    model, fields = scene
-    needle = model.geom("needle_shape").id
-    for state in STATES:
-        drawn, traced = (
-            (renderer.render(fields[state])[view].geom == needle).sum((1, 2)) for renderer in both
-        )
-        assert (drawn >= 1).all()
-        assert ((drawn - traced).abs() <= 2).all(), (drawn, traced)
-
-
 @pytest.mark.parametrize(
     "channels", [(True, False, False), (False, True, False), (False, False, True)]
 )
@@ -139,25 +127,6 @@ def test_threads_and_subsets_change_no_bit(scene):
                 for one, of_all in zip(frame, whole[view], strict=True):
                     if one is not None:
                         assert torch.equal(one, of_all if ids is None else of_all[ids])
-
-
-def test_nobody_asked_for_gives_no_images(scene, both):
-    frame = both[0].render(scene[1]["start"], np.zeros(0, np.int64))["front"]
-    assert frame.bgra.shape == (0, 64, 64, 4)
-
-
-@pytest.mark.parametrize("size", [1, 33, 256])
-def test_any_size_goes(scene, size):
-    model, fields = scene
-    first = {name: values[:1] for name, values in fields["grasp"].items()}
-    renderers = [
-        Rasteriser(model, 1, {"side": ALL}, size, 1),
-        Tracer(model, 1, {"side": ALL}, size),
-    ]
-    drawn, traced = (renderer.render(first)["side"] for renderer in renderers)
-    geoms, depths, _ = agreement(drawn, traced)
-    assert geoms >= 0.998
-    assert depths >= 0.99
 
 
 WORLD = """
@@ -198,10 +167,9 @@ def look(bodies, position="0 0 0", axes="1 0 0 0 0 1", fovy=60, size=96):
     return [renderer.render(fields)["eye"] for renderer in renderers]
 
 
-@pytest.mark.parametrize("fovy", [35, 60, 120])
 @pytest.mark.parametrize(
-    ("position", "axes"),
-    [("0 0 0", "1 0 0 0 0 1"), (".2 .4 .5", "1 .2 0 0 .6 .8"), ("-.4 2.5 .6", "-1 .3 .2 0 -.5 .9")],
+    ("position", "axes", "fovy"),
+    [("0 0 0", "1 0 0 0 0 1", 35), (".2 .4 .5", "1 .2 0 0 .6 .8", 120)],
 )
 def test_any_camera_sees_every_type_of_geom_under_every_light(position, axes, fovy):
     drawn, traced = look(BODIES, position, axes, fovy)
@@ -216,13 +184,11 @@ def test_any_camera_sees_every_type_of_geom_under_every_light(position, axes, fo
 @pytest.mark.parametrize(
     "body",
     [
-        # Below, above and around the camera; the last two also stand in its plane.
         '<geom type="box" size="2 2 .1" pos="0 0 -.2"/>',
         '<geom type="cylinder" size="1.5 .1" pos="0 .2 .25" euler="10 0 0"/>',
-        '<geom type="capsule" size=".1 2" pos=".3 .5 0" euler="80 10 0"/>',
         '<geom type="mesh" mesh="wedge" pos="-.1 -.1 -.15"/>',
+        # It stands in the camera's plane.
         '<geom type="box" size=".3 .5 .5" pos="-.6 .5 0"/>',
-        '<geom type="box" size=".5 .5 .5" pos="0 1 -.5"/>',
     ],
 )
 def test_what_reaches_behind_the_camera_is_drawn_in_front_of_it(body):
@@ -233,7 +199,7 @@ def test_what_reaches_behind_the_camera_is_drawn_in_front_of_it(body):
     assert depths >= 0.98
 
 
-@pytest.mark.parametrize("at", ["0 -2 0", "0 -.51 0", "5 1 0", "0 1 -9"])
+@pytest.mark.parametrize("at", ["0 -.51 0", "5 1 0"])
 def test_what_is_not_before_the_camera_is_not_drawn(at):
     drawn, _ = look(f'<geom type="box" size=".5 .5 .5" pos="{at}"/>', fovy=40)
     assert (drawn.geom == -1).all()
@@ -262,31 +228,9 @@ def test_what_cannot_be_drawn_is_refused(bodies, message):
         look(bodies)
 
 
-def test_a_camera_without_perspective_is_refused():
-    spec = mujoco.MjSpec.from_string(
-        WORLD.format(bodies="", position="0 0 0", axes="1 0 0 0 0 1", fovy=1)
-    )
-    spec.cameras[0].proj = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
-    with pytest.raises(ValueError, match="camera eye"):
-        Rasteriser(spec.compile(), 1, {"eye": ALL}, 8, 1)
-
-
-@pytest.mark.parametrize(
-    ("size", "message"), [(0, "at least 1"), (100_000, "pixels; choose fewer")]
-)
-def test_no_pixels_and_too_many_are_refused(scene, size, message):
-    with pytest.raises(ValueError, match=f"image_size: .*{message}"):
-        Rasteriser(scene[0], 1, {"front": ALL}, size, 1)
-
-
 @pytest.mark.parametrize(
     ("kind", "quality", "renderer"),
-    [
-        ("rasteriser", 1, Rasteriser),
-        ("rasteriser", 2, Tracer),
-        ("tracer", 1, Tracer),
-        ("tracer", 2, Tracer),
-    ],
+    [("rasteriser", 1, Rasteriser), ("rasteriser", 2, Tracer), ("tracer", 1, Tracer)],
 )
 def test_pictures_for_people_are_traced(kind, quality, renderer):
     words = ["num_envs=1", "image_size=8", "cams=[rgb_front]", "engine.threads=1"]

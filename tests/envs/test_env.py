@@ -1,8 +1,5 @@
 """The environment's two faces: TorchRL and dm_control."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -70,15 +67,6 @@ def test_staggered_first_episodes_end_one_after_the_other():
     assert ends == [[7, 15], [5, 13], [3, 11], [1, 9]]
 
 
-def test_a_staggered_episode_begins_with_its_own_frames():
-    words = ["cams=[seg_side]", "obs.frame_stack=2", "image_size=32"]
-    env = TorchRLEnv(replace(compose_settings(words), num_envs=3), stagger=True)
-    for seed in (0, 1):
-        env.set_seed(seed)
-        older, newer = env.reset()["pixels", "seg_side"].chunk(2, dim=1)
-        assert torch.equal(older, newer)
-
-
 def test_set_seed_starts_the_seed_over():
     env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
     env.set_seed(11)
@@ -88,18 +76,13 @@ def test_set_seed_starts_the_seed_over():
     assert torch.equal(env.reset()["signals"], first)
 
 
-def test_an_action_of_nan_is_refused_by_name():
-    env = needlehoop.make_env(num_envs=2)
+def test_signals_and_told_facts_come_in_their_order():
+    words = ["obs.told=[lifted,grasped]", "obs.signals=true"]
+    env = needlehoop.make_env(num_envs=2, overrides=words)
     state = env.reset()
-    state["action"] = torch.full((2, 5), float("nan"))
-    with pytest.raises(ValueError, match="action"):
-        env.step(state)
-
-
-def test_told_facts_come_in_the_order_asked_for():
-    env = needlehoop.make_env(num_envs=2, overrides=["obs.told=[lifted,grasped]"])
-    state = env.reset()
-    assert torch.equal(state["told"], torch.zeros(2, 2))
+    signals = env.simulation.look().signals
+    columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
+    assert torch.equal(state["signals"], torch.cat(columns, -1))
     expert = controller("smooth", env.settings)
     told = []
     for _ in range(18):
@@ -112,14 +95,6 @@ def test_told_facts_come_in_the_order_asked_for():
     # Held before it is lifted, so that the order can be seen.
     assert [0.0, 1.0] in told
     assert [1.0, 1.0] in told
-
-
-def test_signals_are_the_whole_state_by_name():
-    env = needlehoop.make_env(num_envs=2, overrides=["obs.signals=true"])
-    vector = env.reset()["signals"]
-    signals = env.simulation.look().signals
-    columns = [getattr(signals, name).float().reshape(2, -1) for name in TASK.state]
-    assert torch.equal(vector, torch.cat(columns, -1))
 
 
 def test_dm_control_ends_with_discount_one_at_a_time_out():
@@ -162,8 +137,10 @@ def test_stacked_frames_are_the_last_ones_and_a_new_episode_repeats_its_first():
         seen = [image] * 3 if step == 4 else [*seen, image]
 
 
-def test_a_restored_environment_goes_on_with_the_same_bits():
+@pytest.mark.parametrize("disturb", ["none", "severe"])
+def test_a_restored_environment_goes_on_with_the_same_bits(disturb):
     words = ["episode.max_steps=9", "obs.frame_stack=2", "obs.proprio=true", "obs.signals=true"]
+    words.append(f"disturb={disturb}")
     first, second = (
         needlehoop.make_env(cams=["dep_front"], num_envs=3, overrides=words) for _ in range(2)
     )
@@ -184,44 +161,12 @@ def test_shimmy_s_seed_is_ours():
     from shimmy import DmControlCompatibilityV0
 
     wrapped = DmControlCompatibilityV0(needlehoop.load(cams=["seg_side"], seed=1))
-    seen = [wrapped.reset(seed=5)[0]["seg_side"]]
-    seen += [wrapped.reset()[0]["seg_side"] for _ in range(2)]
-    again = [wrapped.reset(seed=seed)[0]["seg_side"] for seed in (5, None)]
     direct = needlehoop.load(cams=["seg_side"], seed=5)
-    for one, other in zip(seen, again, strict=False):
-        assert np.array_equal(one, other)
-        assert np.array_equal(one, direct.reset().observation["seg_side"])
-    assert not np.array_equal(seen[0], seen[1])
-
-
-def test_a_generator_that_is_no_seed_gives_one():
-    env = needlehoop.load(overrides=["obs.signals=true"])
-    seen = []
-    for _ in range(2):
-        generator = np.random.RandomState([1, 2, 3])
-        generator.rand()
-        env.task._random = generator
-        seen.append(env.reset().observation["signals"])
-    assert np.array_equal(*seen)
-    env.task._random = np.random.RandomState([1, 2, 4])
-    assert not np.array_equal(env.reset().observation["signals"], seen[0])
+    for seed in (5, None):
+        seen = wrapped.reset(seed=seed)[0]["seg_side"]
+        assert np.array_equal(seen, direct.reset().observation["seg_side"])
 
 
 def test_cameras_may_be_joined_as_in_tables():
     env = needlehoop.make_env("rgb_default+seg_side", num_envs=1)
     assert env.settings.cams == ("rgb_default", "seg_side")
-
-
-@pytest.mark.full
-def test_dm_controls_own_renderer_says_what_it_needs():
-    script = (
-        "import needlehoop; dm = needlehoop.load(cams=[]); dm.reset();"
-        "print(dm.physics.render(48, 64, camera_id=-1).shape)"
-    )
-    without = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"}
-    env = {key: value for key, value in os.environ.items() if key not in without}
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, env=env, check=False
-    )
-    assert "RuntimeError: physics.render: no OpenGL in this process" in done.stderr
-    assert "set MUJOCO_GL=egl" in done.stderr

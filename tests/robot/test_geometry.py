@@ -36,15 +36,11 @@ def close(one: Tensor, other, tolerance: float = 1e-9) -> None:
 
 
 @given(turns, vectors)
-def test_rotate_keeps_the_length(turn, vector):
-    turned = geo.rotate(unit(turn), tensor(vector))
-    close(turned.norm(), tensor(vector).norm())
-
-
-@given(turns, vectors)
-def test_rotate_turns_as_scipy_does(turn, vector):
-    quat = unit(turn)
-    close(geo.rotate(quat, tensor(vector)), as_scipy(quat).apply(vector))
+def test_rotate_turns_as_scipy_does_and_the_conjugate_undoes_it(turn, vector):
+    quat, v = unit(turn), tensor(vector)
+    turned = geo.rotate(quat, v)
+    close(turned, as_scipy(quat).apply(vector))
+    close(geo.rotate(geo.conjugate(quat), turned), v)
 
 
 @given(turns, turns, vectors)
@@ -54,13 +50,6 @@ def test_a_product_turns_by_the_second_and_then_by_the_first(one, other, vector)
         geo.rotate(geo.multiply(first, second), v),
         geo.rotate(first, geo.rotate(second, v)),
     )
-
-
-@given(turns)
-def test_the_conjugate_undoes_the_turn(turn):
-    quat = unit(turn)
-    close(geo.multiply(quat, geo.conjugate(quat)), tensor([1.0, 0.0, 0.0, 0.0]))
-    close(geo.multiply(geo.conjugate(quat), quat), tensor([1.0, 0.0, 0.0, 0.0]))
 
 
 @given(turns, vectors)
@@ -113,7 +102,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., Tensor], tuple[int, ...]]] = {
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 257])
+@pytest.mark.parametrize("count", [2, 7, 257])
 def test_a_row_is_the_same_bits_in_a_batch_of_any_size(name, count):
     function, widths = FUNCTIONS[name]
     generator = torch.Generator().manual_seed(count)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import scene as needle_scene
@@ -53,16 +53,16 @@ class Bench:
         self.simulation.state = begin(settings.definition, settings.episode, begun)
         self.simulation.engine.reset(torch.arange(len(cases)), begun)
 
-    def close(self) -> Moment:
+    def close(self) -> StepResult:
         """Down, and the jaws shut as far as they will go."""
         self.go(self.target, 0.0, 6)
         return self.go(self.target, -1.0, 8)
 
-    def rise(self) -> Moment:
+    def rise(self) -> StepResult:
         """By 30 mm, the jaws told to be shut."""
         return self.go(self.target + torch.tensor([0.0, 0.0, 0.03]), -1.0, 12)
 
-    def go(self, target: Tensor, jaw: float, steps: int) -> Moment:
+    def go(self, target: Tensor, jaw: float, steps: int) -> StepResult:
         """To places ``(n, 3)``, m, with the action ``jaw`` of the jaws."""
         simulation = self.simulation
         for _ in range(steps):
@@ -165,7 +165,7 @@ def test_what_is_held_by_friction_stays_where_it_is_for_a_minute(task):
     assert (in_tool(moment) - start).norm(dim=-1).max() < 0.0005
 
 
-def in_tool(moment: Moment) -> Tensor:
+def in_tool(moment: StepResult) -> Tensor:
     """The pickup point in the tool frame ``(n, 3)``, m."""
     s = moment.signals
     return geo.rotate(geo.conjugate(s.tool_quat), s.pickup_point - s.tool_midpoint)

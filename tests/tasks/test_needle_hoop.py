@@ -11,7 +11,6 @@ from hypothesis import given
 from needle_task import act, begin, observe, start
 from torch import Tensor
 
-from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
@@ -19,7 +18,6 @@ from needlehoop.tasks import stepping
 from needlehoop.tasks.contract import Memory
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.needle_hoop import TASK, facts
-from needlehoop.tasks.needle_hoop.expert import Smooth
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.start import NUMBERS, Start, draws
 from needlehoop.tasks.stepping import is_terminated, is_truncated
@@ -132,38 +130,21 @@ def state_of(
 # Through the hoop, or not.
 
 
-@pytest.mark.parametrize("lean", [0.0, 0.7, math.pi, -2.0])
-def test_through_the_middle_is_through(layout, episode, lean):
+@pytest.mark.parametrize(("lean", "heading"), [(0.0, 0.0), (0.7, 0.0), (-2.0, 0.0), (0.0, math.pi)])
+def test_through_the_middle_is_through_from_either_side(layout, episode, lean, heading):
     _, tip = layout.needle_angles
-    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, lean=lean))
+    needle = needle_at(layout, (0, 0, 0), tip - 0.3, heading, lean=lean)
+    assert passes(layout, episode, needle)
 
 
-def test_through_from_behind_counts_as_well(layout, episode):
-    _, tip = layout.needle_angles
-    assert passes(layout, episode, needle_at(layout, (0, 0, 0), tip - 0.3, heading=math.pi))
-
-
-DIRECTIONS = [(1, 0), (-1, 0), (0, 1), (0, -1), (0.6, 0.8), (-0.8, 0.6)]
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-def test_beside_the_hoop_is_not_through(layout, episode, direction):
-    aside = layout.hoop_opening + 2 * layout.hoop_tube + layout.needle_thickness
-    assert not passes(layout, episode, off_centre(layout, direction, aside))
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("into_the_rim", [5e-5, 1e-3, 3e-3])
-def test_a_centre_line_in_the_rim_is_not_through(layout, episode, direction, into_the_rim):
-    aside = layout.hoop_opening + into_the_rim
-    assert not passes(layout, episode, off_centre(layout, direction, aside))
-
-
-@pytest.mark.parametrize("direction", DIRECTIONS)
-def test_a_needle_that_touches_the_rim_from_inside_is_through(layout, episode, direction):
-    assert passes(layout, episode, off_centre(layout, direction, layout.hoop_opening - 5e-5))
-    grazing = layout.hoop_opening - layout.needle_thickness / 2
-    assert passes(layout, episode, off_centre(layout, direction, grazing))
+@pytest.mark.parametrize("direction", [(1, 0), (-1, 0), (0, 1), (0.6, -0.8)])
+def test_the_centre_line_has_to_pass_inside_the_rim(layout, episode, direction):
+    rim = layout.hoop_opening
+    beside = 2 * layout.hoop_tube + layout.needle_thickness
+    for into_the_rim in (5e-5, 1e-3, 3e-3, beside):
+        assert not passes(layout, episode, off_centre(layout, direction, rim + into_the_rim))
+    for inside in (5e-5, layout.needle_thickness / 2):
+        assert passes(layout, episode, off_centre(layout, direction, rim - inside))
 
 
 def off_centre(layout: NeedleLayout, direction, aside: float) -> tuple[Tensor, Tensor]:
@@ -258,29 +239,12 @@ def test_the_verdict_depends_only_on_needle_relative_to_hoop(layout, episode, ca
     assert bool(passed) == (case == "through")
 
 
-def test_the_centre_line_runs_from_tail_to_tip_through_the_pickup_point(layout):
-    position, quat = row(0.1, -0.2, 0.3), geo.from_rotation_vector(row(0.4, 0.5, -0.6))
-    curve = facts.centre_line(layout, position, quat)[0]
-    length = (curve[1:] - curve[:-1]).norm(dim=-1).sum()
-    assert float(length) == pytest.approx(layout.needle_radius * layout.needle_arc, rel=1e-3)
-    # Chords of an arc: from the pickup point to the tip, and to the tail.
-    chords = [2 * layout.needle_radius * math.sin(abs(a) / 2) for a in layout.needle_angles]
-    ends = (curve[[0, -1]] - position).norm(dim=-1)
-    assert ends.tolist() == pytest.approx(chords)
-    assert ends[0] < ends[1]
-
-
 # What observe makes of it.
 
 
 def observe_held(layout, episode, needle):
     state = state_of(layout, episode, grasped=True)
     return observe(layout, episode, state, seen(layout, needle))
-
-
-def test_a_held_needle_through_the_hoop_is_threaded(layout, episode):
-    _, signals, _ = observe_held(layout, episode, through(layout))
-    assert bool(signals.threaded)
 
 
 def test_a_needle_through_the_hoop_that_nobody_holds_is_not_threaded(layout, episode):
@@ -291,31 +255,18 @@ def test_a_needle_through_the_hoop_that_nobody_holds_is_not_threaded(layout, epi
     assert not bool(signals.threaded)
 
 
-def test_a_tip_at_the_goal_before_the_plane_is_touched_but_not_threaded(layout, episode):
-    _, tip = layout.needle_angles
-    needle = needle_at(layout, (0.0, -0.5 * episode.goal_radius, 0.0), tip)
-    state, signals, _ = observe_held(layout, episode, needle)
-    assert bool(signals.touched)
-    assert not bool(signals.threaded)
-    assert bool(state["has_touched"])
-
-
 @pytest.mark.parametrize(("share", "expected"), [(0.98, True), (1.02, False)])
-def test_touched_is_a_sphere_about_the_goal(layout, episode, share, expected):
+def test_touched_is_a_sphere_about_the_goal_and_is_remembered(layout, episode, share, expected):
     _, tip = layout.needle_angles
     reach = share * episode.goal_radius / math.sqrt(3)
     needle = needle_at(layout, (reach, -reach, reach), tip)
-    _, signals, _ = observe_held(layout, episode, needle)
-    assert bool(signals.touched) == expected
-
-
-def test_having_touched_is_remembered(layout, episode):
-    _, tip = layout.needle_angles
-    state, _, _ = observe_held(layout, episode, needle_at(layout, (0, 0, 0), tip))
+    state, signals, _ = observe_held(layout, episode, needle)
+    assert bool(signals.touched) == bool(state["has_touched"]) == expected
+    assert not bool(signals.threaded)
     away = seen(layout, needle_at(layout, (0, -0.05, 0), tip))
     state, signals, _ = observe(layout, episode, state, away)
     assert not bool(signals.touched)
-    assert bool(state["has_touched"])
+    assert bool(state["has_touched"]) == expected
 
 
 def grasp(layout: NeedleLayout, episode: NeedleRules, state: Memory, **scene) -> bool:
@@ -329,17 +280,11 @@ def grasp(layout: NeedleLayout, episode: NeedleRules, state: Memory, **scene) ->
     return bool(signals.grasped)
 
 
-def test_closing_on_the_needle_grasps_it(layout, episode):
+def test_a_grasp_needs_a_closing_command_and_both_jaws(layout, episode):
     assert grasp(layout, episode, state_of(layout, episode, jaw=0.99 * episode.close_below))
-
-
-def test_a_grasp_needs_a_closing_command(layout, episode):
     assert not grasp(layout, episode, state_of(layout, episode, jaw=1.01 * episode.close_below))
-
-
-@pytest.mark.parametrize("touch", [(True, False), (False, True), (False, False)])
-def test_a_grasp_needs_both_jaws(layout, episode, touch):
-    assert not grasp(layout, episode, state_of(layout, episode), touch=touch)
+    for touch in ((True, False), (False, True)):
+        assert not grasp(layout, episode, state_of(layout, episode), touch=touch)
 
 
 BEYOND = psm.JAW_LENGTH + 0.0019
@@ -349,11 +294,8 @@ BEYOND = psm.JAW_LENGTH + 0.0019
     ("gap", "at"),
     [
         pytest.param(0.0, (0.0, 0.0, 0.0), id="shut"),
-        pytest.param(-0.2, (0.0, 0.0, 0.0), id="squeezed shut"),
-        pytest.param(0.0, (0.0, 0.0, BEYOND - 0.0088), id="shut, resting on top"),
         pytest.param(0.4, (0.0, 0.0, BEYOND - 0.0088), id="ajar, resting on top"),
         pytest.param(0.4, (0.0, 0.0031, 0.0), id="outside one blade"),
-        pytest.param(0.4, (0.0, -0.0031, 0.0), id="outside the other blade"),
         pytest.param(0.4, (0.0, 0.0, -0.0098), id="behind the hinge"),
     ],
 )
@@ -369,10 +311,6 @@ def test_a_grasp_needs_jaws_that_cannot_close_further(layout, episode, kind):
     episode = replace(episode, grasp=kind)
     assert grasp(layout, episode, state, gap=0.3)
     assert not grasp(layout, episode, state, gap=0.2)
-
-
-def test_a_needle_off_the_middle_of_the_gap_is_grasped(layout, episode):
-    assert grasp(layout, episode, state_of(layout, episode), gap=0.5, at=(0.001, 0.001, -0.004))
 
 
 @pytest.mark.parametrize("kind", GRASPS)
@@ -414,23 +352,14 @@ def lift(layout: NeedleLayout, episode: NeedleRules, state: Memory, away: float,
     return bool(signals.lifted)
 
 
-def test_lifted_needs_a_grasp_at_the_lift_position(layout, episode):
+def test_lifted_needs_a_grasp_at_the_lift_position_and_stays_true(layout, episode):
     held, free = state_of(layout, episode, grasped=True), state_of(layout, episode, jaw=0.9)
     near, far = 0.98 * episode.lift_radius, 1.02 * episode.lift_radius
     assert lift(layout, episode, held, near)
     assert not lift(layout, episode, held, far)
     assert not lift(layout, episode, free, near)
-
-
-def test_lifted_stays_true(layout, episode):
     dropped = state_of(layout, episode, jaw=0.9, lifted=True)
     assert lift(layout, episode, dropped, 0.5, touch=(False, False))
-
-
-def test_elapsed_is_the_share_of_steps(layout, episode):
-    state = state_of(layout, episode, steps=episode.max_steps // 4)
-    _, signals, _ = observe(layout, episode, state, seen(layout, through(layout)))
-    assert float(signals.elapsed) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(
@@ -466,11 +395,6 @@ def test_what_success_is_can_be_chosen(layout, episode, success, at_goal):
         found = stepping.observe(TASK, layout, episode, state, seen(layout, needle))
         assert bool(found.facts["success"]) == wanted
         assert bool(is_terminated(episode, found.facts)) == wanted
-
-
-def test_another_success_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"episode\.success: 'win' .* choose from thread, touch"):
-        compose_settings(["episode.success=win"])
 
 
 # Actions.
@@ -527,66 +451,39 @@ def test_no_push_drives_the_target_out_of_the_workspace(layout, episode, control
     )
 
 
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_roll_and_jaw_stop_at_their_limits(layout, episode, sense):
-    state = begin(episode, nominal_start(layout))
-    _, command = push(layout, episode, state, row(0, 0, 0, sense, sense), 60)
-    assert float(command[0, 3]) == pytest.approx(layout.tool_roll + sense * layout.roll_range)
-    assert float(command[0, 6]) == (layout.jaw_open if sense > 0 else layout.jaw_closed)
-
-
 @pytest.mark.parametrize("control", CONTROLS)
-def test_commands_stay_within_the_joint_limits(layout, episode, control):
+def test_commands_stay_within_their_limits_and_values_beyond_one_act_as_one(
+    layout, episode, control
+):
     episode = replace(episode, control=control)
     pushes = corners(episode.action_size)
     state = begin(episode, nominal_start(layout, len(pushes)))
+    assert torch.equal(
+        act(layout, episode, state, 5 * pushes)[1], act(layout, episode, state, pushes)[1]
+    )
     lower, upper = psm.joint_limits()
     for _ in range(20):
         state, command = act(layout, episode, state, pushes)
         assert command.shape == (len(pushes), 7)
         assert bool(((command[:, :6] >= lower) & (command[:, :6] <= upper)).all())
-        assert bool(((command[:, 6] >= -0.698) & (command[:, 6] <= 1.396)).all())
+        assert bool((command[:, 6] >= layout.jaw_closed).all())
+        assert bool((command[:, 6] <= layout.jaw_open).all())
+        if control == "tip":
+            turned = (command[:, 3] - layout.tool_roll).abs()
+            assert float(turned.max()) <= layout.roll_range + 1e-9
 
 
-@pytest.mark.parametrize("control", CONTROLS)
-def test_values_beyond_one_act_as_one(layout, episode, control):
-    episode = replace(episode, control=control)
-    state = begin(episode, nominal_start(layout))
-    action = torch.linspace(-5.0, 5.0, episode.action_size, dtype=torch.float64)[None]
-    _, command = act(layout, episode, state, action)
-    _, clamped = act(layout, episode, state, action.clamp(-1, 1))
-    assert torch.equal(command, clamped)
-
-
-def test_act_leaves_the_state_it_was_given(layout, episode):
-    state = begin(episode, nominal_start(layout))
-    before = state.clone()
-    act(layout, episode, state, torch.ones(1, 5, dtype=torch.float64))
-    assert bool((state == before).all())
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 6), (5,), (1, 5), (3, 5), (2, 5, 1), (2, 7)])
-def test_an_action_of_the_wrong_shape_is_refused_by_name(layout, episode, shape):
-    state = begin(episode, nominal_start(layout, 2))
-    with pytest.raises(ValueError, match=r"action: shape .*expected \(2, 5\) for control=tip"):
-        act(layout, episode, state, torch.zeros(shape))
-
-
-@pytest.mark.parametrize("control", CONTROLS)
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_an_action_that_is_not_finite_is_refused_by_name_and_environment(
-    layout, episode, control, value
-):
-    episode = replace(episode, control=control)
+def test_an_action_of_another_shape_or_not_finite_is_refused_by_name(layout, episode):
     state = begin(episode, nominal_start(layout, 4))
-    action = torch.zeros(4, episode.action_size)
-    action[1, 0] = action[3, -1] = value
+    with pytest.raises(ValueError, match=r"action: shape .*expected \(4, 5\) for control=tip"):
+        act(layout, episode, state, torch.zeros(4, 6))
+    action = torch.zeros(4, 5)
+    action[1, 0], action[3, -1] = math.nan, -math.inf
     with pytest.raises(ValueError, match=r"action: not finite in environments \[1, 3\]"):
         act(layout, episode, state, action)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(("axis", "sense"), [(0, 1.0), (1, -1.0), (2, 1.0)])
 def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis, sense):
     episode = replace(episode, control="pose")
     state = begin(episode, nominal_start(layout))
@@ -604,52 +501,26 @@ def test_pose_control_turns_the_tool_about_the_worlds_axes(layout, episode, axis
     )
 
 
-@pytest.fixture(scope="module")
-def turning(layout, episode) -> list[tuple[Memory, float]]:
-    """Turning on and on about each axis: the state at times, and how far three turns back go."""
+def test_after_turning_without_end_the_way_back_begins_at_once(layout, episode):
+    """The target does not run ahead of the joints' limits."""
     episode = replace(episode, control="pose")
     action = torch.zeros(6, 7, dtype=torch.float64)
     action[:, 3:6] = torch.cat((torch.eye(3), -torch.eye(3)))
-    state = begin(episode, nominal_start(layout, 6))
-    passed = []
-    for _ in range(8):
-        state, _ = push(layout, episode, state, action, 25)
-        back, _ = push(layout, episode, state, -action, 3)
-        passed.append((state, float((back["joints"] - state["joints"]).abs().amax(-1).min())))
-    return passed
-
-
-def test_turning_without_end_stops_at_the_joint_limits(turning):
+    state, _ = push(layout, episode, begin(episode, nominal_start(layout, 6)), action, 200)
     lower, upper = psm.joint_limits()
-    for state, _ in turning:
-        assert bool(((state["joints"] >= lower) & (state["joints"] <= upper)).all())
-    last, _ = turning[-1]
-    assert bool(((last["joints"] == lower) | (last["joints"] == upper)).any(-1).any())
-
-
-def test_after_turning_without_end_the_way_back_begins_at_once(turning, episode):
-    """The target does not run ahead of the joints."""
-    assert min(back for _, back in turning) > episode.rotation
-
-
-def test_turning_without_end_leaves_the_tool_where_it_is(turning, layout):
-    for state, _ in turning:
-        away = tool_place(layout, state["joints"]) - torch.tensor(layout.tool_position)
-        assert float(away.norm(dim=-1).max()) < 0.005
+    assert bool(((state["joints"] == lower) | (state["joints"] == upper)).any(-1).any())
+    back, _ = push(layout, episode, state, -action, 3)
+    moved = (back["joints"] - state["joints"]).abs().amax(-1)
+    assert float(moved.min()) > episode.rotation
+    away = tool_place(layout, state["joints"]) - torch.tensor(layout.tool_position)
+    assert float(away.norm(dim=-1).max()) < 0.005
 
 
 # Where episodes start.
 
 
-def test_draws_are_reproducible_numbers_between_zero_and_one():
-    drawn = draws(3, 5, 7)
-    assert drawn.shape == (NUMBERS,)
-    assert ((drawn >= 0) & (drawn < 1)).all()
-    draws(3, 5, 8)
-    assert np.array_equal(drawn, draws(3, 5, 7))
-
-
-def test_every_seed_environment_and_episode_draws_its_own():
+def test_every_seed_environment_and_episode_draws_its_own_numbers():
+    assert np.array_equal(draws(3, 5, 7), draws(3, 5, 7))
     keys = [(s, v, e) for s in range(4) for v in range(4) for e in range(4)]
     assert len({tuple(draws(*key)) for key in keys}) == len(keys)
 
@@ -692,30 +563,6 @@ def test_the_arm_reaches_every_start(name):
     assert bool(((begun.robot["tool"] > lower) & (begun.robot["tool"] < upper)).all())
 
 
-def test_the_lift_position_is_above_the_needle_at_the_hoops_height(layout):
-    begun = random_starts(layout, 20)
-    expected = torch.cat((begun.free["needle"][:, :2], begun.mocap["hoop"][:, 2:]), -1)
-    assert torch.equal(begun.mocap["lift_position"], expected)
-
-
-def test_without_ranges_every_start_is_the_nominal_one(layout):
-    still = replace(
-        layout,
-        needle_position_range=(0.0, 0.0),
-        needle_yaw_range=0.0,
-        hoop_position_range=(0.0, 0.0, 0.0),
-        tool_position_range=(0.0, 0.0, 0.0),
-    )
-    begun = random_starts(still, 5)
-    assert begun.robot["tool"].tolist() == [list(layout.tool_position)] * 5
-    assert begun.mocap["hoop"].tolist() == [list(layout.hoop_position)] * 5
-    assert begun.free["needle"][:, :2].tolist() == [list(layout.needle_position)] * 5
-    assert begun.robot["jaw"].tolist() == [layout.tool_jaw] * 5
-    assert begun.robot["joints"][:, 3].tolist() == [layout.tool_roll] * 5
-    yaw = 2 * torch.atan2(begun.free["needle"][:, 6], begun.free["needle"][:, 3])
-    assert yaw.tolist() == pytest.approx([layout.needle_yaw] * 5)
-
-
 def test_an_episode_begins_with_nothing_achieved(layout, episode):
     begun = random_starts(layout, 3)
     state = begin(episode, begun)
@@ -734,17 +581,12 @@ def assert_same_bits(together, apart: list) -> None:
         assert torch.equal(value, torch.cat([one[name] for one in apart])), name
 
 
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_starts_do_not_depend_on_the_batch(layout, count):
+@pytest.mark.parametrize("count", [2, 7])
+def test_starting_and_acting_do_not_depend_on_the_batch(layout, episode, count):
     drawn = torch.from_numpy(np.stack([draws(0, env, 0) for env in range(count)]))
-    apart = [start(layout, drawn[i : i + 1]) for i in range(count)]
-    together = start(layout, drawn)
+    apart, together = [start(layout, one[None]) for one in drawn], start(layout, drawn)
     for part in ("robot", "free", "mocap"):
         assert_same_bits(getattr(together, part), [getattr(one, part) for one in apart])
-
-
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_acting_does_not_depend_on_the_batch(layout, episode, count):
     generator = torch.Generator().manual_seed(count)
     state = begin(episode, random_starts(layout, count))
     alone = [state[i : i + 1] for i in range(count)]
@@ -774,8 +616,8 @@ def mixed_readings(layout: NeedleLayout, count: int) -> list[dict[str, Tensor]]:
 
 
 @pytest.mark.parametrize("kind", GRASPS)
-@pytest.mark.parametrize("count", [2, 7, 16])
-def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
+def test_observing_does_not_depend_on_the_batch(layout, episode, kind):
+    count = 16
     episode = replace(episode, grasp=kind)
     readings = mixed_readings(layout, count)
     together = {name: torch.cat([one[name] for one in readings]) for name in readings[0]}
@@ -788,41 +630,7 @@ def test_observing_does_not_depend_on_the_batch(layout, episode, kind, count):
     assert_same_bits(signals.to_dict(), [one.to_dict() for _, one, _ in single])
     if weld is not None:
         assert_same_bits(weld._asdict(), [one._asdict() for _, _, one in single])
-    if count > 2:
-        assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
+    assert signals.grasped.unique().numel() == signals.threaded.unique().numel() == 2
 
 
 # What the smooth expert does about its jaws.
-
-
-@pytest.fixture(scope="module")
-def begun(settings):
-    """The smooth expert, and what it sees with the open tool at the pickup point."""
-    simulation = build(settings)
-    seen = simulation.reset().signals.clone()
-    seen.tool_midpoint = seen.pickup_point.clone()
-    return Smooth(settings.task, settings.episode), seen
-
-
-@pytest.mark.parametrize(
-    ("jaw", "height", "rises"),
-    [(1.3, 0.007, False), (0.5, 0.007, True), (0.8, 0.0, False), (0.1, 0.0, True)],
-    ids=["open above", "half shut above", "shutting", "shut on nothing"],
-)
-def test_the_smooth_expert_rises_where_jaws_would_rest_on_the_needle(begun, jaw, height, rises):
-    script, seen = begun[0], begun[1].clone()
-    seen.tool_midpoint = seen.pickup_point + row(0.0, 0.0, height)
-    seen.jaw = seen.jaw_command = torch.full_like(seen.jaw, jaw)
-    up = script(seen)[:, 2]
-    assert (up > 0.2).all() if rises else (up < -0.1).all()
-
-
-def test_a_grasp_changes_little_before_the_needle_is_off_the_table(begun):
-    script, without = begun[0], begun[1].clone()
-    without.jaw = torch.full_like(without.jaw, 0.37)
-    held = without.clone()
-    held.grasped = torch.ones_like(held.grasped)
-    assert (script(without) - script(held))[:, [0, 1, 2, 4]].abs().max() < 0.4
-    assert (script(held)[:, 2] < 0.5).all()
-    held.pickup_point = held.pickup_point + row(0.0, 0.0, 0.01)
-    assert (script(held)[:, 2] == 1.0).all()

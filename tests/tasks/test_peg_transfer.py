@@ -11,7 +11,7 @@ from torch import Tensor
 
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import Settings, compose_settings
-from needlehoop.envs.simulation import Moment
+from needlehoop.envs.simulation import StepResult
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.layout import GRASPS
 from needlehoop.tasks.peg_transfer.expert import Expert
@@ -42,7 +42,7 @@ class Stage:
         self.simulation = build(self.settings)
         self.simulation.reset()
 
-    def put(self, x: float, y: float, z: float, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> Moment:
+    def put(self, x, y, z, quat=UPRIGHT, tool=(-0.03, -0.05, 0.05)) -> StepResult:
         """The block's middle relative to the goal, m; the jaws are open."""
         goal = (*self.layout.pegs[MARKED], self.layout.block_height / 2)
         block = torch.cat((row(*goal) + row(x, y, z), row(*quat)), -1)
@@ -55,7 +55,7 @@ class Stage:
             self.simulation.state[name] = source[name].clone()
         return self.simulation.look()
 
-    def wait(self, steps: int, action: Tensor | None = None) -> Moment:
+    def wait(self, steps: int, action: Tensor | None = None) -> StepResult:
         still = torch.zeros(1, 5, dtype=torch.float64) if action is None else action
         for _ in range(steps):
             moment = self.simulation.step(still)
@@ -74,8 +74,9 @@ def tilted(angle: float) -> tuple[float, ...]:
 # What counts as done, and what does not.
 
 
-@pytest.mark.parametrize("yaw", [0.0, 1.0, math.pi])
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.002, 0.0), (0.0, -0.002)])
+@pytest.mark.parametrize(
+    ("yaw", "offset"), [(0.0, (0.0, 0.0)), (1.0, (0.002, 0.0)), (math.pi, (0.0, -0.002))]
+)
 def test_a_block_that_stands_over_the_marked_peg_is_placed(stage, yaw, offset):
     moment = stage.put(*offset, 0.0, (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
     assert moment.facts["success"].all()
@@ -100,23 +101,12 @@ def test_a_block_dropped_beside_the_marked_peg_is_not_placed(stage, direction):
     assert moment.potential < 2.0
 
 
-@pytest.mark.parametrize("peg", [0, 1, 2, 3, 5])
+@pytest.mark.parametrize("peg", [0, 5])
 def test_a_block_on_a_wrong_peg_is_not_placed(stage, peg):
     here, there = stage.layout.pegs[MARKED], stage.layout.pegs[peg]
     stage.put(there[0] - here[0], there[1] - here[1], 0.0)
     moment = stage.wait(5)
     assert not (moment.facts["success"] | moment.facts["over"] | moment.facts["arrived"]).any()
-
-
-def test_a_block_on_the_pegs_top_is_not_placed(stage):
-    top = stage.layout.marked_height
-    for x, angle in ((0.0074, 0.5), (0.004, 0.9), (-0.006, -0.6)):
-        stage.put(x, 0.0, top + 0.004, tilted(angle))
-        for _ in range(30):
-            moment = stage.wait(1)
-            upright = moment.signals.block_position[0, 2] - moment.signals.goal[0, 2]
-            # It may yet fall over the peg; what tilts or hangs is not placed.
-            assert not (moment.facts["success"].any() and abs(upright) > 0.001)
 
 
 def test_taking_the_jaws_away_pays_once_the_block_is_let_go_and_less_than_placing_it(stage):
@@ -134,7 +124,6 @@ def test_a_block_that_leans_on_the_peg_is_not_placed(stage, angle):
 
 
 def test_a_block_that_still_moves_is_not_placed(stage):
-    stage.put(0.0, 0.0, 0.0)
     engine = stage.simulation.engine
     for column, speed in ((0, 0.05), (2, -0.05), (5, 2.0)):
         stage.put(0.0, 0.0, 0.0)
@@ -145,14 +134,6 @@ def test_a_block_that_still_moves_is_not_placed(stage):
         moment = stage.simulation.look()
         assert moment.facts["over"].all()
         assert not moment.facts["success"].any()
-
-
-def test_a_block_thrown_over_the_peg_is_not_placed_in_flight(stage):
-    moment = stage.put(0.0, 0.0, 0.02)
-    assert moment.facts["lifted"].all()
-    assert moment.facts["over"].all()
-    assert not moment.facts["success"].any()
-    assert not moment.facts["arrived"].any()
 
 
 @pytest.mark.parametrize("grasp", GRASPS)
@@ -212,31 +193,6 @@ def test_the_block_begins_over_a_peg_that_is_not_the_marked_one(layout):
     marked = begun.mocap["marked"][:, :2] - begun.mocap["board"][:, :2]
     found = {tuple(round(v, 4) for v in one) for one in marked.tolist()}
     assert found == {settings.task.pegs[i] for i in settings.task.goals}
-
-
-def test_a_block_that_nobody_touches_stays_still():
-    simulation = build(peg_settings("num_envs=3", layout="wide"))
-    before = simulation.reset().signals.block_position.clone()
-    for _ in range(250):
-        simulation.engine.step(simulation.act(torch.zeros(3, 5)))
-    moved = (simulation.look().signals.block_position - before).abs()
-    assert moved.max() < 1e-7
-
-
-@pytest.mark.parametrize(
-    ("word", "message"),
-    [
-        ("task.starts=[]", "starts"),
-        ("task.starts=[6]", "starts"),
-        ("task.goals=[1,1]", "goals"),
-        ("task.goals=[0]", "goals"),
-        ("task.marked_radius=0.006", "marked_radius"),
-        ("task.pegs=[[0,0]]", "pegs"),
-    ],
-)
-def test_a_layout_that_makes_no_sense_is_refused(word, message):
-    with pytest.raises(ValueError, match=message):
-        peg_settings(word)
 
 
 # The physics.

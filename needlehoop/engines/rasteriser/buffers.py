@@ -64,20 +64,20 @@ class Eye:
 
 @wp.struct
 class ScratchBuffers:
-    """One image while it is drawn.
-
-    ``corners`` and ``points``: the vertices, homogeneous and in pixels. ``turns``: from each
-    solid to the camera. ``lamps``: directions to the lights, camera frame. ``nearness`` and
-    ``face``: 1/z in 1/m and index of the face seen, by pixel; past the faces stand the table
-    and nothing.
-    """
+    """One image while it is drawn."""
 
     corners: wp.array[wp.vec3]
+    """Vertices, homogeneous."""
     points: wp.array[wp.vec2]
+    """Vertices, pixels."""
     turns: wp.array[wp.mat33]
+    """From each solid to the camera."""
     lamps: wp.array[wp.vec3]
+    """Directions to the lights, camera frame."""
     nearness: wp.array[float]
+    """1/z of each pixel, 1/m."""
     face: wp.array[int]
+    """Index of the face that each pixel sees; after the last face come the table and nothing."""
 
 
 @wp.struct

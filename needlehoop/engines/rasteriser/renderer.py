@@ -19,21 +19,15 @@ from needlehoop.engines.rasteriser.buffers import PATTERN, FrameBuffers, Lens, P
 from needlehoop.engines.rasteriser.kernel import draw
 from needlehoop.engines.rasteriser.solids import pack
 
-_MOST = 2**31 - 1
-"""Pixels that the kernel can count."""
-
 
 class Rasteriser:
-    """Renders ``n`` environments, split over threads; any number of them gives the same bits.
+    """Renders ``n`` environments, split over threads; any number of threads gives the same bits.
 
     Curved geoms are polygons within 0.1 mm. Colours have no shadows and no highlights, as in
-    ``Tracer`` with ``quality=1``.
-
-    ``size``: width and height of the images, px.
+    ``Tracer`` with ``quality=1``. ``size``: width and height of the images, px.
 
     Raises:
-        ValueError: ``size`` below 1 or too large, or a scene that can't be drawn; see
-            ``solids.pack``.
+        ValueError: a scene that can't be drawn; see ``solids.pack``.
     """
 
     def __init__(
@@ -44,13 +38,6 @@ class Rasteriser:
         size: int,
         threads: int,
     ):
-        if size < 1:
-            raise ValueError(f"image_size: {size} must be at least 1")
-        if len(views) * num_envs * size**2 > _MOST:
-            raise ValueError(
-                f"image_size: {len(views)} views of {num_envs} environments at {size} px have more"
-                f" than {_MOST} pixels; choose fewer"
-            )
         start_warp()
         self._size, self._solids = size, pack(model)
         counts = [iter(range(len(views))) for _ in range(3)]
@@ -58,12 +45,7 @@ class Rasteriser:
             view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
             for view, channels in views.items()
         }
-        rows = []
-        for view, images in self._images.items():
-            camera = model.camera(view).id
-            if model.cam_sensorsize[camera].any() or model.cam_projection[camera] != 0:
-                raise ValueError(f"camera {view}: only a perspective given by fovy can be drawn")
-            rows.append((camera, *images))
+        rows = [(model.camera(view).id, *images) for view, images in self._images.items()]
         dtype: Any = Lens.numpy_dtype()
         self._lenses = wp.array(np.array(rows, dtype), dtype=Lens, device="cpu")
         pixels = size * size

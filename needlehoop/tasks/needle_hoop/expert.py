@@ -36,7 +36,6 @@ class Expert(Script):
 
     def _carry(self, s: Signals) -> Tensor:
         """Squeeze, lift, line the tip up before the opening, push it through."""
-        squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         depth, radial, aside = _place_of_tip(s)
         through = (aside < 0.25 * self.layout.hoop_opening) | (
             (depth > -_STANDOFF / 2) & (aside < 0.5 * self.layout.hoop_opening)
@@ -44,7 +43,7 @@ class Expert(Script):
         ahead = torch.where(through, self.past() - depth, -_STANDOFF - depth)
         insert = ahead * s.hoop_axis - radial
         move = torch.where(s.lifted.unsqueeze(-1), insert, s.lift_position - s.pickup_point)
-        return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
+        return self.squeezed(move, s)
 
     def _jaw(self, s: Signals) -> Tensor:
         """Close when the needle is between the jaws and while it is held; else open."""
@@ -66,8 +65,8 @@ _FUNNEL = Funnel(
 )
 
 _AIMED, _ASTRAY = 0.35, 0.85
-"""Distance of the tip aside of the hoop's axis, in radii of the opening, at which it is sent all
-the way through, and held before the hoop."""
+"""Distances of the tip from the hoop's axis, in radii of the opening, at which it is sent all the
+way through, and held before the hoop."""
 
 
 class Smooth(Expert):
@@ -96,7 +95,7 @@ class Smooth(Expert):
     def _jaw(self, s: Signals) -> Tensor:
         """Shut where the needle is between the jaws, and while it is held; else open.
 
-        However far they have come: their angle is hard to see.
+        It does not depend on the jaws' angle, which is hard to see.
         """
         near = _FUNNEL.near(s)
         return 1.0 - 2.0 * torch.where(s.grasped, torch.ones_like(near), near)

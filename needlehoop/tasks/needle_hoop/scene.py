@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from needlehoop.config.strict import OneOf, Range, Share
+from needlehoop.config.strict import OneOf, Range
 from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
@@ -26,13 +26,13 @@ class NeedleLayout(ArmLayout):
 
     needle_radius: Length
     """Radius of the needle's arc, to its centre line."""
-    needle_arc: Annotated[float, Range(1e-2, 2 * np.pi)]
+    needle_arc: Annotated[float, Range(1e-2, 6.0)]
     """Angle the arc spans."""
     needle_thickness: Length
     """Diameter of the needle's cross-section."""
     needle_mass: Annotated[float, Range(0.0, 10.0, above=True)]
     """kg."""
-    needle_pickup: Share
+    needle_pickup: Annotated[float, Range(0.01, 0.99)]
     """Where the pickup point lies: fraction of the arc, measured from the tip."""
     needle_position: tuple[Place, Place]
     """Nominal pickup point on the table, x and y."""
@@ -48,13 +48,6 @@ class NeedleLayout(ArmLayout):
     hoop_position: tuple[Place, Place, Place]
     """Nominal centre of the opening; the hoop's axis is the world's y."""
     hoop_position_range: tuple[Spread, Spread, Spread]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.needle_arc >= 2 * np.pi:
-            raise ValueError(f"task.needle_arc: {self.needle_arc} must be below a full turn")
-        if not 0 < self.needle_pickup < 1:
-            raise ValueError(f"task.needle_pickup: {self.needle_pickup} must lie in (0, 1)")
 
     @property
     def needle_angles(self) -> tuple[float, float]:

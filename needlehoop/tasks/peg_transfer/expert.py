@@ -40,15 +40,13 @@ class Expert(Script):
 
     def _carry(self, s: Signals) -> Tensor:
         """Squeeze, lift off the peg, carry above the marked peg, lower."""
-        squeezing = s.jaw_command > self.layout.jaw_closed + 0.02
         away = s.goal - s.block_position
         down = (geo.aside(away) < _LOWERED) | (s.over & ~s.lifted)
         # Upwards first: below the pegs' tops there is no way aside.
         clear = s.lifted | down
         climb = self.layout.marked_height + self.layout.carry_height - self.low(s)
         level = torch.cat((away[:, :2] * clear.unsqueeze(-1), climb.unsqueeze(-1)), -1)
-        move = torch.where(down.unsqueeze(-1), away, level)
-        return torch.where(squeezing.unsqueeze(-1), torch.zeros_like(move), move)
+        return self.squeezed(torch.where(down.unsqueeze(-1), away, level), s)
 
     def _up(self, s: Signals, height: Tensor) -> Tensor:
         """Straight up ``(n, 3)``, m, when the jaws have let go."""
@@ -97,7 +95,7 @@ class Smooth(Expert):
         leave = self._up(s, self.asking(1.0) * ramp(s.jaw, 0.4, 0.8))
         free = torch.lerp(_FUNNEL.approach(self, s), leave, home.unsqueeze(-1))
         move = torch.where(s.grasped.unsqueeze(-1), self._transfer(s, aside, low), free)
-        # That low it is about the peg, wherever it seems to be.
+        # So low, it must be about the peg, even if it seems to be beside it.
         lets_go = about * ramp(low, _HOLD, _OPEN)
         shut = torch.where(s.grasped, 1.0 - lets_go, _FUNNEL.near(s) * (1.0 - home))
         turn = blade_turn(s, s.block_quat) * (~s.grasped * (1.0 - home))

@@ -34,7 +34,7 @@ class Expert(Script):
         return self.action(away, none, none)
 
     def _height(self, aside: Tensor) -> Tensor:
-        """Height to go for, m above the target, so far aside of it ``(n,)``, m."""
+        """Height to go for above the target ``(n,)``, m, at a distance ``aside`` of it, m."""
         return torch.where(aside < _BESIDE, 0.0, _HOVER)
 
 

@@ -51,11 +51,6 @@ class ReachLayout(ArmLayout):
             count = len(getattr(self, key))
             if count != BUMPS:
                 raise ValueError(f"task.{key}: {count} values; there are {BUMPS} bumps")
-        if not self.bump_height_range < self.bump_height:
-            raise ValueError(
-                f"task.bump_height_range: {self.bump_height_range} must be below"
-                f" bump_height={self.bump_height}"
-            )
 
     @property
     def target_above_bump(self) -> float:
