@@ -76,7 +76,7 @@ HEAVY = (
     "needlehoop.bench.speed.measure_training",
     "needlehoop.runs.files.new_folder",
     "needlehoop.vlm.inquiry.Inquiry",
-    "needlehoop.vlm.card.card",
+    "needlehoop.vlm.gate_report.gate_report",
 )
 """What commands do once they have understood what is asked."""
 

@@ -30,7 +30,7 @@ from needlehoop.vlm.writing import ProgramRules, Trained, guess_prompt, reward_p
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)
 RULES = ProgramRules(0.0, 9.0, lambda _: Verdict(None, {}))
-CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
+CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1)
 
 
 class Obliging:

@@ -25,8 +25,8 @@ from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
 from needlehoop.training.options import check_options, inquiry
-from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
+from needlehoop.vlm.gate_report import gate_report
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
@@ -182,7 +182,7 @@ def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
     reward = rewards.load(settings.reward, settings.definition)
     if not isinstance(reward, written.Written):
         return []
-    found = card(reward.program, settings, strict.value(values, "gates", Gates))
+    found = gate_report(reward.program, settings, strict.value(values, "gates", Gates))
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 

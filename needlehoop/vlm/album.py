@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,12 @@ import numpy as np
 from PIL import Image, ImageOps
 from pydantic import TypeAdapter
 
-from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages, to_rgb
-from needlehoop.runs.reading import read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import description
-from needlehoop.vlm.messages import PICTURE, Part, Png
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
 
 SEEN = "seen"
@@ -77,19 +74,11 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
     return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
-@dataclass(frozen=True)
-class _Index:
-    """``pictures.json``: what the pictures show; their hashes by stage and camera."""
-
-    scene: Mapping[str, Any]
-    pictures: Mapping[str, Mapping[str, str]]
-
-
 def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record, ``size`` pixels wide and high; drawn and saved if it has none.
 
-    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, the
-    record shows another scene, or its index is damaged; else errors are as in ``stages``.
+    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, or
+    the record shows another scene; else errors are as in ``stages``.
     """
     if settings.disturb.amounts:
         raise ValueError(
@@ -111,21 +100,18 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         text = json.dumps({"scene": scene, "pictures": hashes}, indent=2)
         Run(record.folder).write("pictures.json", text + "\n")
         return Album(pictures, settings.image_size)
-    try:
-        kept: _Index = strict.structure(read_json(path), _Index)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}; put it back") from error
-    if kept.scene != scene:
+    kept = json.loads(path.read_text())
+    if kept["scene"] != scene:
         if other := record.other_edition():
             raise ValueError(f"{record.path}: {other}")
-        odd = [key for key in scene if kept.scene.get(key) != scene[key]]
+        odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
         raise ValueError(
             f"{path} shows another scene (its {', '.join(odd)} differs); give the settings it"
             " was made with, or choose another study="
         )
     pictures = {
         stage: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
-        for stage, shown in kept.pictures.items()
+        for stage, shown in kept["pictures"].items()
     }
     return Album(pictures, settings.image_size)
 
@@ -142,9 +128,8 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, SEEN)}
     for name in cameras:
         for stage in shown:
-            found[stage][name] = Png.of(
-                Image.fromarray(all_channels(taken[stage][name], kinds[name]))
-            )
+            picture = all_channels(taken[stage][name], kinds[name])
+            found[stage][name] = Png.of(Image.fromarray(picture))
         small = (own[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
         pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
         found[SEEN][name] = Png.of(Image.fromarray(pair))
@@ -162,35 +147,35 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
     return _side_by_side(to_rgb(image[:3], "none"), shown)
 
 
-def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
-    """Pictures ``(h, w, 3)`` with white gaps between them, a 48th of their height wide."""
+def _side_by_side(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Two pictures ``(h, w, 3)`` with a white gap between them, a 48th of their height wide."""
     gap = np.full((len(first), max(1, len(first) // 48), 3), 255, np.uint8)
-    return np.concatenate([first, *(part for other in others for part in (gap, other))], axis=1)
+    return np.concatenate([first, gap, second], axis=1)
 
 
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
     """The pictures by their files' names, and what the task is: ``about``, or else ``about.txt``.
 
     ``size``: of a picture's longer side, pixels, at most. ``ValueError``: no folder, fewer than two
-    pictures, two of one name, or one that is damaged.
+    pictures, or one that is damaged.
     """
     if not folder.is_dir():
         raise ValueError(f"pictures: {folder} is no folder")
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _KINDS)
-    if len(files) < 2 or len({file.stem for file in files}) < len(files):
+    if len({file.stem for file in files}) < max(2, len(files)):
         raise ValueError(
             f"pictures: {folder} must have two or more pictures ({', '.join(_KINDS)}) of different"
             f" names; it has: {', '.join(file.name for file in files) or 'none'}"
         )
-    pictures, file = {}, folder / "about.txt"
-    try:
-        if about is None and file.exists():
-            about = read_bytes(file).decode()
-        for file in files:
-            with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
+    pictures, text = {}, folder / "about.txt"
+    if about is None:
+        about = text.read_text() if text.exists() else ""
+    for file in files:
+        try:
+            with Image.open(file) as opened:
                 # A telephone notes which way is up, and where it was taken, which is left out.
                 upright = ImageOps.exif_transpose(opened).convert("RGB")
-            pictures[file.stem] = Png.of(upright, size)
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise ValueError(f"pictures: {file}: no picture or text ({error})") from error
-    return pictures, (about or "").strip()
+        except OSError as error:
+            raise ValueError(f"pictures: {file}: no picture ({error})") from error
+        pictures[file.stem] = Png.of(upright, size)
+    return pictures, about.strip()

@@ -22,7 +22,7 @@ class Verdict(NamedTuple):
     """Why an answer can't be used, as the model is told; ``None``: it can."""
 
     reason: str | None
-    card: Mapping[str, Any] = {}
+    report: Mapping[str, Any] = {}
     """Figures of what was judged, for the record."""
 
 
@@ -57,8 +57,7 @@ class Conversation:
             RefusalError: the model would not answer.
         """
         self._say("user", *parts)
-        schema = form.model_json_schema()
-        reason = None
+        schema, reason = form.model_json_schema(), None
         for _ in range(self._attempts):
             exchange = self._record.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
@@ -70,7 +69,7 @@ class Conversation:
                     answer = form.model_validate_json(exchange.answer)
                     verdict = judge(answer)
             except ValidationError as error:
-                wrong = "; ".join(mistakes(error, "answer", 5))
+                wrong = mistakes(error, "answer", 5)
                 verdict = Verdict(f"it is not of the form that was asked for: {wrong}")
             self.attempts.append((exchange, answer, verdict))
             reason = verdict.reason
@@ -94,13 +93,14 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
     question is never sent back, so it does not show that it was invalid.
     """
     asked = [e for e in exchanges if e.outcome != "failed"]
+    requests = [e.request["messages"] for e in asked]
     sent_back = [
-        messages[:-1]
-        for messages in (e.request["messages"] for e in asked)
-        if messages[-1]["parts"][0].get("text", "").startswith(_SENT_BACK)
+        before
+        for *before, last in requests
+        if last["parts"][0].get("text", "").startswith(_SENT_BACK)
     ]
 
-    def invalid(exchange: Exchange) -> bool:
+    def is_invalid(exchange: Exchange) -> bool:
         answer = {"role": "assistant", "parts": [{"text": exchange.answer}]}
         said = [*exchange.request["messages"], answer]
         return exchange.outcome != "answered" or said in sent_back
@@ -113,7 +113,7 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
             "tokens_in": sum(e.tokens_in or 0 for e in own),
             "tokens_out": sum(e.tokens_out or 0 for e in own),
             "prompts_without_token_count": sum(None in (e.tokens_in, e.tokens_out) for e in own),
-            "invalid_answers": sum(map(invalid, own)),
+            "invalid_answers": sum(map(is_invalid, own)),
         }
         for name, own in {**chosen, "all": asked}.items()
     }
@@ -121,11 +121,11 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
 
 def in_words(found: Mapping[str, int]) -> str:
     """Totals in a line."""
-    tokens = found["tokens_in"] + found["tokens_out"]
     unknown = found["prompts_without_token_count"]
     return (
-        f"{found['prompts']} prompts, {tokens} tokens ({found['tokens_in']} in,"
-        f" {found['tokens_out']} out{f'; {unknown} prompts not counted' if unknown else ''}),"
+        f"{found['prompts']} prompts, {found['tokens_in'] + found['tokens_out']} tokens"
+        f" ({found['tokens_in']} in, {found['tokens_out']} out"
+        f"{f'; {unknown} prompts not counted' if unknown else ''}),"
         f" {found['invalid_answers']} invalid answers"
     )
 
@@ -190,8 +190,11 @@ class ProgramAnswer(Form):
     program: Text
 
 
-def one_of(valid: Sequence[str]) -> Any:
-    """The type of a string that is one of ``valid``."""
+def _one_of(valid: Sequence[str]) -> Any:
+    """The type of a string that is one of ``valid``.
+
+    Not a ``Literal``: the message of its error, which goes back to the model, is another.
+    """
 
     def check(value: str) -> str:
         if value not in valid:
@@ -206,9 +209,9 @@ def choice(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
     return create_model(
         "Choice",
         __base__=Form,
-        view=(one_of(views), ...),
+        view=(_one_of(views), ...),
         view_reason=(Text, ...),
-        rendering=(one_of(renderings), ...),
+        rendering=(_one_of(renderings), ...),
         rendering_reason=(Text, ...),
     )
 
@@ -224,7 +227,9 @@ def ranking(names: Sequence[str]) -> type[Form]:
 
     ``sure`` has a number for each two neighbours in the order, 0.5 to 1.
     """
-    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(Text, ...))
+    place: Any = create_model(
+        "Place", __base__=Form, name=(_one_of(names), ...), reason=(Text, ...)
+    )
 
     def check(places: list[Any]) -> list[Any]:
         given = [entry.name for entry in places]

@@ -24,7 +24,7 @@ from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation, Subtasks, choice, choices, ranking
-from needlehoop.vlm.description import fill, questioned
+from needlehoop.vlm.description import bullets, fill, questioned
 from needlehoop.vlm.messages import Part, Png
 
 Ranked = dict[str, Any]
@@ -42,10 +42,8 @@ class Questions:
     layouts: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        if len(self.shown) < 2 or len(set(self.shown)) < len(self.shown):
-            raise ValueError(f"shown: {list(self.shown)} must be two or more different renderings")
-        if len(self.layouts) < 2:
-            raise ValueError("layouts: at least two are needed to rank them")
+        _check_different("shown", self.shown)
+        _check_different("layouts", [*self.layouts])
 
     def check(self, settings: Settings) -> None:
         """Raises ``ValueError`` for a rendering that the scene does not have."""
@@ -60,7 +58,6 @@ class Lists:
     samples: Samples
     afresh: bool
     sets: tuple[tuple[str, ...], ...] = ()
-    """In place of ``lists``; unlike these, of any length."""
     words: bool = True
     group: Annotated[int, Range(2, 20)] = 5
     rounds: Annotated[int, Range(1, 100)] = 4
@@ -70,8 +67,7 @@ class Lists:
             raise ValueError("lists: there is nothing to rank")
         for key, lists in (("lists", self.lists), ("sets", self.sets)):
             for sets in lists:
-                if len(sets) < 2 or len(set(sets)) < len(sets):
-                    raise ValueError(f"{key}: {list(sets)} must be two or more different sets")
+                _check_different(key, sets)
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """Raises ``ValueError`` for a camera that the questions do not show."""
@@ -95,6 +91,11 @@ class Lists:
                 yield number, sample, sets
 
 
+def _check_different(key: str, names: Sequence[str]) -> None:
+    if len(set(names)) < max(2, len(names)):
+        raise ValueError(f"{key}: {list(names)} must be two or more, all different")
+
+
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
 ) -> dict[str, Any]:
@@ -103,8 +104,7 @@ def question(
     Errors are as in ``Conversation.ask``.
     """
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
-    of = {rendering: [f"{rendering}_{view}" for view in views] for rendering in shown}
-    first, *others = of.values()
+    first, *others = ([f"{rendering}_{view}" for view in views] for rendering in shown)
     text = fill(
         "subtasks",
         scene=description.scene(settings),
@@ -113,14 +113,14 @@ def question(
         rendering=shown[0],
     )
     subtasks = conversation.ask([text, *album.show(first)], Subtasks)
-    rest = [camera for cameras in others for camera in cameras]
+    rest = [*chain(*others)]
     pictures = [*album.show(rest), *album.show_seen([*first, *rest])]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
         for fact in ("goal", *questioned(task))
     }
-    told = description.bullets(questions.layouts)
+    told = bullets(questions.layouts)
     layouts = _ranked(conversation, [*questions.layouts], "layouts", layouts=told)
     placements = {
         str(count): order(conversation, sets)
@@ -140,7 +140,7 @@ def question(
 def narrowed(settings: Settings, sets: Sequence[str]) -> Settings:
     """Settings with the cameras of a list, and with their views and renderings alone."""
     used = {camera for name in sets for camera in name.split("+")}
-    cameras = [f"{r}_{v}" for r in settings.renderings for v in settings.views]
+    cameras = (f"{r}_{v}" for r in settings.renderings for v in settings.views)
     cams = tuple(camera for camera in cameras if camera in used)
     kinds, views = ({camera.partition("_")[part] for camera in cams} for part in (0, 2))
     return replace(
@@ -155,7 +155,7 @@ def opening(
     settings: Settings,
     album: Album,
     sets: Sequence[str],
-    told: str,
+    prompt_detail: str,
     scene: str,
     words: bool = True,
 ) -> list[Part]:
@@ -165,10 +165,10 @@ def opening(
     whether cameras come with their places in words.
     """
     shown, said = narrowed(settings, sets), [scene]
-    if words and told != "nothing":
+    if words and prompt_detail != "nothing":
         said.append(description.cameras(settings, [*shown.renderings]))
-    said.append(description.stages(settings, told))
-    album = album.named(description.stage_names(settings, told))
+    said.append(description.stages(settings, prompt_detail))
+    album = album.named(description.stage_names(settings, prompt_detail))
     text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
@@ -210,13 +210,12 @@ def of_samples(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, Any
 
     By sample: ``rankings``, each the names as ``name`` and ``reason``, best first, and ``sure``.
     """
+    orders = [[entry["name"] for entry in answer["places"]] for answer in answers]
     return {
         "combinations": list(names),
         "rankings": [answer["places"] for answer in answers],
         "sure": [answer["sure"] for answer in answers],
-        "agreement": agreement(
-            [[entry["name"] for entry in answer["places"]] for answer in answers]
-        ),
+        "agreement": agreement(orders),
     }
 
 
@@ -263,8 +262,8 @@ def deal(names: Sequence[str], size: int, rounds: int) -> list[list[str]]:
 def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, float]:
     """Bradley-Terry strengths, of mean 1, by name; equal for names that nothing tells apart.
 
-    Each name also has one tie with an average one, so that winning always has no strength without
-    end.
+    Each name also has one tie with an average one. Without it a name that always wins would have
+    no finite strength.
     """
     place = {name: number for number, name in enumerate(names)}
     wins = np.zeros((len(names), len(names)))
@@ -289,8 +288,7 @@ def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
     """
     if len(orders) < 2:
         return None
-    names = list(orders[0])
-    places = [[order.index(name) for name in names] for order in orders]
+    places = [[order.index(name) for name in orders[0]] for order in orders]
     taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
     top = Counter(order[0] for order in orders).most_common(1)[0][1]
     return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}

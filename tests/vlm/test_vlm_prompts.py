@@ -14,7 +14,6 @@ import torch
 from vlm_asked import Obliging, everything_said, text_of
 
 from needlehoop.config import composing, strict
-from needlehoop.config.strict import structure
 from needlehoop.envs.build import build, compile_scene
 from needlehoop.envs.images import _palette
 from needlehoop.envs.settings import Settings, compose_settings
@@ -30,7 +29,6 @@ from needlehoop.vlm import description
 from needlehoop.vlm.album import all_channels
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, NoAnswerError
-from needlehoop.vlm.description import fill
 from needlehoop.vlm.messages import Png, Request
 from needlehoop.vlm.moments import ranges
 from needlehoop.vlm.questions import Lists, Questions
@@ -44,8 +42,6 @@ TABLE = TASK.signals
 def asked(settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> list[Request]:
     return everything_said(settings, tmp_path_factory.mktemp("record"))
 
-
-LISTED = {"lists": [["a", "b"]], "afresh": False}
 
 BAD = (
     "import os",
@@ -164,20 +160,10 @@ def test_the_text_says_what_the_scene_and_the_signals_are(asked, settings):
     [
         ("task", {"needle_radius": 0.021}, "21 mm"),
         ("task", {"tool_position": (0.012, -0.034, 0.0519)}, "about 50 mm from where"),
-        ("task", {"needle_pickup": 0.25}, "25 % of its length"),
-        ("task", {"jaw_open": 1.1}, "between 0 and 1.1 rad"),
-        ("task", {"tool_jaw": 0.9}, "starts at 0.9 rad"),
         ("task", {"needle_yaw": 0.733 + np.pi}, "the one that is farther from the hoop"),
-        ("task", {"needle_position": (0.0, 0.08)}, "the needle starts behind the hoop"),
         ("task", {"timestep": 0.001}, "100 steps of 20 ms"),
-        ("episode", {"max_steps": 77}, "77 steps of 40 ms"),
         ("episode", {"max_steps": 77}, "1/77"),
-        ("episode", {"translation": 0.0045}, "up to 4.5 mm"),
-        ("episode", {"rotation": 0.17}, "up to 0.17 rad"),
-        ("episode", {"jaw": 0.29}, "up to 0.29 rad"),
         ("episode", {"control": "pose"}, "about each of them"),
-        ("episode", {"close_below": 0.21}, "below 0.21 rad"),
-        ("episode", {"release_above": 0.61}, "above 0.61 rad"),
         ("episode", {"grasp": "friction"}, "may flicker"),
         ("episode", {"lift_radius": 0.0123}, "within 12.3 mm of lift_position"),
     ],
@@ -190,10 +176,6 @@ def test_numbers_come_from_the_settings(settings, where, change, said):
 
     assert said in told(changed)
     assert said not in told(settings)
-
-
-def test_the_agents_image_size_is_told(settings):
-    assert "84 pixels wide" in description.cameras(replace(settings, image_size=84), ["rgb", "seg"])
 
 
 def test_what_the_text_says_of_frames_is_so_in_the_scene(settings):
@@ -240,13 +222,6 @@ def rendered(rendering, **views) -> str:
     return description.rendering(rendering, TASK.telling, views or VIEWS)
 
 
-def test_renderings_are_described_and_not_praised(settings):
-    said = " ".join(rendered(one) for one in settings.renderings.values())
-    for praise in ("strong", "important", "clear", "best", "as well"):
-        assert praise not in said
-    assert "the agent is given both" in rendered(settings.renderings["dep"])
-
-
 def leaks(text: str, settings: Settings) -> list[str]:
     """What a text says of the human reward and of the success test."""
     said = text.lower()
@@ -289,14 +264,8 @@ def test_all_prompts_are_among_those_searched(asked, corrected):
     "leak",
     [
         "it is done once threaded",
-        "touching the goal",
         "when the tip is within 5 mm",
-        "with the tip 2 mm past the plane",
-        "and 0.002 further",
-        "success is decided so",
-        "the goal's radius",
         "distance < 0.005",
-        "exp(-40.0 * d)",
         "a term closed_below",
         "reward 3.0 for the lift",
         *(f"    {line}" for line in inspect.getsource(Human.__call__).splitlines()[3:5]),
@@ -326,12 +295,6 @@ def test_nothing_said_depends_on_rewards_or_on_what_success_is(asked, settings, 
     assert [request.sha256 for request in other] == [request.sha256 for request in asked]
 
 
-def test_a_gap_of_a_prompt_must_have_a_value():
-    assert "because" in fill("again", reason="because")
-    with pytest.raises(ValueError, match="prompt again: reason missing"):
-        fill("again")
-
-
 def test_lists_and_questions_that_make_no_sense(settings):
     for make, said in [
         (lambda: Questions(("rgb",), {"a": "", "b": ""}), "shown"),
@@ -339,9 +302,7 @@ def test_lists_and_questions_that_make_no_sense(settings):
         (lambda: Questions(("rgb", "xray"), {"a": "", "b": ""}).check(settings), "'xray'"),
         (lambda: Lists((), 1, False), "nothing to rank"),
         (lambda: Lists((("a",),), 1, False), "two or more"),
-        (lambda: structure({**LISTED, "samples": 0}, Lists), "samples: 0"),
         (lambda: Lists((("rgb_top", "b"),), 1, False).check(settings, ["rgb"]), "lists: rgb_top"),
-        (lambda: Lists((("seg_side", "b"),), 1, False).check(settings, ["rgb"]), "choose from rgb"),
     ]:
         with pytest.raises(ValueError, match=re.escape(said)):
             make()
