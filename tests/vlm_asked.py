@@ -37,7 +37,8 @@ class Obliging:
     """Answers as told, then anything in the right form; ranks in the order of the list."""
 
     def __init__(self, answers: Iterable[str] = ()):
-        self.answers, self.who = list(answers), CONFIG.who
+        self.answers = list(answers)
+        self.who = {"provider": "gemini", "model": "m", "sampling": {}}
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ SEEN = "seen"
 _KINDS = (".png", ".jpg", ".jpeg")
 
 
+@dataclass(frozen=True)
 class Album:
     """All cameras' pictures of the stages of one episode.
 
@@ -35,37 +36,34 @@ class Album:
     Args:
         pictures: by stage (see ``description.stages_of``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
-        names: of the stages, in their order; none: their own.
+        names: the stages as they are named to the model, in order; none: by their own names.
     """
 
-    def __init__(
-        self,
-        pictures: Mapping[str, Mapping[str, Png]],
-        pixels: int,
-        names: Sequence[str] = (),
-    ):
-        self._pictures, self._pixels = pictures, pixels
-        own = [stage for stage in pictures if stage != SEEN]
-        self._names = dict(zip(own, names or own, strict=True))
+    pictures: Mapping[str, Mapping[str, Png]]
+    pixels: int
+    names: Sequence[str] = ()
 
-    def named(self, names: Sequence[str]) -> Album:
-        """The same pictures, with other names of their stages."""
-        return Album(self._pictures, self._pixels, names)
+    def _stages(self) -> dict[str, str]:
+        """Names by stage."""
+        own = [stage for stage in self.pictures if stage != SEEN]
+        return dict(zip(own, self.names or own, strict=True))
 
     def show(self, cameras: Sequence[str], *stages: str) -> list[Part]:
         """Pictures, stage by stage (all, or ``stages``), each after a line that names it."""
+        names = self._stages()
         return [
             part
-            for stage in stages or self._names
+            for stage in stages or names
             for camera in cameras
-            for part in (f"{camera}, {self._names[stage]}:", self._pictures[stage][camera])
+            for part in (f"{camera}, {names[stage]}:", self.pictures[stage][camera])
         ]
 
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
-        n, names = self._pixels, ", ".join(self._names[stage] for stage in _seen([*self._names]))
-        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {names}:"
-        shown = self._pictures[SEEN]
+        n, names = self.pixels, self._stages()
+        two = ", ".join(names[stage] for stage in _seen([*names]))
+        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {two}:"
+        shown = self.pictures[SEEN]
         return [part for camera in cameras for part in (f"{camera} {said}", shown[camera])]
 
 
@@ -102,8 +100,6 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         return Album(pictures, settings.image_size)
     kept = json.loads(path.read_text())
     if kept["scene"] != scene:
-        if other := record.other_edition():
-            raise ValueError(f"{record.path}: {other}")
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
         raise ValueError(
             f"{path} shows another scene (its {', '.join(odd)} differs); give the settings it"
@@ -156,8 +152,7 @@ def _side_by_side(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
     """The pictures by their files' names, and what the task is: ``about``, or else ``about.txt``.
 
-    ``size``: of a picture's longer side, pixels, at most. ``ValueError``: no folder, fewer than two
-    pictures, or one that is damaged.
+    ``size``: pixels of a picture's longer side, at most. ``ValueError``: fewer than two pictures.
     """
     if not folder.is_dir():
         raise ValueError(f"pictures: {folder} is no folder")
@@ -171,11 +166,8 @@ def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, P
     if about is None:
         about = text.read_text() if text.exists() else ""
     for file in files:
-        try:
-            with Image.open(file) as opened:
-                # A telephone notes which way is up, and where it was taken, which is left out.
-                upright = ImageOps.exif_transpose(opened).convert("RGB")
-        except OSError as error:
-            raise ValueError(f"pictures: {file}: no picture ({error})") from error
+        with Image.open(file) as opened:
+            # A telephone notes which way is up, and where it was taken, which is left out.
+            upright = ImageOps.exif_transpose(opened).convert("RGB")
         pictures[file.stem] = Png.of(upright, size)
     return pictures, about.strip()

@@ -130,11 +130,6 @@ class LiveConfig:
             )
 
     @property
-    def who(self) -> dict[str, Any]:
-        """Who is asked and how, for the record."""
-        return {"provider": self.kind, "model": self.model, "sampling": self.sent}
-
-    @property
     def sent(self) -> dict[str, Any]:
         """The sampling settings that are sent."""
         return {name: value for name, value in self.sampling.items() if value is not None}
@@ -168,11 +163,7 @@ VlmConfig = ReplayConfig | LiveConfig | ManualConfig
 
 def config_of(kind: str) -> type[VlmConfig]:
     """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
-    kinds: dict[str, type[VlmConfig]] = {
-        "replay": ReplayConfig,
-        "gemini": LiveConfig,
-        "openai": LiveConfig,
-        "manual": ManualConfig,
-    }
+    live = LiveConfig
+    kinds = {"replay": ReplayConfig, "gemini": live, "openai": live, "manual": ManualConfig}
     check_names("vlm.kind", (kind,), tuple(kinds))
     return kinds[kind]

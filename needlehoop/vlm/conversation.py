@@ -33,13 +33,11 @@ class NoAnswerError(RuntimeError):
 class Conversation:
     """All that a model was asked and answered. Every request carries all of it.
 
-    ``attempts``: answers to one question, at most.
+    ``attempts``: answers to one question, at most; ``name``: of the next requests, for the record.
     """
 
     def __init__(self, record: Record, name: str, attempts: int):
-        self._record, self._attempts = record, attempts
-        self.name = name
-        """Of the next requests, for the record. It changes when another command goes on here."""
+        self._record, self._attempts, self.name = record, attempts, name
         self._messages: tuple[Message, ...] = ()
         self.attempts: list[tuple[Exchange, BaseModel | None, Verdict]] = []
         """All answers so far, each in its form or ``None`` for a wrong one, and what was found."""
@@ -52,9 +50,7 @@ class Conversation:
     ) -> F:
         """Ask a question until its answer has the form, and the judge has nothing against it.
 
-        Raises:
-            NoAnswerError: the attempts are used up.
-            RefusalError: the model would not answer.
+        ``NoAnswerError``: the attempts are used up. ``RefusalError``: the model would not answer.
         """
         self._say("user", *parts)
         schema, reason = form.model_json_schema(), None
@@ -88,9 +84,8 @@ class Conversation:
 def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
     """Prompts and tokens by conversation, then of all of them as ``all``.
 
-    A request without a reply is not a prompt. Tokens that were not reported count nothing. An
-    answer is invalid if it was cut off, refused, empty or sent back. The last attempt at a
-    question is never sent back, so it does not show that it was invalid.
+    A request without a reply is not a prompt. An answer is invalid if it was cut off, refused,
+    empty or sent back. The last attempt at a question is never sent back, so it counts as valid.
     """
     asked = [e for e in exchanges if e.outcome != "failed"]
     requests = [e.request["messages"] for e in asked]
@@ -121,12 +116,11 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
 
 def in_words(found: Mapping[str, int]) -> str:
     """Totals in a line."""
-    unknown = found["prompts_without_token_count"]
+    prompts, into, out, unknown, invalid = found.values()
+    unknown = f"; {unknown} prompts not counted" if unknown else ""
     return (
-        f"{found['prompts']} prompts, {found['tokens_in'] + found['tokens_out']} tokens"
-        f" ({found['tokens_in']} in, {found['tokens_out']} out"
-        f"{f'; {unknown} prompts not counted' if unknown else ''}),"
-        f" {found['invalid_answers']} invalid answers"
+        f"{prompts} prompts, {into + out} tokens ({into} in, {out} out{unknown}),"
+        f" {invalid} invalid answers"
     )
 
 
@@ -147,11 +141,7 @@ Text = Annotated[str, AfterValidator(_not_empty)]
 
 
 def _without_notes(schema: dict[str, Any]) -> None:
-    """Takes what comes from names and docstrings out of a JSON schema.
-
-    With them a reworded docstring would change the hash of a request, and its recorded answer
-    would not be found.
-    """
+    """Removes titles and docstrings from a JSON schema: they would change a request's hash."""
     for part in (schema, *schema.get("properties", {}).values()):
         part.pop("title", None)
     schema.pop("description", None)

@@ -1,9 +1,7 @@
 """The scene, its cameras, its signals and the language of rewards, in words for a model.
 
-The texts of ``prompts/`` are general. A task's own words and texts are put into them.
-
-Numbers come from the settings. A model is told nothing of the human reward, and none of the
-limits by which the task decides on success.
+The texts of ``prompts/`` are general. A task's own words and texts are put into them, and numbers
+from the settings. A model is told nothing of the human reward, and no limit that decides success.
 """
 
 from __future__ import annotations
@@ -38,12 +36,9 @@ def telling_of(task: Task) -> Telling:
 
 
 def fill(name: str, task: Task | None = None, /, **values: object) -> str:
-    """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled.
-
-    A task's words and texts are put in, then the values. ``KeyError`` if one is missing.
-    """
-    texts_ = _read(_GENERAL) if task is None else texts(task)
-    return Template(texts_[name]).substitute(values).strip()
+    """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled."""
+    found = _read(_GENERAL) if task is None else texts(task)
+    return Template(found[name]).substitute(values).strip()
 
 
 def texts(task: Task) -> dict[str, str]:
@@ -93,8 +88,7 @@ def edition_of(task: Task) -> str:
 def scene(settings: Settings, prompt_detail: str = "full") -> str:
     """What stands where, what the task is, and what an agent can do.
 
-    ``prompt_detail``: ``full``; ``names``: the signals' names and ranges in its place; or
-    ``nothing``.
+    ``prompt_detail``: with ``names`` the signals' names and ranges stand in its place.
     """
     if prompt_detail == "full":
         return fill(
@@ -185,10 +179,8 @@ def view(view: View, task: Task) -> str:
 
 
 def _stand(view: View, front: str) -> tuple[str, float]:
-    """Where a camera stands in the room, and its distance, m, from what it looks at.
-
-    ``front``: what it is in front of at azimuth 0.
-    """
+    """Where a camera stands in the room, in relation to what it has in front at azimuth 0, and its
+    distance, m, from what it looks at."""
     if view.orbit is not None:
         _, turn, elevation, distance = view.orbit
     else:

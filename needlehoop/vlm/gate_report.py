@@ -24,13 +24,12 @@ from needlehoop.vlm.moments import CHEAT, Trajectories, collect, random_signals
 class GateReport:
     """A program's figures, and why it was refused or flagged.
 
-    ``lowest`` and ``highest`` are its values over the recorded moments, before clipping.
-    ``random_lowest`` and ``random_highest`` are its finite values over the random signals.
-    ``expert``, ``random`` and ``cheat`` are mean final values of the scripted controllers, clipped
-    if the gates say so; ``cheat`` is ``None`` where the task has no such controller. ``paid`` is
-    the share of a random policy's steps that change the value. An agent can hardly learn from a
-    reward that random steps never change. ``stopped`` is by how much a teacher that stopped short
-    ends below finishing, by the way of stopping.
+    ``lowest`` and ``highest`` are its values over the recorded moments, before clipping;
+    ``random_lowest`` and ``random_highest`` those over the random signals. ``expert``, ``random``
+    and ``cheat`` (``None`` where the task has none) are mean final values of the scripted
+    controllers, clipped if the gates say so. ``paid`` is the share of a random policy's steps that
+    change the value. ``stopped`` says by how much a teacher that stopped short, in each way, ends
+    below finishing.
     """
 
     terms: tuple[str, ...]

@@ -28,20 +28,14 @@ from needlehoop.vlm.writing import ProgramRules, Trained
 class Inquiry(AbstractContextManager):
     """Asks a model for one thing and writes down its answers.
 
-    All that asks raises ``NoAnswerError`` if no answer can be used within the attempts, and
-    ``RefusalError`` if the model would not answer.
-
-    Raises:
-        ValueError: a task that is told to no model, no key, no recording, or a recording of
-            another model.
+    Whatever asks raises the errors of ``Conversation.ask``. ``ValueError`` here: a task without
+    words for a model, no key, no recording, or a recording of another model.
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: VlmConfig):
         prompts = description.edition_of(settings.definition)
         self._settings, self._config, self._detail = settings, config, vlm.told
-        self.folder = config.folder
-        """Where results are written."""
-        self._files = Run(self.folder)
+        self.folder, self._files = config.folder, Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if isinstance(vlm, ReplayConfig):
             self.record = Record(vlm.folder(self.folder), prompts=prompts)
@@ -131,8 +125,7 @@ class Inquiry(AbstractContextManager):
     ) -> dict[str, Any]:
         """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
 
-        ``about`` says what the task is, and may be empty. Of ``lists``, ``group`` and ``rounds``
-        are used.
+        ``about``: what the task is; may be empty. ``lists``: for its ``group`` and ``rounds``.
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
         names, how = tuple(pictures), (lists.group, lists.rounds)
@@ -164,16 +157,13 @@ class Inquiry(AbstractContextManager):
     ) -> list[Path]:
         """Ask for reward programs for the settings' cameras; the files of the accepted ones.
 
-        A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
-        recorded answers to it, as in the paper. Attempts that failed are in files too.
+        A ``text`` prompt does not depend on the cameras, so all camera sets of a study get the
+        same recorded answers to it, as in the paper. Attempts that failed are in files too.
 
         Args:
             samples: how many programs, each from a conversation of its own.
             trained: a run whose program is to be made better. The answer becomes the next free
                 sample, with a note of what it descends from beside it.
-
-        Raises:
-            ValueError: no cameras, too little told, or the programs exist already.
         """
         detail, settings, cameras = self._detail, self._settings, "+".join(self._settings.cams)
         if not cameras:

@@ -79,10 +79,8 @@ class Lists:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
     def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
-        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group.
-
-        Both count from 1. Then the camera sets that are to be ranked.
-        """
+        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group,
+        both from 1, and the camera sets to rank."""
         for number, sets in enumerate(self.sets, 1):
             for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
                 yield number, part, dealt
@@ -99,10 +97,7 @@ def _check_different(key: str, names: Sequence[str]) -> None:
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
 ) -> dict[str, Any]:
-    """Put all questions, in one new conversation; answers by question, as plain values.
-
-    Errors are as in ``Conversation.ask``.
-    """
+    """Put all questions, in one new conversation; answers by question, as plain values."""
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
     first, *others = ([f"{rendering}_{view}" for view in views] for rendering in shown)
     text = fill(
@@ -161,14 +156,13 @@ def opening(
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    ``scene`` is as ``description.scene`` tells it, which takes a while with ``names``. ``words``:
-    whether cameras come with their places in words.
+    ``scene``: of ``description.scene``. ``words``: whether to say where cameras stand.
     """
     shown, said = narrowed(settings, sets), [scene]
     if words and prompt_detail != "nothing":
         said.append(description.cameras(settings, [*shown.renderings]))
     said.append(description.stages(settings, prompt_detail))
-    album = album.named(description.stage_names(settings, prompt_detail))
+    album = replace(album, names=description.stage_names(settings, prompt_detail))
     text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
@@ -177,7 +171,7 @@ def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part
     """Rank sets, after ``before`` or after all that was answered."""
     basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
     said = f"Use what you {basis}."
-    return _ranked(conversation, sets, "rank", before, combinations=_listed(sets), basis=said)
+    return _ranked(conversation, sets, "rank", before, basis=said)
 
 
 def order_pictures(
@@ -186,11 +180,7 @@ def order_pictures(
     """Rank cameras by a picture of each, by name; ``about``: what the task is; may be empty."""
     shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
     told = about or "You are not told what the task is."
-    return _ranked(conversation, names, "rank_pictures", shown, told=told, cameras=_listed(names))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return "\n".join(f"- {name}" for name in names)
+    return _ranked(conversation, names, "rank_pictures", shown, told=told)
 
 
 def _ranked(
@@ -201,7 +191,8 @@ def _ranked(
     **values: str,
 ) -> Ranked:
     """A ranking of names, asked for with a prompt; errors as in ``Conversation.ask``."""
-    text = fill(prompt, sure=fill("sure", pairs=len(names) - 1), **values)
+    sure, listed = fill("sure", pairs=len(names) - 1), "\n".join(f"- {name}" for name in names)
+    text = fill(prompt, sure=sure, combinations=listed, cameras=listed, **values)
     return conversation.ask([*before, text], ranking(names)).model_dump()
 
 
@@ -224,10 +215,9 @@ def of_groups(
 ) -> dict[str, Any]:
     """One ranking of a list of any length, from those of the groups of ``deal``.
 
-    Each answer says for every two of its names which is better, or neither (a tie) where the model
-    is sure of nothing between them (0.5). Bradley-Terry strengths are fitted to all of these.
-    Beside what ``of_samples`` has are the ``scheme``, the ``strengths`` by name, and the
-    ``questions`` as asked and answered.
+    Each answer says for every two of its names which is better; 0.5 is a tie. Bradley-Terry
+    strengths are fitted to all of these. Beside what ``of_samples`` has are the ``scheme``, the
+    ``strengths`` by name, and the ``questions`` as asked and answered.
     """
     found = strengths(names, answers)
     order = sorted(names, key=lambda name: (-found[name], names.index(name)))

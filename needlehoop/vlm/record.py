@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from needlehoop.runs.files import write_whole
 from needlehoop.runs.machine import commit
@@ -24,14 +24,13 @@ EDITION = "prompts.json"
 """The note beside a transcript that says which prompts were asked there."""
 
 
-@dataclass(frozen=True)
-class Exchange:
+class Exchange(BaseModel):
     """One request and its reply; ``outcome`` to ``attempts`` are as in ``Reply``.
 
     ``seconds`` is the time of all tries, ``time`` the start of the first (UTC).
     """
 
-    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     sha256: str
     """The hash of the canonical request."""
@@ -60,8 +59,12 @@ class Exchange:
 
     @property
     def who(self) -> dict[str, Any]:
-        """Who was asked and how, as in ``LiveConfig.who``."""
+        """Who was asked and how, as ``Provider.who``."""
         return {"provider": self.provider, "model": self.model, "sampling": self.sampling}
+
+    def line(self) -> str:
+        """Its line of a transcript."""
+        return json.dumps(self.model_dump(mode="json"), ensure_ascii=False) + "\n"
 
 
 class MissError(ValueError):
@@ -97,8 +100,8 @@ class Record:
         others = [e.who for e in self.exchanges if provider and e.who != provider.who]
         if provider and others:
             raise ValueError(
-                f"{self.path} is a conversation with {_named(others[0])}; vlm= asks"
-                f" {_named(provider.who)}: go on with the former, or choose another study="
+                f"{self.path} is a conversation with {others[0]}; vlm= asks {provider.who}: go on"
+                " with the former, or choose another study="
             )
 
     def ask(self, request: Request, conversation: str) -> Exchange:
@@ -109,9 +112,8 @@ class Record:
         exchange = self._recall(request) or self._put(request, conversation)
         if not exchange.usable:
             who = f"{exchange.provider} ({exchange.answered_by or exchange.model})"
-            refused = exchange.outcome == "refused"
-            what = "refused to answer" if refused else "gave an empty answer"
-            raise RefusalError(f"{who} {what}: {exchange.detail}")
+            what = {"refused": "refused to answer", "empty": "gave an empty answer"}
+            raise RefusalError(f"{who} {what[exchange.outcome]}: {exchange.detail}")
         self.used.append(exchange)
         return exchange
 
@@ -124,10 +126,8 @@ class Record:
         return path.stem
 
     def picture(self, sha256: str) -> Png:
-        """A saved picture; ``ValueError`` if it is not there, or has another hash."""
+        """A saved picture; ``ValueError`` if it has another hash."""
         path = self.folder / IMAGES / f"{sha256}.png"
-        if not path.is_file():
-            raise ValueError(f"{path}: missing; it belongs to the record")
         picture = Png(path.read_bytes())
         if picture.sha256 != sha256:
             raise ValueError(f"{path}: its content is not what its name says")
@@ -138,28 +138,16 @@ class Record:
         below = tuple(f"{name}/" for name in names)
         kept = [e for e in self.exchanges if not f"{e.conversation}/".startswith(below)]
         if len(kept) < len(self.exchanges):
-            Run(self.folder).write(TRANSCRIPT, "".join(map(_line, kept)))
+            Run(self.folder).write(TRANSCRIPT, "".join(one.line() for one in kept))
             self.exchanges = kept
 
-    def edition(self) -> Mapping[str, str | None]:
+    def edition(self) -> dict[str, str | None]:
         """The ``sha256`` and ``commit`` (``None`` outside git) of the prompts last asked here.
 
         Empty where there is no note.
         """
         path = self.folder / EDITION
         return json.loads(path.read_text()) if path.is_file() else {}
-
-    def other_edition(self) -> str | None:
-        """What to say of a record that was made with other prompts, if it was."""
-        made_with = self.edition()
-        if self._prompts is None or made_with.get("sha256") in (None, self._prompts):
-            return None
-        known = made_with.get("commit")
-        which = f"commit {known}" if known else f"sha256 {made_with['sha256']}"
-        return (
-            f"it was recorded with the prompts of {which}, and these are others: replay it"
-            " there, or ask anew into another study="
-        )
 
     def _recall(self, request: Request) -> Exchange | None:
         """The next recorded answer. A recorded refusal counts only if nobody can be asked."""
@@ -177,7 +165,7 @@ class Record:
     def _put(self, request: Request, conversation: str) -> Exchange:
         """Ask the provider. Its reply, or a failure, is recorded with all new pictures."""
         if self._provider is None:
-            raise MissError(f"{self.path}: {self._miss(request, conversation)}")
+            raise MissError(f"{self.path}: {conversation}: {self._miss(request)}")
         began, started, failure = time.gmtime(), time.monotonic(), None
         try:
             reply = self._provider.ask(request)
@@ -185,21 +173,20 @@ class Record:
             reply = Reply("failed", "", str(error), None, None, None, (error.status,))
             failure = error
         exchange = Exchange(
-            request.sha256,
-            conversation,
-            request.canonical(),
+            sha256=request.sha256,
+            conversation=conversation,
+            request=request.canonical(),
             **self._provider.who,
             **asdict(reply),
             seconds=round(time.monotonic() - started, 3),
             time=time.strftime("%Y-%m-%dT%H:%M:%SZ", began),
         )
         self.folder.mkdir(parents=True, exist_ok=True)
-        for message in request.messages:
-            for part in message.parts:
-                if isinstance(part, Png):
-                    self.save(part)
+        for part in (part for message in request.messages for part in message.parts):
+            if isinstance(part, Png):
+                self.save(part)
         with self.path.open("a", encoding="utf-8") as file:
-            file.write(_line(exchange))
+            file.write(exchange.line())
             file.flush()
             os.fsync(file.fileno())
         self.exchanges.append(exchange)
@@ -212,12 +199,11 @@ class Record:
         return exchange
 
     def _read(self) -> list[Exchange]:
-        if not self.path.exists():
-            return []
         found = []
-        for number, line in enumerate(self.path.read_bytes().splitlines(), 1):
+        lines = self.path.read_bytes().splitlines() if self.path.exists() else []
+        for number, line in enumerate(lines, 1):
             try:
-                found.append(_EXCHANGE.validate_json(line))
+                found.append(Exchange.model_validate_json(line))
             except ValidationError as error:
                 raise ValueError(
                     f"{self.path}: line {number} is no exchange: {mistakes(error)}; remove the"
@@ -225,23 +211,13 @@ class Record:
                 ) from error
         return found
 
-    def _miss(self, request: Request, conversation: str) -> str:
+    def _miss(self, request: Request) -> str:
         if not self.exchanges:
             return "nothing is recorded; ask a model with vlm=gemini, openai or manual"
         if times := len(self._answers(request)):
-            return f"{conversation}: this request was answered {times} times, and they are used up"
-        return self.other_edition() or (
-            f"{conversation}: no recorded request is this one; give the settings that it was made"
-            " with, or ask a model with vlm=gemini, openai or manual and another study="
+            return f"this request was answered {times} times, and they are used up"
+        return (
+            "no recorded request is this one; it was recorded with the prompts of commit"
+            f" {self.edition().get('commit')}: give its settings and replay it there, or ask a"
+            " model with vlm=gemini, openai or manual and another study="
         )
-
-
-_EXCHANGE = TypeAdapter(Exchange)
-
-
-def _line(exchange: Exchange) -> str:
-    return json.dumps(asdict(exchange), ensure_ascii=False) + "\n"
-
-
-def _named(who: Mapping[str, Any]) -> str:
-    return f"{who['provider']} {who['model']} {who['sampling']}"

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +106,8 @@ def reward_prompt(
 ) -> list[Part]:
     """The text that asks for a program and, with an album, the cameras' start pictures.
 
-    ``prompt_detail``: ``full``; ``names``: signals with their ranges, and no word of the task;
-    ``nothing``: the same after ``guess_prompt``, which has the pictures.
+    ``prompt_detail``: without ``full``, signals come with their ranges alone; ``nothing`` follows
+    ``guess_prompt``, which has the pictures.
     """
     task = settings.definition
     asked = {"lowest": f"{rules.lowest:g}", "highest": f"{rules.highest:g}"}
@@ -135,7 +135,8 @@ def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
     told = description.scene(settings, "names")
     said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
-    return [said, *album.named(description.stage_names(settings, "nothing")).show(settings.cams)]
+    shown = replace(album, names=description.stage_names(settings, "nothing"))
+    return [said, *shown.show(settings.cams)]
 
 
 def _bare(program: str) -> str:
@@ -192,7 +193,7 @@ class Trained:
 def read_run(folder: Path, size: int) -> Trained:
     """What a run's files say of its training; ``size``: a still's longer side, pixels, at most.
 
-    ``ValueError``: no run, or one that was not paid by a program.
+    ``ValueError``: no run, or one whose reward was no program.
     """
     reward = Run.open(folder).config()["reward"]
     if reward["kind"] not in KINDS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
 
 import pytest
 import torch
@@ -13,7 +12,6 @@ from needle_task import compile_program, random_signals
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import settings_from
-from needlehoop.rewards import reference_reward
 from needlehoop.rewards.language import program as language
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.tasks.needle_hoop import TASK
@@ -62,7 +60,10 @@ def judge(quick, gates, seen):
     return judged
 
 
-def test_a_sound_program_passes(judge):
+def test_a_sound_program_passes(judge, seen):
+    assert bool(seen.last["expert"].threaded.all())
+    assert bool(seen.last["cheat"].touched.all())
+    assert not bool(seen.last["cheat"].threaded.any())
     found = judge(SOUND)
     assert found.passed
     assert found.reasons == found.flags == ()
@@ -72,34 +73,15 @@ def test_a_sound_program_passes(judge):
     assert 0 <= found.lowest < found.random < found.cheat < found.expert <= found.highest <= 8
 
 
-def test_the_controllers_do_what_they_are_for(seen, gates):
-    last = seen.last
-    assert bool(last["expert"].threaded.all())
-    assert bool(last["cheat"].touched.all())
-    assert not bool(last["cheat"].threaded.any())
-    assert not bool(last["random"].grasped.any())
-    # Starts are in; what comes after an episode's end is not.
-    assert int((seen.moments.elapsed == 0).sum()) == 3 * gates.episodes
-    assert int(seen.moments.threaded.sum()) == gates.episodes
-
-
-@pytest.mark.parametrize(
-    ("expression", "count"),
-    [("log(elapsed - 0.5)", "random signals"), ("1 / (elapsed - elapsed)", "recorded moments")],
-)
-def test_what_is_not_finite_is_refused(judge, expression, count):
-    found = judge(f"reward = clip({expression}, 0, 1) + {expression}")
-    assert any("not finite" in reason and count in reason for reason in found.reasons)
+def test_what_is_not_finite_is_refused(judge):
+    found = judge("reward = 1 / (elapsed - elapsed)")
+    for what in ("2000 of 2000 random signals", f"of {found.recorded_moments} recorded moments"):
+        assert any("not finite" in reason and what in reason for reason in found.reasons)
     json.dumps(found.as_dict(), allow_nan=False)
-
-
-def test_points_that_coincide_are_among_the_random_signals(judge):
+    # Points coincide in every eighth moment.
     found = judge(f"far = 1 / distance(tool_midpoint, goal)\n{SOUND.strip()} + 0 * far")
     assert (found.not_finite_random, found.not_finite_recorded) == (250, 0)
-
-
-def test_terms_are_finite_one_by_one(judge):
-    """Two infinities that cancel must not hide in a sum."""
+    # Two infinities that cancel do not hide in a sum.
     found = judge("a = 1 / (0 * jaw)\nb = 5\nreward = a + b")
     assert found.not_finite_random == found.random_signals
 
@@ -118,16 +100,9 @@ def test_a_range_that_is_too_wide_is_refused_or_clipped(judge, end, reason):
     assert clipped.gates.low <= clipped.random <= clipped.expert <= clipped.gates.top
 
 
-def test_the_bonus_may_come_on_top(judge):
-    source = SOUND.replace("near + through", "near + through + 2.9")
-    assert judge(source).highest > 9
-    assert judge(source).passed
-    assert not judge(source, bonus=0.0).passed
-
-
-@pytest.mark.parametrize("source", ["reward = 3", "reward = 9 - 2 * grasped - 3 * lifted"])
-def test_the_expert_must_stand_out(judge, source):
-    assert any("above a random policy" in reason for reason in judge(source).reasons)
+def test_the_expert_must_stand_out(judge):
+    found = judge("reward = 9 - 2 * grasped - 3 * lifted")
+    assert any("above a random policy" in reason for reason in found.reasons)
 
 
 def test_margins_are_what_is_asked(judge):
@@ -169,11 +144,6 @@ def test_how_often_random_actions_are_paid(judge, source, share):
     assert not any("random steps" in reason for reason in found.reasons)
 
 
-def test_what_counts_as_paid_is_a_setting(judge):
-    assert judge(SOUND, paid_by=5.0).paid == 0
-    assert any("at least 99 %" in flag for flag in judge(SOUND, paid=0.99).flags)
-
-
 def test_the_papers_own_rewards_are_seen_through(judge):
     """Its text-only reward was gamed in training; of the others, one leaves the range."""
     files = (RECORDINGS / "paper/rewards").glob("*/*.txt")
@@ -210,21 +180,6 @@ def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
     assert said in judge(paper, stop="refuse").reasons
     assert not any("finishing" in flag for flag in judge(SOUND).flags)
     assert any("finishing" in flag for flag in judge(SOUND, stop_margin=2.0).flags)
-
-
-def test_the_human_reward_pays_no_more_for_stopping(quick, gates, seen):
-    human = reference_reward(quick.definition)
-
-    class Called:
-        terms = tuple(human(seen.moments))
-
-        def __call__(self, signals: Any) -> Any:
-            return human(signals)
-
-    program: Any = Called()
-    found = gate_report(program, quick, gates, seen)
-    assert found.highest > 8
-    assert not any("finishing" in flag for flag in found.flags)
 
 
 def test_the_teacher_stops_where_facts_and_phases_say(seen):
@@ -332,17 +287,10 @@ def test_check_prints_the_report(check, capsys):
 def test_check_says_no_where_a_gate_does(check, capsys):
     assert check("reward = 40", "--json") == 1
     found = json.loads(capsys.readouterr().out)
-    assert found["passed"] is False
-    assert found["highest"] == 40
+    assert (found["passed"], found["highest"]) == (False, 40)
     assert any("rises to 40" in reason for reason in found["reasons"])
-
-
-def test_check_says_why_a_program_is_refused(check, capsys):
     assert check("reward = 1\nimport os") == 1
     assert "mine.txt: line 2, column 1: 'import' is not in" in capsys.readouterr().out
-    assert check("reward = 1\nimport os", "--json") == 1
-    where = json.loads(capsys.readouterr().out)["refused"]
-    assert (where["line"], where["column"]) == (2, 1)
 
 
 def test_a_mistake_in_the_command_is_one_line(capsys, tmp_path, monkeypatch):

@@ -138,19 +138,6 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
     assert {name: before[name] for name in after} == after
 
 
-def test_rank_goes_on_from_the_questioning(study, words, server):
-    assert main(["vlm", "rank", *words]) == 0
-    # The eight answers of the questioning are on record: three lists are all that is asked.
-    assert [len(body["contents"]) for body in server.requests] == [17, 19, 21]
-    found = json.loads((study / "rankings.json").read_text())
-    assert [len(entry["combinations"]) for entry in found["lists"]] == [5, 5, 6]
-    for entry in found["lists"]:
-        (places,) = entry["rankings"]
-        assert [place["name"] for place in places] == entry["combinations"]
-        assert entry["agreement"] is None
-    assert found["totals"]["prompts"] == 11
-
-
 def test_samples_are_fresh_conversations_whose_agreement_is_in_tables(study, words, server):
     def reversed_from_the_second(schema, prompt):
         answer = json.loads(by_schema(schema))
@@ -226,33 +213,6 @@ def test_overwrite_asks_anew_and_keeps_what_there_was(study, words, server):
     assert after["transcript.jsonl"].count(b"\n") == 7
 
 
-def test_reward_shows_the_cameras_pictures_or_none(study, words, server):
-    server.script = programs(f"```\n{GOOD}```", f"```\n{GOOD}```")
-    assert main(["vlm", "reward", *words, CAMS]) == 0
-    assert main(["vlm", "reward", *words, CAMS, "flavour=text"]) == 0
-    shown = [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
-    assert shown == [2, 0]
-    folder = study / "rewards/dep_front+seg_side"
-    assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
-    (row,) = lines_of(folder / "image.attempts.jsonl")
-    assert row["accepted"]
-    assert row["card"]["ok"]
-    # The text-only reward is common to all cameras.
-    assert main(["vlm", "reward", *words, "cams=[rgb_default]", "flavour=text"]) == 0
-    assert len(server.requests) == 2
-
-
-def test_an_accepted_program_is_not_replaced_unasked(study, words, server, capsys):
-    server.script = programs(1, 2)
-    assert main(["vlm", "reward", *words, CAMS]) == 0
-    assert main(["vlm", "reward", *words, CAMS]) == 2
-    assert "overwrite=true" in capsys.readouterr().err
-    assert main(["vlm", "reward", *words, CAMS, "overwrite=true"]) == 0
-    folder = study / "rewards/dep_front+seg_side"
-    assert (folder / "image.txt").read_text() == "reward = 2\n"
-    assert (folder / "image.1.txt").read_text() == "reward = 1\n"
-
-
 def test_a_program_refused_too_often_leaves_its_attempts(study, words, server, capsys):
     server.script = [{"refusal": "PROHIBITED_CONTENT"}]
     assert main(["vlm", "reward", *words, CAMS]) == 2
@@ -265,6 +225,23 @@ def test_a_program_refused_too_often_leaves_its_attempts(study, words, server, c
     rows = lines_of(folder / "image.attempts.jsonl")
     assert [row["accepted"] for row in rows] == [False, False]
     assert not (folder / "image.txt").exists()
+
+
+def test_reward_shows_the_cameras_pictures_or_none(study, words, server, capsys):
+    server.script = programs(f"```\n{GOOD}```", GOOD)
+    assert main(["vlm", "reward", *words, CAMS]) == 0
+    assert main(["vlm", "reward", *words, CAMS]) == 2
+    assert "overwrite=true" in capsys.readouterr().err
+    assert main(["vlm", "reward", *words, CAMS, "flavour=text"]) == 0
+    shown = [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
+    assert shown == [2, 0]
+    folder = study / "rewards/dep_front+seg_side"
+    assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
+    (row,) = lines_of(folder / "image.attempts.jsonl")
+    assert (row["accepted"], row["card"]["ok"]) == (True, True)
+    # The text-only reward is common to all cameras.
+    assert main(["vlm", "reward", *words, "cams=[rgb_default]", "flavour=text"]) == 0
+    assert len(server.requests) == 2
 
 
 def test_several_samples_are_conversations_and_files_of_their_own(study, words, server, capsys):
@@ -316,7 +293,7 @@ def trained_run(folder: Path, origin: Path) -> Path:
 
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_program_is_revised_after_a_training(study, words, server, tmp_path):
+def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, capsys):
     place = study / "rewards/dep_front+seg_side"
     run = trained_run(tmp_path / "run", place / "text.txt")
     text = ["vlm", "reward", CAMS, "flavour=text", *words]
@@ -341,16 +318,9 @@ def test_a_program_is_revised_after_a_training(study, words, server, tmp_path):
     line = json.loads((place / "text_3.descent.json").read_text())["line"]
     assert [Path(one["program"]).name for one in line] == ["text.txt", "text_2.txt"]
     assert line[0]["run"] == str(run)
-
-
-def test_only_a_run_that_a_program_paid_is_revised(study, words, server, tmp_path, capsys):
-    run = tmp_path / "run"
-    run.mkdir()
     (run / "config.yaml").write_text("reward: {kind: human}\n")
-    for folder, said in ((run, "was trained on no program"), (tmp_path, "is no run")):
-        assert main(["vlm", "reward", CAMS, "flavour=text", f"revise={folder}", *words]) == 2
-        assert said in capsys.readouterr().err
-    assert server.requests == []
+    assert main([*text, f"revise={run}"]) == 2
+    assert "was trained on no program" in capsys.readouterr().err
 
 
 def test_any_openai_compatible_server_can_be_asked(study, server):
@@ -408,6 +378,10 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
 
 
 def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypatch):
+    # Nobody is asked unasked.
+    with pytest.raises(ValueError, match="no image reward is recorded"):
+        trained(monkeypatch)
+    assert not Path("results").exists()
     words.remove("size=16")
     server.script = programs(GOOD)
     (_, run), *_ = trained(monkeypatch, *words)
@@ -418,13 +392,6 @@ def test_training_asks_for_a_reward_that_is_not_recorded(words, server, monkeypa
     assert len(server.requests) == 1
     with pytest.raises(ValueError, match=r"no image reward \(sample 3\) .* samples=3 vlm=gemini"):
         trained(monkeypatch, "reward.sample=3", "seed=1")
-
-
-def test_training_asks_nobody_unless_told_to(server, monkeypatch):
-    with pytest.raises(ValueError, match="no image reward is recorded"):
-        trained(monkeypatch)
-    assert not server.requests
-    assert not Path("results").exists()
 
 
 def test_training_stops_where_no_program_is_accepted(words, server, monkeypatch):

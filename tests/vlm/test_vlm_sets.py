@@ -110,7 +110,7 @@ def test_a_mistake_names_the_key(words, server, capsys):
     for argument, said in (
         ("pictures=nowhere", "pictures: nowhere is no folder"),
         ("pictures=results", "two or more pictures"),
-        ("pictures=broken", "broken/a.png: no picture"),
+        ("pictures=broken", "image file 'broken/a.png'"),
         ("sets=[rgb_front]", "sets: ['rgb_front'] must be two or more"),
         ("sets=[rgb_front,rgb_top]", "sets: rgb_top: "),
         ("group=1", "group: 1 must be at least 2"),

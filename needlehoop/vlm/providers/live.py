@@ -45,7 +45,8 @@ class LiveProvider:
     _package: str
 
     def __init__(self, config: LiveConfig):
-        self._config, self._key, self.who = config, config.read_key(), config.who
+        self._config, self._key = config, config.read_key()
+        self.who = {"provider": config.kind, "model": config.model, "sampling": config.sent}
         try:
             self._sdk: Any = import_module(self._package)
         except ImportError as error:

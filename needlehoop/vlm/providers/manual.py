@@ -59,10 +59,7 @@ class Manual:
         config, began, before, is_told = self._config, time.monotonic(), "", False
         while True:
             path = next((place / name for name in ANSWERS if (place / name).is_file()), None)
-            try:
-                answer = path.read_text("utf-8-sig").strip() if path else ""
-            except UnicodeDecodeError as error:
-                raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
+            answer = path.read_text("utf-8-sig").strip() if path else ""
             # It has not changed since the last look, so nobody is still writing it.
             if answer and answer == before:
                 return answer
