@@ -102,6 +102,7 @@ class Inquiry(AbstractContextManager):
             again = f"/{part}" if part > 1 else ""
             if how:
                 conversation = self._begin(f"rank{how}/{number}{again}")
+                # For sets the views that they have are described, for lists all views.
                 own = questions.narrowed(settings, sets) if lists.sets else settings
                 words = lists.words or not lists.sets
                 before = questions.opening(own, album, sets, detail, scene, words)

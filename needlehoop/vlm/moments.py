@@ -43,12 +43,25 @@ class Trajectories:
     """See ``_stopped``."""
 
 
+_collected: dict[str, Trajectories] = {}
+"""The last trajectories, by all that they depend on: one process judges many programs by them."""
+
+
 def collect(settings: Settings, gates: Gates) -> Trajectories:
     """Episodes of the expert, a random policy and the cheat, if any, and more of the random policy.
 
-    ``ValueError`` for settings that the scripts cannot drive, by key.
+    They depend on no camera and no reward. ``ValueError`` for settings that the scripts cannot
+    drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
+    key = repr((blind, gates))
+    if key not in _collected:
+        _collected.clear()
+        _collected[key] = _fly_all(blind, gates)
+    return _collected[key]
+
+
+def _fly_all(blind: Settings, gates: Gates) -> Trajectories:
     simulation = build(blind)
     flights = {
         who: _fly(simulation, controller(who, blind))

@@ -60,6 +60,11 @@ def judge(quick, gates, seen):
     return judged
 
 
+def test_trajectories_are_flown_once_for_all_cameras(quick, gates, seen):
+    assert collect(replace(quick, cams=("rgb_side",)), gates) is seen
+    assert collect(quick, replace(gates, episodes=1)) is not seen
+
+
 def test_a_sound_program_passes(judge, seen):
     assert bool(seen.last["expert"].threaded.all())
     assert bool(seen.last["cheat"].touched.all())
