@@ -217,7 +217,7 @@ class Record:
         if times := len(self._answers(request)):
             return f"this request was answered {times} times, and they are used up"
         return (
-            "no recorded request is this one; it was recorded with the prompts of commit"
-            f" {self.edition().get('commit')}: give its settings and replay it there, or ask a"
-            " model with vlm=gemini, openai or manual and another study="
+            "no recorded request is this one. Give the settings of the recording (and the prompts"
+            f" of its commit, {self.edition().get('commit')}), or ask a model with vlm=gemini,"
+            " openai or manual and another study="
         )

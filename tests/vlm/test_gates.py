@@ -287,9 +287,6 @@ def test_check_prints_the_report(check, capsys):
     assert out.startswith("program      mine.txt\nterms        reach, held, near, through\n")
     assert "% of random steps change it by 0.001 or more; at least 10 % is asked (flag)" in out
     assert out.endswith("verdict      passed\n")
-
-
-def test_check_says_no_where_a_gate_does(check, capsys):
     assert check("reward = 40", "--json") == 1
     found = json.loads(capsys.readouterr().out)
     assert (found["passed"], found["highest"]) == (False, 40)
@@ -298,16 +295,12 @@ def test_check_says_no_where_a_gate_does(check, capsys):
     assert "mine.txt: line 2, column 1: 'import' is not in" in capsys.readouterr().out
 
 
-def test_a_mistake_in_the_command_is_one_line(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = ["cams=[rgb_default]", "flavour=text"]
+def test_a_mistake_in_the_command_is_one_line(capsys):
     for words, said in (
         (["nowhere.txt"], "nowhere.txt"),
-        (["a.txt", "b.txt"], "one file at a time"),
         ([], "name a file"),
         (["a.txt", "gates.rnage=clip"], "rnage"),
-        ([*text, "reward.unit=0.1"], "reward.unit=0.1: the program is judged"),
-        ([*text, "recording=claude", "unit=0.1"], "no line such as"),
+        (["cams=[rgb_default]", "flavour=text", "reward.unit=0.1"], "the program is judged"),
     ):
         assert main(["vlm", "check", *words]) == 2
         error = capsys.readouterr().err.strip()

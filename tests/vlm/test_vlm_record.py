@@ -122,8 +122,7 @@ def test_a_miss_names_the_commit_of_the_prompts(tmp_path):
         replay(tmp_path).ask(request("a"), "question")
     live(tmp_path, reply("1")).ask(request("a"), "question")
     commit = json.loads((tmp_path / "prompts.json").read_text())["commit"]
-    said = re.escape(f"with the prompts of commit {commit}: ")
-    with pytest.raises(MissError, match=said):
+    with pytest.raises(MissError, match=re.escape(f"prompts of its commit, {commit}")):
         replay(tmp_path).ask(request("b"), "rank")
 
 
