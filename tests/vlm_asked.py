@@ -30,14 +30,15 @@ from needlehoop.vlm.writing import ProgramRules, Trained, guess_prompt, reward_p
 QUESTIONS = Questions(("rgb", "dep", "seg"), {"one": "one camera", "two": "two cameras"})
 LISTS = Lists((("rgb_default", "dep_front+seg_side"),), 1, False)
 RULES = ProgramRules(0.0, 9.0, lambda _: Verdict(None, {}))
-CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1, 0.0, 0.0)
+CONFIG = LiveConfig("gemini", "m", None, None, {}, 1.0, 1)
 
 
 class Obliging:
     """Answers as told, then anything in the right form; ranks in the order of the list."""
 
     def __init__(self, answers: Iterable[str] = ()):
-        self.answers, self.who = list(answers), CONFIG.who
+        self.answers = list(answers)
+        self.who = {"provider": "gemini", "model": "m", "sampling": {}}
         self.asked: list[Request] = []
 
     def ask(self, request: Request) -> Reply:

@@ -165,10 +165,7 @@ def _open(values: dict[str, Any]) -> Inquiry:
     understood = _understood(values)
     from needlehoop.vlm.inquiry import Inquiry
 
-    inquiry = Inquiry(*understood)
-    if inquiry.record.torn is not None:
-        print(f"needlehoop vlm: {inquiry.record.torn}", file=sys.stderr)
-    return inquiry
+    return Inquiry(*understood)
 
 
 def _report(inquiry: Inquiry, *written: str | Path) -> None:
@@ -184,7 +181,7 @@ def _report(inquiry: Inquiry, *written: str | Path) -> None:
 
 @command(argument("overrides", nargs="*", metavar="FILE | key=value"), JSON, config="check")
 def vlm_check(options: argparse.Namespace) -> int:
-    """Compile a reward program, put it through the gates, print its card.
+    """Compile a reward program, put it through the gates, print the report.
 
     Exit status 1 where it is refused.
     """
@@ -224,9 +221,9 @@ def vlm_check(options: argparse.Namespace) -> int:
         refused = {"passed": False, "origin": source.origin, "refused": where}
         print(json.dumps(refused) if options.json else f"{source.origin}: {error}")
         return 1
-    from needlehoop.vlm.card import card
+    from needlehoop.vlm.gate_report import gate_report
 
-    found = card(program, settings, own.gates)
+    found = gate_report(program, settings, own.gates)
     if options.json:
         print(json.dumps({"origin": source.origin, **found.as_dict()}))
     else:

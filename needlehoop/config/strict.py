@@ -28,6 +28,22 @@ T = TypeVar("T")
 
 _CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
+_WORDS = {
+    "greater_than_equal": "must be at least {ge:g}",
+    "greater_than": "must be above {gt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "int_from_float": "is not a whole number",
+    "int_parsing": "is not a whole number",
+    "int_type": "is not a whole number",
+    "float_parsing": "is not a number",
+    "float_type": "is not a number",
+    "finite_number": "is not finite",
+    "bool_parsing": "is not true or false",
+    "bool_type": "is not true or false",
+    "string_type": "is not a text",
+}
+"""pydantic's most usual errors in plainer words."""
+
 _SHOWN = 60
 """Characters of a value in an error, at most."""
 
@@ -148,7 +164,8 @@ def _line(error: ErrorDetails, kind: Any, path: str) -> str:
         if not where or said.startswith(where.split(".")[0]):
             return said
     else:
-        said = f"{shown(error['input'])} {error['msg'].replace('Input should', 'should')}"
+        words = _WORDS.get(error["type"], error["msg"].replace("Input should", "should"))
+        said = f"{shown(error['input'])} {words.format(**error.get('ctx', {}))}"
     return f"{where}: {said}" if where else said
 
 

@@ -26,8 +26,8 @@ from needlehoop.runs.lock import held
 from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
-from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
+from needlehoop.vlm.gate_report import gate_report
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
@@ -231,7 +231,7 @@ def objections(reward: rewards.Reward, settings: Settings, gates: Gates) -> list
     """What the gates say against a training's reward; nothing where it is no program."""
     if not isinstance(reward, written.Written):
         return []
-    found = card(reward.program, settings, gates)
+    found = gate_report(reward.program, settings, gates)
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 

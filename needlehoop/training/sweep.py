@@ -139,11 +139,11 @@ def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
 
 
 def camera_sets(experiment: str) -> list[str]:
-    """The camera sets over which an experiment sweeps: names with ``+`` between them."""
+    """The camera sets over which an experiment sweeps, in the order of their names: ``a+b``."""
     params = composing.swept([f"+experiment={experiment}"])
     (one,) = OverridesParser.create().parse_overrides([f"cams={params.get('cams', '[]')}"])
     values: list[Any] = [*one.sweep_iterator()] if one.is_sweep_override() else [one.value()]
-    return list(dict.fromkeys(seen(listed(value)) for value in values))
+    return sorted({seen(listed(value)) for value in values})
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,14 +12,12 @@ import numpy as np
 from PIL import Image, ImageOps
 from pydantic import TypeAdapter
 
-from needlehoop.config import strict
 from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages, to_rgb
-from needlehoop.runs.reading import read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import description
-from needlehoop.vlm.messages import PICTURE, Part, Png
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
 
 SEEN = "seen"
@@ -29,6 +26,7 @@ SEEN = "seen"
 _KINDS = (".png", ".jpg", ".jpeg")
 
 
+@dataclass(frozen=True)
 class Album:
     """All cameras' pictures of the stages of one episode.
 
@@ -38,37 +36,34 @@ class Album:
     Args:
         pictures: by stage (see ``description.stages_of``, and ``SEEN``) and camera.
         pixels: the size of the agent's images.
-        names: of the stages, in their order; none: their own.
+        names: the stages as they are named to the model, in order; none: by their own names.
     """
 
-    def __init__(
-        self,
-        pictures: Mapping[str, Mapping[str, Png]],
-        pixels: int,
-        names: Sequence[str] = (),
-    ):
-        self._pictures, self._pixels = pictures, pixels
-        own = [stage for stage in pictures if stage != SEEN]
-        self._names = dict(zip(own, names or own, strict=True))
+    pictures: Mapping[str, Mapping[str, Png]]
+    pixels: int
+    names: Sequence[str] = ()
 
-    def named(self, names: Sequence[str]) -> Album:
-        """The same pictures, with other names of their stages."""
-        return Album(self._pictures, self._pixels, names)
+    def _stages(self) -> dict[str, str]:
+        """Names by stage."""
+        own = [stage for stage in self.pictures if stage != SEEN]
+        return dict(zip(own, self.names or own, strict=True))
 
     def show(self, cameras: Sequence[str], *stages: str) -> list[Part]:
         """Pictures, stage by stage (all, or ``stages``), each after a line that names it."""
+        names = self._stages()
         return [
             part
-            for stage in stages or self._names
+            for stage in stages or names
             for camera in cameras
-            for part in (f"{camera}, {self._names[stage]}:", self._pictures[stage][camera])
+            for part in (f"{camera}, {names[stage]}:", self.pictures[stage][camera])
         ]
 
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
-        n, names = self._pixels, ", ".join(self._names[stage] for stage in _seen([*self._names]))
-        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {names}:"
-        shown = self._pictures[SEEN]
+        n, names = self.pixels, self._stages()
+        two = ", ".join(names[stage] for stage in _seen([*names]))
+        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {two}:"
+        shown = self.pictures[SEEN]
         return [part for camera in cameras for part in (f"{camera} {said}", shown[camera])]
 
 
@@ -77,19 +72,11 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
     return stages[0], stages[-2 if len(stages) > 2 else -1]
 
 
-@dataclass(frozen=True)
-class _Index:
-    """``pictures.json``: what the pictures show; their hashes by stage and camera."""
-
-    scene: Mapping[str, Any]
-    pictures: Mapping[str, Mapping[str, str]]
-
-
 def open_album(record: Record, settings: Settings, size: int) -> Album:
     """The pictures of a record, ``size`` pixels wide and high; drawn and saved if it has none.
 
-    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, the
-    record shows another scene, or its index is damaged; else errors are as in ``stages``.
+    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, or
+    the record shows another scene; else errors are as in ``stages``.
     """
     if settings.disturb.amounts:
         raise ValueError(
@@ -111,21 +98,16 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
         text = json.dumps({"scene": scene, "pictures": hashes}, indent=2)
         Run(record.folder).write("pictures.json", text + "\n")
         return Album(pictures, settings.image_size)
-    try:
-        kept: _Index = strict.structure(read_json(path), _Index)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}; put it back") from error
-    if kept.scene != scene:
-        if other := record.other_edition():
-            raise ValueError(f"{record.path}: {other}")
-        odd = [key for key in scene if kept.scene.get(key) != scene[key]]
+    kept = json.loads(path.read_text())
+    if kept["scene"] != scene:
+        odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
         raise ValueError(
             f"{path} shows another scene (its {', '.join(odd)} differs); give the settings it"
             " was made with, or choose another study="
         )
     pictures = {
         stage: {camera: record.picture(sha256) for camera, sha256 in shown.items()}
-        for stage, shown in kept.pictures.items()
+        for stage, shown in kept["pictures"].items()
     }
     return Album(pictures, settings.image_size)
 
@@ -142,9 +124,8 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, SEEN)}
     for name in cameras:
         for stage in shown:
-            found[stage][name] = Png.of(
-                Image.fromarray(all_channels(taken[stage][name], kinds[name]))
-            )
+            picture = all_channels(taken[stage][name], kinds[name])
+            found[stage][name] = Png.of(Image.fromarray(picture))
         small = (own[stage][name].repeat(times, 1).repeat(times, 2) for stage in _seen(shown))
         pair = _side_by_side(*(all_channels(image, kinds[name]) for image in small))
         found[SEEN][name] = Png.of(Image.fromarray(pair))
@@ -162,35 +143,31 @@ def all_channels(image: np.ndarray, rendering: Rendering) -> np.ndarray:
     return _side_by_side(to_rgb(image[:3], "none"), shown)
 
 
-def _side_by_side(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
-    """Pictures ``(h, w, 3)`` with white gaps between them, a 48th of their height wide."""
+def _side_by_side(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Two pictures ``(h, w, 3)`` with a white gap between them, a 48th of their height wide."""
     gap = np.full((len(first), max(1, len(first) // 48), 3), 255, np.uint8)
-    return np.concatenate([first, *(part for other in others for part in (gap, other))], axis=1)
+    return np.concatenate([first, gap, second], axis=1)
 
 
 def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, Png], str]:
     """The pictures by their files' names, and what the task is: ``about``, or else ``about.txt``.
 
-    ``size``: of a picture's longer side, pixels, at most. ``ValueError``: no folder, fewer than two
-    pictures, two of one name, or one that is damaged.
+    ``size``: pixels of a picture's longer side, at most. ``ValueError``: fewer than two pictures.
     """
     if not folder.is_dir():
         raise ValueError(f"pictures: {folder} is no folder")
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _KINDS)
-    if len(files) < 2 or len({file.stem for file in files}) < len(files):
+    if len({file.stem for file in files}) < max(2, len(files)):
         raise ValueError(
             f"pictures: {folder} must have two or more pictures ({', '.join(_KINDS)}) of different"
             f" names; it has: {', '.join(file.name for file in files) or 'none'}"
         )
-    pictures, file = {}, folder / "about.txt"
-    try:
-        if about is None and file.exists():
-            about = read_bytes(file).decode()
-        for file in files:
-            with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
-                # A telephone notes which way is up, and where it was taken, which is left out.
-                upright = ImageOps.exif_transpose(opened).convert("RGB")
-            pictures[file.stem] = Png.of(upright, size)
-    except (OSError, ValueError, Image.DecompressionBombError) as error:
-        raise ValueError(f"pictures: {file}: no picture or text ({error})") from error
-    return pictures, (about or "").strip()
+    pictures, text = {}, folder / "about.txt"
+    if about is None:
+        about = text.read_text() if text.exists() else ""
+    for file in files:
+        with Image.open(file) as opened:
+            # A telephone notes which way is up, and where it was taken, which is left out.
+            upright = ImageOps.exif_transpose(opened).convert("RGB")
+        pictures[file.stem] = Png.of(upright, size)
+    return pictures, about.strip()

@@ -42,12 +42,10 @@ class InquiryConfig:
 
 @dataclass(frozen=True)
 class Gates:
-    """Tests of a reward program before anybody trains on it; ``conf/gates`` explains the values.
+    """Tests of a reward program before training on it; ``conf/gates`` explains the values.
 
-    A program that fails a gate is refused. The cheat audit and stopping short only flag a program,
-    unless ``audit`` or ``stop`` is ``refuse``: most honest rewards cannot tell a good cheat, and a
-    recorded conversation goes on as it did before there was a gate. A program's ``Card`` has its
-    figures at all gates.
+    A program that fails a gate is refused. The cheat audit and stopping short only flag it, unless
+    ``audit`` or ``stop`` is ``refuse``, because most honest rewards cannot tell a good cheat.
     """
 
     random_signals: Annotated[int, Range(1, 10_000_000)]
@@ -88,19 +86,17 @@ def transcripts() -> dict[str, Path]:
     return {file.parent.name: file.parent for file in sorted(RECORDINGS.glob(f"*/{TRANSCRIPT}"))}
 
 
-Told = Annotated[str, OneOf("full", "names", "nothing")]
-"""How much a model is told of the task when it ranks cameras or writes a reward."""
+PromptDetail = Annotated[str, OneOf("full", "names", "nothing")]
+"""How much prompts tell of the task when a model ranks cameras or writes a reward."""
 
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """Values in ``conf/vlm/replay.yaml``."""
+    """Values in ``conf/vlm/replay.yaml``, which explains them."""
 
     kind: str
     recording: str | None
-    """A shipped recording's name, or a folder with a transcript; ``None`` is the study's own where
-    it has one, else ``claude``."""
-    told: Told = "full"
+    told: PromptDetail = "full"
 
     def folder(self, own: Path) -> Path:
         """The folder of the answers; ``own`` is the study's."""
@@ -112,7 +108,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class LiveConfig:
-    """Values in ``conf/vlm/gemini.yaml``, which explains them, and ``openai.yaml``; times in s."""
+    """Values in ``conf/vlm/gemini.yaml``, which explains them, and ``openai.yaml``."""
 
     kind: str
     model: str
@@ -122,10 +118,9 @@ class LiveConfig:
     """The server's address; ``None`` is the provider's own."""
     sampling: Mapping[str, Any]
     timeout: Annotated[float, Range(0.0, 86_400.0, above=True)]
+    """Seconds."""
     tries: Annotated[int, Range(1, 1000)]
-    first_wait: Annotated[float, Range(0.0, 86_400.0)]
-    longest_wait: Annotated[float, Range(0.0, 86_400.0)]
-    told: Told = "full"
+    told: PromptDetail = "full"
 
     def __post_init__(self) -> None:
         if self.key is not None and not re.fullmatch(r"[A-Z][A-Z0-9_]{1,60}", self.key):
@@ -133,11 +128,6 @@ class LiveConfig:
             raise ValueError(
                 "vlm.key: give the name of an environment variable, such as GEMINI_API_KEY"
             )
-
-    @property
-    def who(self) -> dict[str, Any]:
-        """Who is asked and how, for the record."""
-        return {"provider": self.kind, "model": self.model, "sampling": self.sent}
 
     @property
     def sent(self) -> dict[str, Any]:
@@ -165,11 +155,7 @@ class ManualConfig:
     model: str
     wait: Annotated[float, Range(0.0, 1e9)] | None
     poll: Annotated[float, Range(0.0, 86_400.0, above=True)]
-    told: Told = "full"
-
-    def __post_init__(self) -> None:
-        if not self.model.strip():
-            raise ValueError("vlm.model: say who answers, for the record")
+    told: PromptDetail = "full"
 
 
 VlmConfig = ReplayConfig | LiveConfig | ManualConfig
@@ -177,11 +163,7 @@ VlmConfig = ReplayConfig | LiveConfig | ManualConfig
 
 def config_of(kind: str) -> type[VlmConfig]:
     """The type of the settings of a ``vlm.kind``; ``ValueError`` for an unknown one."""
-    kinds: dict[str, type[VlmConfig]] = {
-        "replay": ReplayConfig,
-        "gemini": LiveConfig,
-        "openai": LiveConfig,
-        "manual": ManualConfig,
-    }
+    live = LiveConfig
+    kinds = {"replay": ReplayConfig, "gemini": live, "openai": live, "manual": ManualConfig}
     check_names("vlm.kind", (kind,), tuple(kinds))
     return kinds[kind]

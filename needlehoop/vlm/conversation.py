@@ -22,7 +22,7 @@ class Verdict(NamedTuple):
     """Why an answer can't be used, as the model is told; ``None``: it can."""
 
     reason: str | None
-    card: Mapping[str, Any] = {}
+    report: Mapping[str, Any] = {}
     """Figures of what was judged, for the record."""
 
 
@@ -33,13 +33,11 @@ class NoAnswerError(RuntimeError):
 class Conversation:
     """All that a model was asked and answered. Every request carries all of it.
 
-    ``attempts``: answers to one question, at most.
+    ``attempts``: answers to one question, at most; ``name``: of the next requests, for the record.
     """
 
     def __init__(self, record: Record, name: str, attempts: int):
-        self._record, self._attempts = record, attempts
-        self.name = name
-        """Of the next requests, for the record. It changes when another command goes on here."""
+        self._record, self._attempts, self.name = record, attempts, name
         self._messages: tuple[Message, ...] = ()
         self.attempts: list[tuple[Exchange, BaseModel | None, Verdict]] = []
         """All answers so far, each in its form or ``None`` for a wrong one, and what was found."""
@@ -52,13 +50,10 @@ class Conversation:
     ) -> F:
         """Ask a question until its answer has the form, and the judge has nothing against it.
 
-        Raises:
-            NoAnswerError: the attempts are used up.
-            RefusalError: the model would not answer.
+        ``NoAnswerError``: the attempts are used up. ``RefusalError``: the model would not answer.
         """
         self._say("user", *parts)
-        schema = form.model_json_schema()
-        reason = None
+        schema, reason = form.model_json_schema(), None
         for _ in range(self._attempts):
             exchange = self._record.ask(Request(self._messages, schema), self.name)
             self._say("assistant", exchange.answer)
@@ -70,7 +65,7 @@ class Conversation:
                     answer = form.model_validate_json(exchange.answer)
                     verdict = judge(answer)
             except ValidationError as error:
-                wrong = "; ".join(mistakes(error, "answer", 5))
+                wrong = mistakes(error, "answer", 5)
                 verdict = Verdict(f"it is not of the form that was asked for: {wrong}")
             self.attempts.append((exchange, answer, verdict))
             reason = verdict.reason
@@ -89,18 +84,18 @@ class Conversation:
 def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
     """Prompts and tokens by conversation, then of all of them as ``all``.
 
-    A request without a reply is not a prompt. Tokens that were not reported count nothing. An
-    answer is invalid if it was cut off, refused, empty or sent back. The last attempt at a
-    question is never sent back, so it does not show that it was invalid.
+    A request without a reply is not a prompt. An answer is invalid if it was cut off, refused,
+    empty or sent back. The last attempt at a question is never sent back, so it counts as valid.
     """
     asked = [e for e in exchanges if e.outcome != "failed"]
+    requests = [e.request["messages"] for e in asked]
     sent_back = [
-        messages[:-1]
-        for messages in (e.request["messages"] for e in asked)
-        if messages[-1]["parts"][0].get("text", "").startswith(_SENT_BACK)
+        before
+        for *before, last in requests
+        if last["parts"][0].get("text", "").startswith(_SENT_BACK)
     ]
 
-    def invalid(exchange: Exchange) -> bool:
+    def is_invalid(exchange: Exchange) -> bool:
         answer = {"role": "assistant", "parts": [{"text": exchange.answer}]}
         said = [*exchange.request["messages"], answer]
         return exchange.outcome != "answered" or said in sent_back
@@ -113,7 +108,7 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
             "tokens_in": sum(e.tokens_in or 0 for e in own),
             "tokens_out": sum(e.tokens_out or 0 for e in own),
             "prompts_without_token_count": sum(None in (e.tokens_in, e.tokens_out) for e in own),
-            "invalid_answers": sum(map(invalid, own)),
+            "invalid_answers": sum(map(is_invalid, own)),
         }
         for name, own in {**chosen, "all": asked}.items()
     }
@@ -121,12 +116,11 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
 
 def in_words(found: Mapping[str, int]) -> str:
     """Totals in a line."""
-    tokens = found["tokens_in"] + found["tokens_out"]
-    unknown = found["prompts_without_token_count"]
+    prompts, into, out, unknown, invalid = found.values()
+    unknown = f"; {unknown} prompts not counted" if unknown else ""
     return (
-        f"{found['prompts']} prompts, {tokens} tokens ({found['tokens_in']} in,"
-        f" {found['tokens_out']} out{f'; {unknown} prompts not counted' if unknown else ''}),"
-        f" {found['invalid_answers']} invalid answers"
+        f"{prompts} prompts, {into + out} tokens ({into} in, {out} out{unknown}),"
+        f" {invalid} invalid answers"
     )
 
 
@@ -147,11 +141,7 @@ Text = Annotated[str, AfterValidator(_not_empty)]
 
 
 def _without_notes(schema: dict[str, Any]) -> None:
-    """Takes what comes from names and docstrings out of a JSON schema.
-
-    With them a reworded docstring would change the hash of a request, and its recorded answer
-    would not be found.
-    """
+    """Removes titles and docstrings from a JSON schema: they would change a request's hash."""
     for part in (schema, *schema.get("properties", {}).values()):
         part.pop("title", None)
     schema.pop("description", None)
@@ -190,8 +180,11 @@ class ProgramAnswer(Form):
     program: Text
 
 
-def one_of(valid: Sequence[str]) -> Any:
-    """The type of a string that is one of ``valid``."""
+def _one_of(valid: Sequence[str]) -> Any:
+    """The type of a string that is one of ``valid``.
+
+    Not a ``Literal``: the message of its error, which goes back to the model, is another.
+    """
 
     def check(value: str) -> str:
         if value not in valid:
@@ -206,9 +199,9 @@ def choice(views: Sequence[str], renderings: Sequence[str]) -> type[Form]:
     return create_model(
         "Choice",
         __base__=Form,
-        view=(one_of(views), ...),
+        view=(_one_of(views), ...),
         view_reason=(Text, ...),
-        rendering=(one_of(renderings), ...),
+        rendering=(_one_of(renderings), ...),
         rendering_reason=(Text, ...),
     )
 
@@ -224,7 +217,9 @@ def ranking(names: Sequence[str]) -> type[Form]:
 
     ``sure`` has a number for each two neighbours in the order, 0.5 to 1.
     """
-    place: Any = create_model("Place", __base__=Form, name=(one_of(names), ...), reason=(Text, ...))
+    place: Any = create_model(
+        "Place", __base__=Form, name=(_one_of(names), ...), reason=(Text, ...)
+    )
 
     def check(places: list[Any]) -> list[Any]:
         given = [entry.name for entry in places]

@@ -1,9 +1,7 @@
 """The scene, its cameras, its signals and the language of rewards, in words for a model.
 
-The texts of ``prompts/`` are general. A task's own words and texts are put into them.
-
-Numbers come from the settings. A model is told nothing of the human reward, and none of the
-limits by which the task decides on success.
+The texts of ``prompts/`` are general. A task's own words and texts are put into them, and numbers
+from the settings. A model is told nothing of the human reward, and no limit that decides success.
 """
 
 from __future__ import annotations
@@ -31,22 +29,16 @@ _INTO = ("scene", "signals")
 
 
 def telling_of(task: Task) -> Telling:
-    """How a task is told; ``ValueError`` if it is told to no model."""
+    """A task's words; ``ValueError`` if it has none."""
     if task.telling is None:
         raise ValueError(f"task {task.name}: no model can be asked about it; it has no telling")
     return task.telling
 
 
 def fill(name: str, task: Task | None = None, /, **values: object) -> str:
-    """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled.
-
-    A task's words and texts are put in; then the values, of which there may be more than gaps.
-    ``ValueError`` if one is missing.
-    """
-    template = Template((_read(_GENERAL) if task is None else texts(task))[name])
-    if missing := sorted(set(template.get_identifiers()) - set(values)):
-        raise ValueError(f"prompt {name}: {', '.join(missing)} missing")
-    return template.substitute(values).strip()
+    """The prompt ``<name>.txt``, general or a task's own, with its ``$gaps`` filled."""
+    found = _read(_GENERAL) if task is None else texts(task)
+    return Template(found[name]).substitute(values).strip()
 
 
 def texts(task: Task) -> dict[str, str]:
@@ -68,8 +60,12 @@ def texts(task: Task) -> dict[str, str]:
     return {name: Template(text).safe_substitute(words) for name, text in general} | own
 
 
+def _read(folder: Path) -> dict[str, str]:
+    return {file.stem: file.read_text(encoding="utf-8") for file in folder.glob("*.txt")}
+
+
 def questioned(task: Task) -> dict[str, str]:
-    """The moments of which a question of its own asks what shows them best; what is so then."""
+    """The moments that have a question of their own (what shows them best); what is so then."""
     own = texts(task)
     return {fact: so for fact, so in telling_of(task).moments.items() if fact in own}
 
@@ -78,10 +74,6 @@ def stages_of(task: Task) -> dict[str, str]:
     """The stages of an episode that are pictured, in order, and what is so in each."""
     telling = telling_of(task)
     return {"start": "an episode begins", **telling.moments, "goal": telling.goal}
-
-
-def _read(folder: Path) -> dict[str, str]:
-    return {file.stem: file.read_text(encoding="utf-8") for file in folder.glob("*.txt")}
 
 
 def edition_of(task: Task) -> str:
@@ -93,39 +85,38 @@ def edition_of(task: Task) -> str:
     return digest.hexdigest()
 
 
-def scene(settings: Settings, told: str = "full") -> str:
+def scene(settings: Settings, prompt_detail: str = "full") -> str:
     """What stands where, what the task is, and what an agent can do.
 
-    ``told``: ``full``; ``names``: the signals' names and ranges in its place; or ``nothing``.
+    ``prompt_detail``: with ``names`` the signals' names and ranges stand in its place.
     """
-    if told == "full":
+    if prompt_detail == "full":
         return fill(
             "scene",
             settings.definition,
-            **_told(settings),
+            **_task_values(settings),
             steps=settings.episode.max_steps,
             milliseconds=f"{1000 * settings.period:g}",
         )
     nothing = fill("told_nothing")
-    if told == "nothing":
+    if prompt_detail == "nothing":
         return nothing
     return fill("told_names", nothing=nothing, ranges=unexplained(settings))
 
 
-def stages(settings: Settings, told: str = "full") -> str:
+def stages(settings: Settings, prompt_detail: str = "full") -> str:
     """The stages that pictures show, by the names that the pictures give them."""
     own = stages_of(settings.definition)
-    if told != "full":
-        said = [*own.values()]
-        said[-1], said[1:-1] = "the task is done", ["on the way"] * (len(own) - 2)
-        own = dict(zip(stage_names(settings, told), said, strict=True))
+    if prompt_detail != "full":
+        said = ["an episode begins", *["on the way"] * (len(own) - 2), "the task is done"]
+        own = dict(zip(stage_names(settings, prompt_detail), said, strict=True))
     return fill("stages", stages=bullets(own))
 
 
-def stage_names(settings: Settings, told: str = "full") -> list[str]:
+def stage_names(settings: Settings, prompt_detail: str = "full") -> list[str]:
     """Names of the stages in their order: they say nothing of the task unless all is told."""
-    own = stages_of(settings.definition)
-    return [*own] if told == "full" else [f"stage {number}" for number, _ in enumerate(own, 1)]
+    own = [*stages_of(settings.definition)]
+    return own if prompt_detail == "full" else [f"stage {n}" for n in range(1, len(own) + 1)]
 
 
 def unexplained(settings: Settings) -> str:
@@ -146,23 +137,24 @@ def signals(settings: Settings) -> str:
     return fill(
         "signals",
         settings.definition,
-        **_told(settings),
+        **_task_values(settings),
         table=describe(vocabulary(settings.definition.signals)),
         steps=settings.episode.max_steps,
     )
 
 
-def _told(settings: Settings) -> Mapping[str, object]:
+def _task_values(settings: Settings) -> Mapping[str, object]:
     return telling_of(settings.definition).values(settings.task, settings.episode)
 
 
 def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     """All views, the given renderings, and how cameras are named."""
-    views, telling = settings.views, telling_of(settings.definition)
-    told = {name: rendering(settings.renderings[name], telling, views) for name in renderings}
+    views, task = settings.views, settings.definition
+    kinds = {name: settings.renderings[name] for name in renderings}
+    told = {name: rendering(kind, telling_of(task), views) for name, kind in kinds.items()}
     return fill(
         "cameras",
-        views=bullets({name: view(views[name], settings.definition) for name in views}),
+        views=bullets({name: view(own, task) for name, own in views.items()}),
         renderings=bullets(told),
         example=f"{renderings[0]}_{next(iter(views))}",
         pixels=settings.image_size,
@@ -187,10 +179,8 @@ def view(view: View, task: Task) -> str:
 
 
 def _stand(view: View, front: str) -> tuple[str, float]:
-    """Where a camera stands in the room, and its distance, m, from what it looks at.
-
-    ``front``: what it is in front of at azimuth 0.
-    """
+    """Where a camera stands in the room, in relation to what it has in front at azimuth 0, and its
+    distance, m, from what it looks at."""
     if view.orbit is not None:
         _, turn, elevation, distance = view.orbit
     else:
@@ -258,7 +248,7 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
 def _lengths(metres: Mapping[str, float]) -> str:
     """Lengths by name, in words; one where all are the same."""
     lengths = {name: f"{1000 * length:g} mm" for name, length in metres.items()}
-    if len(set(lengths.values())) == 1:
+    if len({*lengths.values()}) == 1:
         return next(iter(lengths.values()))
     return ", ".join(f"{length} ({name})" for name, length in lengths.items())
 

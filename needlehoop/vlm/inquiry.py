@@ -28,23 +28,17 @@ from needlehoop.vlm.writing import ProgramRules, Trained
 class Inquiry(AbstractContextManager):
     """Asks a model for one thing and writes down its answers.
 
-    All that asks raises ``NoAnswerError`` if no answer can be used within the attempts, and
-    ``RefusalError`` if the model would not answer.
-
-    Raises:
-        ValueError: a task that is told to no model, no key, no recording, or a recording of
-            another model.
+    Whatever asks raises the errors of ``Conversation.ask``. ``ValueError`` here: a task without
+    words for a model, no key, no recording, or a recording of another model.
     """
 
     def __init__(self, settings: Settings, config: InquiryConfig, vlm: VlmConfig):
-        asked = description.edition_of(settings.definition)
-        self._settings, self._config, self._told = settings, config, vlm.told
-        self.folder = config.folder
-        """Where results are written."""
-        self._files = Run(config.folder)
+        prompts = description.edition_of(settings.definition)
+        self._settings, self._config, self._detail = settings, config, vlm.told
+        self.folder, self._files = config.folder, Run(config.folder)
         self._live = not isinstance(vlm, ReplayConfig)
         if isinstance(vlm, ReplayConfig):
-            self.record = Record(vlm.folder(config.folder), prompts=asked)
+            self.record = Record(vlm.folder(self.folder), prompts=prompts)
             if not self.record.exchanges:
                 raise ValueError(
                     f"vlm.recording: nothing is recorded in {self.record.path}; ask a model"
@@ -54,14 +48,13 @@ class Inquiry(AbstractContextManager):
         elif isinstance(vlm, ManualConfig):
             from needlehoop.vlm.providers.manual import Manual
 
-            self.record = Record(config.folder, Manual(vlm, config.folder), asked)
+            self.record = Record(self.folder, Manual(vlm, self.folder), prompts)
         else:
-            from needlehoop.vlm.providers.server import Server
+            from needlehoop.vlm.providers.live import live_provider
 
-            self.record = Record(config.folder, Server(vlm), asked)
+            self.record = Record(self.folder, live_provider(vlm), prompts)
 
     def __exit__(self, *_: object) -> None:
-        self.record.close()
         if self.folder.exists():
             # Also after a failure, because that cost something too.
             found = totals_of(self.record.exchanges)
@@ -70,9 +63,9 @@ class Inquiry(AbstractContextManager):
 
     def question(self, asked: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""
-        if self._told != "full":
+        if self._detail != "full":
             raise ValueError(
-                f"vlm.told: {self._told!r} is for rankings and rewards; these questions are about"
+                f"vlm.told: {self._detail!r} is for rankings and rewards; these questions are about"
                 " the task, so they are asked with full"
             )
         asked.check(self._settings)
@@ -99,8 +92,8 @@ class Inquiry(AbstractContextManager):
         """
         asked.check(self._settings)
         lists.check(self._settings, asked.shown)
-        how, told, settings = self.ranked(lists), self._told, self._settings
-        scene = description.scene(settings, told) if how else ""
+        how, detail, settings = self.ranked(lists), self._detail, self._settings
+        scene = description.scene(settings, detail) if how else ""
         album = self._album([*chain(*lists.sets)])
         self._clear(f"rank{how}", files=(f"rankings{how}.json",))
         conversation, answers = self._begin("question"), defaultdict(list)
@@ -109,9 +102,10 @@ class Inquiry(AbstractContextManager):
             again = f"/{part}" if part > 1 else ""
             if how:
                 conversation = self._begin(f"rank{how}/{number}{again}")
+                # For sets the views that they have are described, for lists all views.
                 own = questions.narrowed(settings, sets) if lists.sets else settings
                 words = lists.words or not lists.sets
-                before = questions.opening(own, album, sets, told, scene, words)
+                before = questions.opening(own, album, sets, detail, scene, words)
             elif (number, part) == (1, 1):
                 self._question(conversation, album, asked)
                 conversation.name = "rank"
@@ -119,23 +113,20 @@ class Inquiry(AbstractContextManager):
                 conversation = self._begin(f"rank{again}")
                 questions.question(conversation, settings, album, asked)
             answers[number].append(questions.order(conversation, sets, before))
-        return self._write_rankings(
-            how,
-            [
-                questions.of_groups(sets, lists.group, lists.rounds, answers[number])
-                if lists.sets
-                else questions.of_samples(sets, answers[number])
-                for number, sets in enumerate(lists.sets or lists.lists, 1)
-            ],
-        )
+        ranked = [
+            questions.of_groups(sets, lists.group, lists.rounds, answers[number])
+            if lists.sets
+            else questions.of_samples(sets, answers[number])
+            for number, sets in enumerate(lists.sets or lists.lists, 1)
+        ]
+        return self._write_rankings(how, ranked)
 
     def rank_pictures(
         self, pictures: Mapping[str, Png], about: str, lists: Lists
     ) -> dict[str, Any]:
         """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
 
-        ``about`` says what the task is, and may be empty. Of ``lists``, ``group`` and ``rounds``
-        are used.
+        ``about``: what the task is; may be empty. ``lists``: for its ``group`` and ``rounds``.
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
         names, how = tuple(pictures), (lists.group, lists.rounds)
@@ -153,10 +144,10 @@ class Inquiry(AbstractContextManager):
 
     def ranked(self, lists: Lists) -> str:
         """What names of files and conversations say of how lists are ranked."""
-        told = "" if self._told == "full" else f"_{self._told}"
+        less = "" if self._detail == "full" else f"_{self._detail}"
         if lists.sets:
-            return f"_sets{'' if lists.words else '_wordless'}{told}"
-        return told or ("_afresh" if lists.afresh else "")
+            return f"_sets{'' if lists.words else '_wordless'}{less}"
+        return less or ("_afresh" if lists.afresh else "")
 
     def reward(
         self,
@@ -167,33 +158,30 @@ class Inquiry(AbstractContextManager):
     ) -> list[Path]:
         """Ask for reward programs for the settings' cameras; the files of the accepted ones.
 
-        A ``text`` prompt does not depend on the cameras. All camera sets of a study get the same
-        recorded answers to it, as in the paper. Attempts that failed are in files too.
+        A ``text`` prompt does not depend on the cameras, so all camera sets of a study get the
+        same recorded answers to it, as in the paper. Attempts that failed are in files too.
 
         Args:
             samples: how many programs, each from a conversation of its own.
             trained: a run whose program is to be made better. The answer becomes the next free
                 sample, with a note of what it descends from beside it.
-
-        Raises:
-            ValueError: no cameras, too little told, or the programs exist already.
         """
-        told, settings, cameras = self._told, self._settings, "+".join(self._settings.cams)
+        detail, settings, cameras = self._detail, self._settings, "+".join(self._settings.cams)
         if not cameras:
             raise ValueError("cams: name the cameras, such as cams=[dep_front,seg_side]")
-        if trained is not None and told != "full":
+        if trained is not None and detail != "full":
             raise ValueError("vlm.told: a program is revised with full")
-        if told == "nothing" and flavour == "text":
+        if detail == "nothing" and flavour == "text":
             raise ValueError("vlm.told: nothing goes with flavour=image, which shows pictures")
         if trained is None and self.has_rewards(flavour, samples) and not self._config.overwrite:
             path = self.folder / self._reward_file(flavour, FIRST)
             raise ValueError(f"{path} exists; overwrite=true asks for another one")
         album = self._album() if flavour == "image" else None
-        prompt = writing.reward_prompt(settings, rules, album, told)
-        first = writing.guess_prompt(settings, album) if told == "nothing" and album else []
+        prompt = writing.reward_prompt(settings, rules, album, detail)
+        first = writing.guess_prompt(settings, album) if detail == "nothing" and album else []
         if trained is None:
             name = "reward/text" if flavour == "text" else f"reward/{cameras}/image"
-            name += "" if told == "full" else f"/{told}"
+            name += "" if detail == "full" else f"/{detail}"
             self._clear(name)
             asked = {n: f"{name}/{n}" if n > FIRST else name for n in range(FIRST, FIRST + samples)}
         else:
@@ -203,12 +191,11 @@ class Inquiry(AbstractContextManager):
             asked = {free: f"reward/{cameras}/{flavour}/revised/{trained.sha256[:12]}"}
         failed, paths = [], []
         for sample, name in asked.items():
-            file = self._reward_file(flavour, sample)
-            conversation = self._begin(name)
+            file, conversation = self._reward_file(flavour, sample), self._begin(name)
             try:
                 source = writing.write_program(conversation, rules, prompt, first)
             except NoAnswerError as error:
-                failed.append(error)
+                failed.append(str(error))
                 continue
             finally:
                 rows = writing.rows_of(conversation)
@@ -219,7 +206,7 @@ class Inquiry(AbstractContextManager):
             if trained is not None:
                 self._files.write(str(file.with_suffix(writing.DESCENT)), trained.descent())
         if failed:
-            raise NoAnswerError("; ".join(map(str, failed)))
+            raise NoAnswerError("; ".join(failed))
         return paths
 
     def has_rewards(self, flavour: str, samples: int) -> bool:
@@ -240,11 +227,10 @@ class Inquiry(AbstractContextManager):
 
     def _clear(self, *conversations: str, files: Sequence[str] = ()) -> None:
         """With ``overwrite``, retire old answers. A replay keeps them: it can give no others."""
-        if not (self._config.overwrite and self._live):
-            return
-        self.record.retire(conversations)
-        for name in files:
-            self._files.vacate(name)
+        if self._config.overwrite and self._live:
+            self.record.retire(conversations)
+            for name in files:
+                self._files.vacate(name)
 
     def _write(self, name: str, found: dict[str, Any]) -> dict[str, Any]:
         """Write results with their models and their cost. A replay writes the same file."""

@@ -1,4 +1,4 @@
-"""What is said to a model, what it replies, and who carries the one to the other."""
+"""What is said to a model, what it replies, and the provider that carries one to the other."""
 
 from __future__ import annotations
 
@@ -11,24 +11,6 @@ from typing import Any, Protocol
 
 from PIL import Image
 from pydantic import ValidationError
-from typing_extensions import TypedDict
-
-PICTURE = 64_000_000
-"""Bytes of a picture's file, at most."""
-
-
-class Turn(TypedDict):
-    """A turn of a canonical request: each part has a ``text``, or an ``image`` by its hash."""
-
-    role: str
-    parts: list[dict[str, str]]
-
-
-class Canonical(TypedDict):
-    """A request as plain values, with hashes in place of pictures."""
-
-    messages: list[Turn]
-    schema: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -70,11 +52,15 @@ class Request:
     messages: tuple[Message, ...]
     schema: Mapping[str, Any]
 
-    def canonical(self) -> Canonical:
-        """The request as it is hashed and recorded."""
+    def canonical(self) -> dict[str, Any]:
+        """The request as it is hashed and recorded, with hashes in place of pictures."""
+
+        def plain(part: Part) -> dict[str, str]:
+            return {"image": part.sha256} if isinstance(part, Png) else {"text": part}
+
         return {
             "messages": [
-                {"role": message.role, "parts": [_plain(part) for part in message.parts]}
+                {"role": message.role, "parts": [plain(part) for part in message.parts]}
                 for message in self.messages
             ],
             "schema": dict(self.schema),
@@ -84,9 +70,7 @@ class Request:
     def sha256(self) -> str:
         """The hash of the canonical form: what is said, shown and asked for.
 
-        It leaves out who is asked and with what sampling, because people without a model or a
-        key must find a recording too. A transcript has one model and one sampling (see
-        ``Record``), so no two requests in it are confused.
+        It leaves out the model and the sampling, because a recording must be found without them.
         """
         text = json.dumps(
             self.canonical(), sort_keys=True, separators=(",", ":"), ensure_ascii=False
@@ -100,7 +84,8 @@ class Reply:
 
     ``outcome`` is ``answered``, ``truncated`` (cut off at the limit of length), ``refused`` (by
     the model or by a filter) or ``empty``. ``detail`` is the reason in the provider's words.
-    Tokens are ``None`` if they were not reported. ``attempts`` are the statuses of all tries.
+    Tokens are ``None`` if they were not reported. ``attempts`` has the statuses of the tries that
+    are known: an SDK that tries again itself tells the last one only.
     """
 
     outcome: str
@@ -113,50 +98,25 @@ class Reply:
 
 
 class ProviderError(RuntimeError):
-    """A request got no reply.
+    """A request got no reply; ``status`` is the HTTP status, ``timeout`` or ``unreachable``."""
 
-    ``status`` is the HTTP status, or ``timeout``, ``unreachable`` or ``unreadable``; ``attempts``
-    as in ``Reply``.
-    """
-
-    def __init__(self, message: str, status: int | str, attempts: tuple[int | str, ...] = ()):
+    def __init__(self, message: str, status: int | str):
         super().__init__(message)
-        self.status, self.attempts = status, attempts
-
-    @property
-    def passing(self) -> bool:
-        """Whether another try may bring a reply."""
-        if isinstance(self.status, int):
-            return self.status in (408, 429) or self.status >= 500
-        return self.status in ("timeout", "unreadable")
-
-
-class UnansweredError(RuntimeError):
-    """Nobody answered in time. Nothing is lost, and nothing is recorded."""
+        self.status = status
 
 
 class Provider(Protocol):
-    """Somebody who answers."""
+    """A model behind a server, or a person."""
 
-    @property
-    def who(self) -> Mapping[str, Any]:
-        """Provider, model and sampling, for the record."""
-        ...
+    who: dict[str, Any]
+    """Provider, model and sampling, for the record."""
 
     def ask(self, request: Request) -> Reply:
         """The reply; ``ProviderError`` if there is none."""
         ...
 
-    def close(self) -> None:
-        """Put away what was answered."""
-        ...
 
-
-def _plain(part: Part) -> dict[str, str]:
-    return {"image": part.sha256} if isinstance(part, Png) else {"text": part}
-
-
-def mistakes(error: ValidationError, whole: str = "all of it", most: int = 1) -> list[str]:
-    """What is wrong in values that have another form, by field; ``whole`` names no field."""
+def mistakes(error: ValidationError, whole: str = "all of it", most: int = 1) -> str:
+    """What is wrong in values, by field; ``whole`` stands for no field."""
     wrong = error.errors(include_url=False, include_context=False, include_input=False)[:most]
-    return [f"{'.'.join(map(str, one['loc'])) or whole}: {one['msg']}" for one in wrong]
+    return "; ".join(f"{'.'.join(map(str, one['loc'])) or whole}: {one['msg']}" for one in wrong)

@@ -27,32 +27,41 @@ CHEAT = "cheat"
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Episodes of the scripted controllers.
-
-    Args:
-        moments: every moment of every episode, ``(total,)``, the starts included.
-        last: each episode's last moment, ``(episodes,)``, by controller; the cheat's with the
-            expert's ``elapsed``, because it must not fail by being slow alone.
-        before: the start of every step of more random episodes, ``(steps,)``.
-        after: the end of the same steps, with ``elapsed`` as at their start: a change that time
-            alone brings does not count as paid.
-        stopped: the last moments of episodes in which the teacher stopped short, and those of the
-            same episodes finished, by what was done; see ``_stopped``.
-    """
+    """Episodes of the scripted controllers."""
 
     moments: Signals
+    """Every moment of every episode, ``(total,)``, the starts included."""
     last: dict[str, Signals]
+    """Each episode's last moment, ``(episodes,)``, by controller. The cheat's has the expert's
+    ``elapsed``, because it must not fail by being slow alone."""
     before: Signals
+    """The start of every step of more random episodes, ``(steps,)``."""
     after: Signals
+    """The end of the same steps, with ``elapsed`` as at their start, because time alone does not
+    pay."""
     stopped: Mapping[str, tuple[Signals, Signals]]
+    """See ``_stopped``."""
+
+
+_collected: dict[str, Trajectories] = {}
+"""The last trajectories, by all that they depend on: one process judges many programs by them."""
 
 
 def collect(settings: Settings, gates: Gates) -> Trajectories:
     """Episodes of the expert, a random policy and the cheat, if any, and more of the random policy.
 
-    ``ValueError`` for settings that the scripts cannot drive, by key.
+    They depend on no camera and no reward. ``ValueError`` for settings that the scripts cannot
+    drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
+    key = repr((blind, gates))
+    if key not in _collected:
+        _collected.clear()
+        _collected[key] = _fly_all(blind, gates)
+    return _collected[key]
+
+
+def _fly_all(blind: Settings, gates: Gates) -> Trajectories:
     simulation = build(blind)
     flights = {
         who: _fly(simulation, controller(who, blind))
@@ -72,11 +81,8 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
 
 
 def _blind(settings: Settings, episodes: int) -> Settings:
-    """So many episodes at once, without cameras and with a reward that nobody reads.
-
-    Success does not end them: programs are judged up to the goal, whatever else counts as success,
-    and ranges would tell what success is.
-    """
+    """So many episodes at once, without cameras and reward. Success does not end them: programs
+    are judged up to the goal, and ranges would tell what success is."""
     episode = replace(settings.episode, end_on_success=False)
     return replace(settings, cams=(), num_envs=episodes, reward=NONE, episode=episode)
 
@@ -120,10 +126,10 @@ def _fly(
 def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals]]:
     """Last moments of the teacher stopped short, and of the same episodes finished.
 
-    It flies as always up to a moment, then holds still, or lets go. The moments are those at which
-    a fact that is not the goal first became true, and those at which half the way of a phase is
-    gone. It lets go where the first phase ended, and at the last fact before the goal. Episodes
-    that reach the goal all the same are left out. ``elapsed`` is that of the finished ones.
+    It flies up to a moment, then holds still, or lets go. The moments are those at which a fact
+    that is not the goal first became true, and those at which half the way of a phase is gone. It
+    lets go at the end of the first phase and at the last fact before the goal. Episodes that reach
+    the goal all the same are left out. ``elapsed`` is that of the finished ones.
     """
     s = replace(blind, num_envs=episodes)
     task, act, simulation = s.definition, controller(s.definition.teacher, s), build(s)
@@ -145,10 +151,8 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
 
 
 def _firsts(flight: _Flight, task: Task, facts: Sequence[str]) -> dict[str, Tensor]:
-    """The steps ``(n,)`` at which each moment first came, at which a task can be stopped short.
-
-    By the moment's name; -1 where it did not come before the goal.
-    """
+    """The steps ``(n,)`` at which each moment of ``_stopped`` first came, by its name; -1 where it
+    did not come before the goal."""
     counts = flight.alive & ~flight.at_goal
     moments = {name: getattr(flight.signals, name) for name in facts}
     begun = torch.ones_like(counts)
@@ -179,10 +183,8 @@ def _short(act: Controller, first: Tensor, opens: int | None) -> Controller:
 
 
 def ranges(settings: Settings) -> dict[str, tuple[list[float], list[float]]]:
-    """The least and the most of each signal, number by number.
-
-    Over 8 whole episodes of the task's teacher, and 8 of a random policy.
-    """
+    """The least and the most of each signal, number by number, over 8 whole episodes of the task's
+    teacher and 8 of a random policy."""
     s = _blind(settings, 8)
     simulation = build(s)
     moments = [

@@ -24,7 +24,7 @@ from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.config import Samples
 from needlehoop.vlm.conversation import Conversation, Subtasks, choice, choices, ranking
-from needlehoop.vlm.description import fill, questioned
+from needlehoop.vlm.description import bullets, fill, questioned
 from needlehoop.vlm.messages import Part, Png
 
 Ranked = dict[str, Any]
@@ -42,10 +42,8 @@ class Questions:
     layouts: Mapping[str, str]
 
     def __post_init__(self) -> None:
-        if len(self.shown) < 2 or len(set(self.shown)) < len(self.shown):
-            raise ValueError(f"shown: {list(self.shown)} must be two or more different renderings")
-        if len(self.layouts) < 2:
-            raise ValueError("layouts: at least two are needed to rank them")
+        _check_different("shown", self.shown)
+        _check_different("layouts", [*self.layouts])
 
     def check(self, settings: Settings) -> None:
         """Raises ``ValueError`` for a rendering that the scene does not have."""
@@ -60,7 +58,6 @@ class Lists:
     samples: Samples
     afresh: bool
     sets: tuple[tuple[str, ...], ...] = ()
-    """In place of ``lists``; unlike these, of any length."""
     words: bool = True
     group: Annotated[int, Range(2, 20)] = 5
     rounds: Annotated[int, Range(1, 100)] = 4
@@ -70,8 +67,7 @@ class Lists:
             raise ValueError("lists: there is nothing to rank")
         for key, lists in (("lists", self.lists), ("sets", self.sets)):
             for sets in lists:
-                if len(sets) < 2 or len(set(sets)) < len(sets):
-                    raise ValueError(f"{key}: {list(sets)} must be two or more different sets")
+                _check_different(key, sets)
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
         """Raises ``ValueError`` for a camera that the questions do not show."""
@@ -83,10 +79,8 @@ class Lists:
                 raise ValueError(f"{key}: {name}: {error}") from error
 
     def asked(self) -> Iterator[tuple[int, int, Sequence[str]]]:
-        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group.
-
-        Both count from 1. Then the camera sets that are to be ranked.
-        """
+        """In the order of asking: the number of a list, that of a sample or (of ``sets``) a group,
+        both from 1, and the camera sets to rank."""
         for number, sets in enumerate(self.sets, 1):
             for part, dealt in enumerate(deal(sets, self.group, self.rounds), 1):
                 yield number, part, dealt
@@ -95,16 +89,17 @@ class Lists:
                 yield number, sample, sets
 
 
+def _check_different(key: str, names: Sequence[str]) -> None:
+    if len(set(names)) < max(2, len(names)):
+        raise ValueError(f"{key}: {list(names)} must be two or more, all different")
+
+
 def question(
     conversation: Conversation, settings: Settings, album: Album, questions: Questions
 ) -> dict[str, Any]:
-    """Put all questions, in one new conversation; answers by question, as plain values.
-
-    Errors are as in ``Conversation.ask``.
-    """
+    """Put all questions, in one new conversation; answers by question, as plain values."""
     views, shown, task = list(settings.views), list(questions.shown), settings.definition
-    of = {rendering: [f"{rendering}_{view}" for view in views] for rendering in shown}
-    first, *others = of.values()
+    first, *others = ([f"{rendering}_{view}" for view in views] for rendering in shown)
     text = fill(
         "subtasks",
         scene=description.scene(settings),
@@ -113,14 +108,14 @@ def question(
         rendering=shown[0],
     )
     subtasks = conversation.ask([text, *album.show(first)], Subtasks)
-    rest = [camera for cameras in others for camera in cameras]
+    rest = [*chain(*others)]
     pictures = [*album.show(rest), *album.show_seen([*first, *rest])]
     suits = conversation.ask([fill("suits"), *pictures], choices(views, shown))
     moments = {
         fact: conversation.ask([fill(fact, task)], choice(views, shown)).model_dump()
         for fact in ("goal", *questioned(task))
     }
-    told = description.bullets(questions.layouts)
+    told = bullets(questions.layouts)
     layouts = _ranked(conversation, [*questions.layouts], "layouts", layouts=told)
     placements = {
         str(count): order(conversation, sets)
@@ -140,7 +135,7 @@ def question(
 def narrowed(settings: Settings, sets: Sequence[str]) -> Settings:
     """Settings with the cameras of a list, and with their views and renderings alone."""
     used = {camera for name in sets for camera in name.split("+")}
-    cameras = [f"{r}_{v}" for r in settings.renderings for v in settings.views]
+    cameras = (f"{r}_{v}" for r in settings.renderings for v in settings.views)
     cams = tuple(camera for camera in cameras if camera in used)
     kinds, views = ({camera.partition("_")[part] for camera in cams} for part in (0, 2))
     return replace(
@@ -155,20 +150,19 @@ def opening(
     settings: Settings,
     album: Album,
     sets: Sequence[str],
-    told: str,
+    prompt_detail: str,
     scene: str,
     words: bool = True,
 ) -> list[Part]:
     """The scene and the pictures of all cameras of a list, where nothing else was asked before.
 
-    ``scene`` is as ``description.scene`` tells it, which takes a while with ``names``. ``words``:
-    whether cameras come with their places in words.
+    ``scene``: of ``description.scene``. ``words``: whether to say where cameras stand.
     """
     shown, said = narrowed(settings, sets), [scene]
-    if words and told != "nothing":
+    if words and prompt_detail != "nothing":
         said.append(description.cameras(settings, [*shown.renderings]))
-    said.append(description.stages(settings, told))
-    album = album.named(description.stage_names(settings, told))
+    said.append(description.stages(settings, prompt_detail))
+    album = replace(album, names=description.stage_names(settings, prompt_detail))
     text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
@@ -177,7 +171,7 @@ def order(conversation: Conversation, sets: Sequence[str], before: Sequence[Part
     """Rank sets, after ``before`` or after all that was answered."""
     basis = "saw in the pictures" if before else "saw in the pictures and what you answered so far"
     said = f"Use what you {basis}."
-    return _ranked(conversation, sets, "rank", before, combinations=_listed(sets), basis=said)
+    return _ranked(conversation, sets, "rank", before, basis=said)
 
 
 def order_pictures(
@@ -186,11 +180,7 @@ def order_pictures(
     """Rank cameras by a picture of each, by name; ``about``: what the task is; may be empty."""
     shown: list[Part] = [part for name in names for part in (f"{name}:", pictures[name])]
     told = about or "You are not told what the task is."
-    return _ranked(conversation, names, "rank_pictures", shown, told=told, cameras=_listed(names))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return "\n".join(f"- {name}" for name in names)
+    return _ranked(conversation, names, "rank_pictures", shown, told=told)
 
 
 def _ranked(
@@ -201,7 +191,8 @@ def _ranked(
     **values: str,
 ) -> Ranked:
     """A ranking of names, asked for with a prompt; errors as in ``Conversation.ask``."""
-    text = fill(prompt, sure=fill("sure", pairs=len(names) - 1), **values)
+    sure, listed = fill("sure", pairs=len(names) - 1), "\n".join(f"- {name}" for name in names)
+    text = fill(prompt, sure=sure, combinations=listed, cameras=listed, **values)
     return conversation.ask([*before, text], ranking(names)).model_dump()
 
 
@@ -210,13 +201,12 @@ def of_samples(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, Any
 
     By sample: ``rankings``, each the names as ``name`` and ``reason``, best first, and ``sure``.
     """
+    orders = [[entry["name"] for entry in answer["places"]] for answer in answers]
     return {
         "combinations": list(names),
         "rankings": [answer["places"] for answer in answers],
         "sure": [answer["sure"] for answer in answers],
-        "agreement": agreement(
-            [[entry["name"] for entry in answer["places"]] for answer in answers]
-        ),
+        "agreement": agreement(orders),
     }
 
 
@@ -225,10 +215,9 @@ def of_groups(
 ) -> dict[str, Any]:
     """One ranking of a list of any length, from those of the groups of ``deal``.
 
-    Each answer says for every two of its names which is better, or neither (a tie) where the model
-    is sure of nothing between them (0.5). Bradley-Terry strengths are fitted to all of these.
-    Beside what ``of_samples`` has are the ``scheme``, the ``strengths`` by name, and the
-    ``questions`` as asked and answered.
+    Each answer says for every two of its names which is better; 0.5 is a tie. Bradley-Terry
+    strengths are fitted to all of these. Beside what ``of_samples`` has are the ``scheme``, the
+    ``strengths`` by name, and the ``questions`` as asked and answered.
     """
     found = strengths(names, answers)
     order = sorted(names, key=lambda name: (-found[name], names.index(name)))
@@ -263,8 +252,8 @@ def deal(names: Sequence[str], size: int, rounds: int) -> list[list[str]]:
 def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, float]:
     """Bradley-Terry strengths, of mean 1, by name; equal for names that nothing tells apart.
 
-    Each name also has one tie with an average one, so that winning always has no strength without
-    end.
+    Each name also has one tie with an average one. Without it a name that always wins would have
+    no finite strength.
     """
     place = {name: number for number, name in enumerate(names)}
     wins = np.zeros((len(names), len(names)))
@@ -289,8 +278,7 @@ def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
     """
     if len(orders) < 2:
         return None
-    names = list(orders[0])
-    places = [[order.index(name) for name in names] for order in orders]
+    places = [[order.index(name) for name in orders[0]] for order in orders]
     taus = [float(kendalltau(a, b).statistic) for a, b in combinations(places, 2)]
     top = Counter(order[0] for order in orders).most_common(1)[0][1]
     return {"tau_b": sum(taus) / len(taus), "same_top": top / len(orders)}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,44 +20,41 @@ from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
 from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
-from needlehoop.runs.reading import named, read_json
 from needlehoop.runs.run import Run
-from needlehoop.study.data.contents import Rows, read_rows
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
-from needlehoop.vlm.card import card
 from needlehoop.vlm.config import Gates
 from needlehoop.vlm.conversation import Conversation, Guess, ProgramAnswer, Verdict
 from needlehoop.vlm.description import fill, telling_of
+from needlehoop.vlm.gate_report import gate_report
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.moments import collect
 
 
 @dataclass(frozen=True)
 class ProgramRules:
-    """What a program must keep to, and the judge of what a model writes."""
+    """The range that a program's value must keep to, and the judge of what a model writes."""
 
     lowest: float
     highest: float
-    """The range that a program's value must keep to."""
     judge: Callable[[str], Verdict]
 
 
 def program_rules(settings: Settings, gates: Gates) -> ProgramRules:
     """The rules with the gates as their judge, whose trajectories are recorded here, once."""
-    trajectories, table = collect(settings, gates), settings.definition.signals
+    trajectories, task = collect(settings, gates), settings.definition
 
     def judge(source: str) -> Verdict:
         try:
-            program = compile_program(source, table)
+            program = compile_program(source, task.signals)
         except ProgramError as error:
             return Verdict(str(error))
-        found = card(program, settings, gates, trajectories)
+        found = gate_report(program, settings, gates, trajectories)
         # Naming the cheat, or where the teacher stopped, would tell the model what success is.
-        named = {settings.definition.cheating: "an episode that fails at the task"}
-        named |= {f"the teacher {how}": "an episode that stops short" for how in found.stopped}
+        hidden = {task.cheating: "an episode that fails at the task"}
+        hidden |= {f"the teacher {how}": "an episode that stops short" for how in found.stopped}
         reason = "; ".join(found.reasons)
-        for name, said in named.items():
+        for name, said in hidden.items():
             reason = reason.replace(name, said)
         return Verdict(reason or None, found.as_dict())
 
@@ -72,8 +70,8 @@ def write_program(
     """
 
     def judge(answer: ProgramAnswer) -> Verdict:
-        reason, card = rules.judge(_bare(answer.program))
-        return Verdict(reason and f"the program was refused: {reason}", card)
+        reason, report = rules.judge(_bare(answer.program))
+        return Verdict(reason and f"the program was refused: {reason}", report)
 
     if first:
         conversation.ask(first, Guess)
@@ -93,47 +91,52 @@ def rows_of(conversation: Conversation) -> list[dict[str, Any]]:
                 "program": _bare(answer.program) if is_program else None,
                 "accepted": is_program and verdict.reason is None,
                 "reason": verdict.reason,
-                "card": dict(verdict.card) if is_program else None,
+                # The name of a gate report in the files of earlier studies.
+                "card": dict(verdict.report) if is_program else None,
             }
         )
     return rows
 
 
 def reward_prompt(
-    settings: Settings, rules: ProgramRules, album: Album | None = None, told: str = "full"
+    settings: Settings,
+    rules: ProgramRules,
+    album: Album | None = None,
+    prompt_detail: str = "full",
 ) -> list[Part]:
     """The text that asks for a program and, with an album, the cameras' start pictures.
 
-    ``told``: ``full``; ``names``: signals with their ranges, and no word of the task; ``nothing``:
-    the same after ``guess_prompt``, which has the pictures.
+    ``prompt_detail``: without ``full``, signals come with their ranges alone; ``nothing`` follows
+    ``guess_prompt``, which has the pictures.
     """
+    task = settings.definition
     asked = {"lowest": f"{rules.lowest:g}", "highest": f"{rules.highest:g}"}
     asked["language"] = description.language()
-    if told == "full":
+    if prompt_detail == "full":
         said, signals = description.scene(settings), description.signals(settings)
-        text = fill("reward", settings.definition, scene=said, signals=signals, **asked)
+        text = fill("reward", task, scene=said, signals=signals, **asked)
     else:
-        said = description.scene(settings, "nothing") if told == "names" else ""
+        said = description.scene(settings, "nothing") if prompt_detail == "names" else ""
         signals = description.unexplained(settings)
         text = fill("reward", scene=said, signals=signals, done="the task is done", **asked)
-    if album is None or told == "nothing":
+    if album is None or prompt_detail == "nothing":
         return [text]
-    telling = telling_of(settings.definition)
-    cameras = {
-        camera.name: f"{description.view(settings.views[camera.view], settings.definition)};"
-        f" {description.rendering(settings.renderings[camera.rendering], telling, settings.views)}"
-        for camera in settings.cameras
-    }
+    telling, views, cameras = telling_of(task), settings.views, {}
+    for camera in settings.cameras:
+        kind = settings.renderings[camera.rendering]
+        shown = description.rendering(kind, telling, views)
+        cameras[camera.name] = f"{description.view(views[camera.view], task)}; {shown}"
     pixels, listed = settings.image_size, description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
-    return [text, *album.show(list(cameras), "start")]
+    return [text, *album.show([*cameras], "start")]
 
 
 def guess_prompt(settings: Settings, album: Album) -> list[Part]:
     """What asks a model, told nothing of the task, what it takes the task to be."""
     told = description.scene(settings, "names")
     said = fill("guess", told=told, stages=description.stages(settings, "nothing"))
-    return [said, *album.named(description.stage_names(settings, "nothing")).show(settings.cams)]
+    shown = replace(album, names=description.stage_names(settings, "nothing"))
+    return [said, *shown.show(settings.cams)]
 
 
 def _bare(program: str) -> str:
@@ -170,13 +173,13 @@ class Trained:
     def descent(self) -> str:
         """A note for a program that descends from this one: runs and programs, the latest last."""
         note = Path(self.origin).with_suffix(DESCENT)
-        before = read_json(note)["line"] if note.is_file() else []
+        before = json.loads(note.read_text())["line"] if note.is_file() else []
         own = {"run": self.folder, "program": self.origin, "sha256": self.sha256}
         return json.dumps({"line": [*before, own]}, indent=2) + "\n"
 
     def prompt(self, reward: Sequence[Part]) -> list[Part]:
         """The question for a better program, after the one that asked for the first."""
-        (text, *pictures) = reward
+        text, *pictures = reward
         film = "There is no film of the trained agent."
         if self.stills:
             film = "Below the other pictures: stills of a film of the trained agent, in order."
@@ -190,43 +193,43 @@ class Trained:
 def read_run(folder: Path, size: int) -> Trained:
     """What a run's files say of its training; ``size``: a still's longer side, pixels, at most.
 
-    ``ValueError``: no run, one that was not paid by a program, or damaged files.
+    ``ValueError``: no run, or one whose reward was no program.
     """
-    match Run.open(folder).config().get("reward"):
-        case {"kind": kind, "program": {"text": str(text), "origin": str(origin)}} if kind in KINDS:
-            pass
-        case _:
-            raise ValueError(
-                f"revise: {folder} was trained on no program, so there is none to revise"
-            )
-    with named(f"revise: {folder / METRICS}"):
-        rows, _ = read_rows(folder / METRICS, {}, folder)
-    steps, film = int(rows["step"][-1]), folder / VIDEO
+    reward = Run.open(folder).config()["reward"]
+    if reward["kind"] not in KINDS:
+        raise ValueError(f"revise: {folder} was trained on no program, so there is none to revise")
+    program = reward["program"]
+    with (folder / METRICS).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    film, steps = folder / VIDEO, int(rows[-1]["step"])
     stills = _stills(film, size) if film.is_file() else ()
-    return Trained(str(folder), text, origin, _curves(rows), steps, stills)
+    return Trained(str(folder), program["text"], program["origin"], _curves(rows), steps, stills)
 
 
-def _curves(rows: Rows) -> str:
+def _curves(rows: Sequence[dict[str, str]]) -> str:
     """Some rows of the metrics, evenly over the training; terms by their names in the program.
 
     A dash stands where no episode ended.
     """
     # Facts would tell what success is.
-    columns = ["return", *(c for c in rows if c.startswith("term_")), "success"]
+    columns = ["return", *(name for name in rows[0] if name.startswith("term_")), "success"]
     names = (column.removeprefix("term_") for column in columns[:-1])
     lines = [", ".join(("step", *names, "done"))]
-    for row in sorted({round(i * (len(rows["step"]) - 1) / (_ROWS - 1)) for i in range(_ROWS)}):
-        values = ("-" if np.isnan(v := rows[c][row]) else f"{v:.3g}" for c in columns)
-        lines.append(", ".join((f"{rows['step'][row]:.0f}", *values)))
+    for number in dict.fromkeys(_evenly(len(rows), _ROWS)):
+        row = rows[number]
+        values = (f"{float(row[c]):.3g}".replace("nan", "-") if row[c] else "-" for c in columns)
+        lines.append(", ".join((row["step"], *values)))
     return "\n".join(lines)
 
 
+def _evenly(count: int, chosen: int) -> list[int]:
+    """Places in a list of ``count`` entries, from the first to the last."""
+    return [round(i * (count - 1) / (chosen - 1)) for i in range(chosen)]
+
+
 def _stills(film: Path, size: int) -> tuple[Png, ...]:
-    try:
-        with imageio.get_reader(film) as opened:
-            reader: Any = opened
-            frames = [np.asarray(frame) for frame in reader]
-    except (OSError, RuntimeError, ValueError) as error:
-        raise ValueError(f"revise: {film}: no film ({str(error).splitlines()[0]})") from error
-    chosen = [round(i * (len(frames) - 1) / (_STILLS - 1)) for i in range(_STILLS)]
+    with imageio.get_reader(film) as opened:
+        reader: Any = opened
+        frames = [np.asarray(frame) for frame in reader]
+    chosen = _evenly(len(frames), _STILLS)
     return tuple(Png.of(Image.fromarray(frames[number]), size) for number in chosen)

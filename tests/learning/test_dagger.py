@@ -105,9 +105,9 @@ def test_memory_keeps_the_newest_frames():
     ("key", "value", "message"),
     [
         ("minibatches", 0, r"algo\.minibatches: 0 must be at least 1"),
-        ("bend", 0, r"algo\.bend: 0\.?0? must be positive"),
+        ("bend", 0, r"algo\.bend: 0 must be above 0"),
         ("picture_shift", 65, r"algo\.picture_shift: 65 must be at most 64"),
-        ("noise", -1, r"algo\.noise: -1\.?0? is negative"),
+        ("noise", -1, r"algo\.noise: -1 must be at least 0"),
         ("epochs", 3, r"algo: unknown key epochs"),
         ("kind", "bc", r"algo\.kind: 'bc' is unknown; choose from dagger"),
     ],

@@ -184,8 +184,8 @@ def test_every_run_of_an_experiment_is_another_and_composes():
 
 
 def test_an_experiment_s_camera_sets_can_be_asked_about():
-    assert sweep.camera_sets("segdep") == ["+".join(cams) for cams, _ in swept("segdep")]
-    assert sweep.camera_sets("table2")[-1] == "dep_front+seg_side"
+    own = ["+".join(cams) for cams, _ in swept("table2")]
+    assert sweep.camera_sets("table2") == sorted(own)
 
 
 def test_an_experiment_is_a_sweep_without_being_told(tmp_path, monkeypatch, capfd):

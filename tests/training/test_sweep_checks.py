@@ -47,7 +47,10 @@ def test_a_program_that_is_refused_is_named_too(started, tmp_path):
     ("words", "said"),
     [
         (["cams=[rgb_top],[seg_side]"], "cams/rgb_top.*dep_default dep_ecm_left"),
-        (["cams=[seg_side],[dep_front]", "algo.minibatch=64,0"], "algo.minibatch: 0 should be"),
+        (
+            ["cams=[seg_side],[dep_front]", "algo.minibatch=64,0"],
+            "algo.minibatch: 0 must be at least 1",
+        ),
         (["cams=[seg_side],[dep_front]", "reward=human,nope"], "reward/nope.*human python sparse"),
     ],
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from vlm_server import KEY, Server, by_schema, live, serve
+from vlm_server import KEY, Server, by_schema, serve
 
 
 @pytest.fixture(scope="session")
@@ -17,15 +18,17 @@ def running() -> Iterator[Server]:
 
 @pytest.fixture
 def server(running: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Server:
-    """As it was at first, beside an empty folder to work in."""
+    """As it was at first, beside an empty folder to work in; nobody waits between two tries."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "sleep", lambda _: None)
     for name in ("GEMINI_API_KEY", "OPENAI_API_KEY", "TEST_KEY"):
         monkeypatch.setenv(name, KEY)
-    running.script, running.requests, running.headers, running.paths = [], [], [], []
+    running.script, running.requests, running.headers = [], [], []
     running.otherwise = by_schema
     return running
 
 
 @pytest.fixture
 def words(server: Server) -> list[str]:
-    return live(server)
+    """The words of a command that asks it as Gemini."""
+    return ["vlm=gemini", f"vlm.base_url={server.url}", "size=16"]

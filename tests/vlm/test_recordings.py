@@ -13,7 +13,6 @@ import pytest
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
-from needlehoop.envs.settings import settings_from
 from needlehoop.rewards.written import find
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
@@ -22,22 +21,24 @@ from needlehoop.training import session
 from needlehoop.vlm import description
 from needlehoop.vlm.config import transcripts
 from needlehoop.vlm.conversation import totals_of
-from needlehoop.vlm.messages import Message, Request
+from needlehoop.vlm.messages import Request
 from needlehoop.vlm.record import Exchange, Record
 from needlehoop.vlm.writing import ProgramRules
 
 CLAUDE = RECORDINGS / "claude"
 RESULTS = CONF.parent / "results/rewards"
-TRAINED = RECORDINGS / "claude_8210a79"
-COVERED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 PLACEMENTS = "claude_placements"
+ROOM = "claude_operating_room"
+VIEWS = ("wrist", "ecm_left", "ecm_left+{r}_ecm_right", "ecm_left+{r}_wrist", "front+{r}_wrist")
+"""The sets of ``ROOM``, in each rendering; and ``front+side``."""
 TASKS = {
     "claude": "needle_hoop",
     "claude_peg_transfer": "peg_transfer",
+    ROOM: "needle_hoop",
     PLACEMENTS: "needle_hoop",
     "claude_reach": "reach",
 }
-PROGRAMS = {"claude": 5, "claude_peg_transfer": 3, PLACEMENTS: 0, "claude_reach": 0}
+PROGRAMS = {"claude": 5, "claude_peg_transfer": 3}
 """Of each flavour."""
 PAIR = "dep_front+seg_side"
 
@@ -47,10 +48,6 @@ def transcript() -> Record:
     return Record(CLAUDE)
 
 
-def test_the_recordings_that_can_be_replayed():
-    assert transcripts() == {name: RECORDINGS / name for name in TASKS}
-
-
 def is_of_the_former_grasp(exchange: Exchange) -> bool:
     """Whether it asked for a program and told that jaws that touch the thing have grasped it."""
     return "becomes true when both jaws touch" in json.dumps(exchange.request)
@@ -58,7 +55,7 @@ def is_of_the_former_grasp(exchange: Exchange) -> bool:
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(one, marks=[pytest.mark.full] if PROGRAMS[one] else []) for one in TASKS],
+    [pytest.param(one, marks=[pytest.mark.full] if one in PROGRAMS else []) for one in TASKS],
 )
 def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path, monkeypatch):
     """A changed prompt, picture or judge of programs fails here until it is asked anew."""
@@ -87,7 +84,16 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
     words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
     words = words[1:] if TASKS[name] == "needle_hoop" else words
     needle = (["samples=3"], ["afresh=true"], ["vlm.told=names"], ["vlm.told=nothing"])
-    commands = {"claude": needle, PLACEMENTS: (["+experiment=placements", "study=main"],)}
+    sets = [
+        [f"{r}_{view.format(r=r)}" for view in (*VIEWS, "front+{r}_side")]
+        for r in ("rgb", "seg", "dep")
+    ]
+    lists = ",".join(f"[{','.join(own)}]" for own in sets)
+    commands = {
+        "claude": needle,
+        PLACEMENTS: (["+experiment=placements", "study=main"],),
+        ROOM: ([f"sets=[{lists}]", "task=wide", "group=6"],),
+    }
     for own in commands.get(name, ([],)):
         assert main(["vlm", "rank", *own, *words]) == 0
     if name == "claude":
@@ -102,9 +108,13 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
 
 
 def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
+    assert transcripts() == {name: RECORDINGS / name for name in TASKS}
     monkeypatch.chdir(tmp_path)
     assert main(["vlm", "question"]) == 0
     assert "layouts: " in capsys.readouterr().out
+    assert main(["vlm", "rank", "vlm.recording=paper"]) == 2
+    said = "name another recording: a folder, or claude, claude_peg_transfer"
+    assert said in capsys.readouterr().err
 
 
 def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcript):
@@ -118,16 +128,14 @@ def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcr
         parts = [part for m in exchange.request["messages"] for part in m["parts"]]
         shown |= {part["image"] for part in parts if "image" in part}
     index = json.loads((CLAUDE / "pictures.json").read_text())["pictures"]
-    assert shown <= {name for states in index.values() for name in states.values()}
-    for name in {name for states in index.values() for name in states.values()}:
+    kept = {name for states in index.values() for name in states.values()}
+    assert shown <= kept
+    for name in kept:
         assert transcript.picture(name).png.startswith(b"\x89PNG")
+    assert transcript.edition()["sha256"] == description.edition_of(task("needle_hoop"))
 
 
-def test_it_says_with_which_prompts_it_was_made():
-    assert Record(CLAUDE).edition()["sha256"] == description.edition_of(task("needle_hoop"))
-
-
-@pytest.mark.parametrize("name", [name for name in TASKS if PROGRAMS[name]])
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_are_those_that_were_answered(name):
     """The last answer of each conversation, after any that were refused."""
     answers = {
@@ -147,71 +155,30 @@ def test_programs_are_those_that_were_answered(name):
         assert program.strip() == answers[conversation].strip()
 
 
-def test_tables_are_of_the_transcript(transcript):
+def test_totals_are_of_the_transcript(transcript):
     with (CLAUDE / "totals.csv").open(newline="") as file:
         rows = {row.pop("conversation"): row for row in csv.DictReader(file)}
     found = totals_of(transcript.exchanges)
     assert rows == {name: {k: str(v) for k, v in row.items()} for name, row in found.items()}
-    ranked = [e for e in transcript.exchanges if e.conversation.startswith("rank")]
-    orders = [json.loads(e.answer).get("places") for e in ranked]
-    told = [[place["name"] for place in order] for order in orders if order is not None]
-    for file in CLAUDE.glob("rankings*.json"):
-        for entry in json.loads(file.read_text())["lists"]:
-            for ranking in entry["rankings"]:
-                assert [place["name"] for place in ranking] in told
 
 
-def test_the_readme_names_the_sets_that_it_covers():
-    said = (TRAINED / "README.md").read_text()
-    for name in COVERED:
-        assert f"`{name}`" in said
-    assert sorted(COVERED) == sorted(
-        file.parent.name for file in (TRAINED / "rewards").glob("*/image.txt")
-    )
-
-
-def test_its_text_reward_serves_any_cameras_and_the_image_rewards_their_own():
-    words = ["reward=vlm_text", "reward.recording=claude", "cams=[seg_default,rgb_side]"]
-    assert settings_from(composing.compose(words, "config")).reward["recording"] == "claude"
-    for cams in (["rgb_default"], ["dep_front", "seg_side"], ["seg_default", "rgb_side"]):
+def test_a_text_reward_serves_any_cameras_and_image_rewards_their_own():
+    for cams in (["rgb_default"], ["seg_default", "rgb_side"]):
         source = find(cams, "text", "nowhere", "results", "claude")
         assert Path(source.origin) == CLAUDE / "rewards/any/text.txt"
-    for name in COVERED:
-        source = find(reversed(name.split("+")), "image", "nowhere", "results", TRAINED.name)
-        assert Path(source.origin) == TRAINED / f"rewards/{name}/image.txt"
-    said = re.escape(f"(there is {', '.join(sorted(COVERED))})")
-    with pytest.raises(ValueError, match=said):
-        find(["rgb_default"], "image", "nowhere", "results", TRAINED.name)
+    trained = RECORDINGS / "claude_8210a79/rewards"
+    covered = sorted(file.parent.name for file in trained.glob("*/image.txt"))
+    for name in covered:
+        source = find(reversed(name.split("+")), "image", "nowhere", "results", "claude_8210a79")
+        assert Path(source.origin) == trained / name / "image.txt"
+    with pytest.raises(ValueError, match=re.escape(f"(there is {', '.join(covered)})")):
+        find(["rgb_default"], "image", "nowhere", "results", "claude_8210a79")
 
 
 def test_what_was_trained_on_stays_what_it_was():
     for kind, flavour in (("vlm_img_claude", "image"), ("vlm_text_claude", "text")):
-        config = read_yaml(RESULTS / f"dep_front+seg_side/{kind}/seed0/config.yaml")["reward"]
+        config = read_yaml(RESULTS / f"{PAIR}/{kind}/seed0/config.yaml")["reward"]
         reward = composing.compose([f"reward={kind}", "cams=[dep_front,seg_side]"], "config")
         recording = reward["reward"]["recording"]
         source = find(["dep_front", "seg_side"], flavour, None, "results", recording)
         assert source.text == config["program"]["text"]
-
-
-def test_an_answered_request_is_found_by_its_name(transcript):
-    """What was said and shown then, said and shown again."""
-    exchange = transcript.exchanges[0]
-    (message,) = exchange.request["messages"]
-    parts = tuple(
-        transcript.picture(part["image"]) if "image" in part else part["text"]
-        for part in message["parts"]
-    )
-    request = Request((Message(message["role"], parts),), exchange.request["schema"])
-    record = Record(transcripts()["claude"])
-    first, second, third = (record.ask(request, "question").answer for _ in range(3))
-    assert first == exchange.answer
-    assert len({first, second, third}) == 3
-
-
-def test_what_can_not_be_replayed_names_what_can(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["vlm", "rank", "vlm.recording=paper"]) == 2
-    assert (
-        "name another recording: a folder, or claude, claude_peg_transfer"
-        in capsys.readouterr().err
-    )

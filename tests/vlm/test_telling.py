@@ -1,4 +1,4 @@
-"""Every task that is told to a model: its own words in the general prompts, and its gates."""
+"""Every task that is told to a model: its own words in the general prompts."""
 
 from __future__ import annotations
 
@@ -7,22 +7,20 @@ import json
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from vlm_asked import CONFIG, QUESTIONS, RULES, Obliging, everything_said, text_of
+from vlm_asked import CONFIG, QUESTIONS, RULES, Obliging, album, everything_said, text_of
 
+from needlehoop.cli.main import main
 from needlehoop.envs.settings import Settings, compose_settings
 from needlehoop.pictures.stills import stages
 from needlehoop.study.data.answers import read_answers
 from needlehoop.tasks.needle_hoop import TASK as NEEDLE_HOOP
 from needlehoop.tasks.registry import find
-from needlehoop.vlm import album, description, inquiry
-from needlehoop.vlm.album import Album
+from needlehoop.vlm import description, inquiry
 from needlehoop.vlm.config import InquiryConfig
 from needlehoop.vlm.inquiry import Inquiry
-from needlehoop.vlm.messages import Png
 from needlehoop.vlm.record import EDITION
 from needlehoop.vlm.writing import reward_prompt
 
@@ -40,15 +38,6 @@ def made(task: str, variant: str = "standard", *words: str) -> Settings:
 
 
 @pytest.mark.parametrize("task", OTHERS)
-def test_every_variant_is_told(task):
-    for variant, control in (("standard", "tip"), ("near", "pose"), ("wide", "tip")):
-        s = made(task, variant, f"episode.control={control}")
-        (said,) = reward_prompt(s, RULES)
-        assert "$" not in said
-        assert ("about each of them" in said) == (control == "pose")
-
-
-@pytest.mark.parametrize("task", OTHERS)
 @pytest.mark.full
 def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     s = made(task)
@@ -56,8 +45,6 @@ def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     assert not re.search(r"needle|hoop|thread", said)
     assert not re.search(r"\b(success|verdict|cheat|touched)\b", said)
     assert s.definition.cheating not in said
-    for name in LIMITS[task]:
-        assert name not in said
     own = [name for name, row in s.definition.signals.items() if row.source == "verdict"]
     assert not [name for name in own if f"- {name}" in said]
     # Nothing that success depends on is told.
@@ -70,41 +57,27 @@ def test_other_tasks_are_told_in_their_own_words(task, tmp_path):
     ("task", "change", "said"),
     [
         ("reach", {"target_height": 0.0093}, "9.3 mm above the top of the column"),
-        ("reach", {"bump_height_range": 0.0021}, "heights 9.9 to 14.1 mm"),
-        ("reach", {"clearance": 0.0031}, "3.1 mm above the middle of the button"),
-        ("peg_transfer", {"marked_height": 0.0133}, "is 13.3 mm high"),
         ("peg_transfer", {"starts": (2,)}, "one of these: (-12, 8). The marked"),
-        ("peg_transfer", {"pickup_depth": 0.0051}, "5.1 mm below its upper edge"),
-        ("peg_transfer", {"hole_radius": 0.0071}, "a cylinder of 7.1 mm radius"),
     ],
 )
 def test_their_numbers_come_from_the_settings(task, change, said):
     s = made(task)
-    changed = replace(s, task=replace(s.task, **change))
-    (told,), (before,) = (reward_prompt(one, RULES) for one in (changed, s))
+    (told,) = reward_prompt(replace(s, task=replace(s.task, **change)), RULES)
     assert said in told
-    assert said not in before
 
 
-@pytest.mark.parametrize("change", [{"done": "elsewhere"}, {"goal": "gone"}, {"moments": {}}])
-def test_an_edition_is_of_a_task_and_of_all_that_is_said_of_it(change, tmp_path):
-    others = {description.edition_of(find(name)) for name in OTHERS}
-    assert len(others | {description.edition_of(NEEDLE_HOOP)}) == 3
-    # A moment's own question would have no moment.
+def test_an_edition_is_of_a_task_and_of_all_that_is_said_of_it(tmp_path):
     shutil.copytree(NEEDLE_HOOP.telling.texts, tmp_path, dirs_exist_ok=True)
+    # A moment's own question would have no moment.
     (tmp_path / "lifted.txt").unlink()
-    task = replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, texts=tmp_path))
-    told = replace(task, telling=replace(task.telling, **change))
-    assert (
-        description.edition_of(told)
-        != description.edition_of(task)
-        != description.edition_of(NEEDLE_HOOP)
-    )
+    changes = ({}, {"texts": tmp_path}, {"texts": tmp_path, "moments": {}}, {"done": "elsewhere"})
+    tasks = [replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, **c)) for c in changes]
+    tasks += [find(name) for name in OTHERS]
+    assert len({description.edition_of(task) for task in tasks}) == len(tasks)
 
 
 def test_a_text_too_many_or_too_few_is_named(tmp_path):
-    own = replace(NEEDLE_HOOP.telling, texts=tmp_path)
-    task = replace(NEEDLE_HOOP, telling=own)
+    task = replace(NEEDLE_HOOP, telling=replace(NEEDLE_HOOP.telling, texts=tmp_path))
     (tmp_path / "scene.txt").write_text("a table")
     with pytest.raises(ValueError, match=r"signals\.txt is missing or not asked for"):
         description.texts(task)
@@ -113,33 +86,23 @@ def test_a_text_too_many_or_too_few_is_named(tmp_path):
     (tmp_path / "sceen.txt").write_text("a table")
     with pytest.raises(ValueError, match=r"sceen\.txt is missing or not asked for"):
         description.texts(task)
-    with pytest.raises(ValueError, match="needle_hoop: telling: no 'held' among grasped"):
-        replace(NEEDLE_HOOP, telling=replace(own, moments={"held": "it is held"}))
 
 
-def test_a_task_without_words_is_refused_in_a_line(settings, monkeypatch, tmp_path, capsys):
-    from needlehoop.cli.main import main
-
+def test_a_task_without_words_is_refused_in_a_line(monkeypatch, tmp_path, capsys):
+    mute = replace(NEEDLE_HOOP, telling=None)
     monkeypatch.setattr("needlehoop.envs.settings.find", lambda _: mute)
     monkeypatch.chdir(tmp_path)
-    mute = replace(NEEDLE_HOOP, telling=None)
-    for words in (["question"], ["rank"], ["reward", "cams=rgb_default"]):
-        assert main(["vlm", *words, "vlm=manual", "vlm.model=m"]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert "task needle_hoop: no model can be asked about it; it has no telling" in line
+    assert main(["vlm", "rank", "vlm=manual", "vlm.model=m"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "task needle_hoop: no model can be asked about it; it has no telling" in line
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("task", OTHERS)
 def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch):
     s, provider = made(task), Obliging()
-    names = [f"{r}_{view}" for r in s.renderings for view in s.views]
-    shown = {
-        state: {n: Png(n.encode()) for n in names}
-        for state in (*description.stages_of(s.definition), "seen")
-    }
-    monkeypatch.setattr("needlehoop.vlm.providers.server.Server", lambda _: provider)
-    monkeypatch.setattr(inquiry, "open_album", lambda *_: Album(shown, 64))
+    monkeypatch.setattr("needlehoop.vlm.providers.live.live_provider", lambda _: provider)
+    monkeypatch.setattr(inquiry, "open_album", lambda *_: album(s))
     config = InquiryConfig(str(tmp_path), "main", 64, 1, False)
     with Inquiry(s, config, CONFIG) as opened:
         found = opened.question(QUESTIONS)
@@ -151,18 +114,10 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     asked = [row["question"] for row in rows if " to see that " in row["question"]]
     wanted = ["the goal is reached", *(["the block is lifted"] if pegs else [])]
     assert asked == [f"Best {w} to see that {so}" for so in wanted for w in ("view", "rendering")]
-    answers, left_out = read_answers(opened.folder.parent)
-    assert left_out == []
+    answers, _ = read_answers(opened.folder.parent)
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
-    noted = json.loads((Path(opened.folder) / EDITION).read_text())
+    noted = json.loads((opened.folder / EDITION).read_text())
     assert noted["sha256"] == description.edition_of(s.definition)
-
-
-def test_pictures_are_of_the_start_the_tasks_moments_and_the_goal():
-    assert [*description.stages_of(NEEDLE_HOOP)] == ["start", "grasped", "lifted", "goal"]
-    assert [*description.stages_of(find("reach"))] == ["start", "goal"]
-    taken = album._take(replace(made("reach"), image_size=16), 16)
-    assert list(taken) == ["start", "goal", album.SEEN]
 
 
 def test_in_the_picture_of_the_goal_the_needle_is_through():

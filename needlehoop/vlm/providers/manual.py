@@ -8,11 +8,11 @@ import sys
 import time
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.reading import UnreadableError, named, parse_json, read_bytes
 from needlehoop.vlm.config import ManualConfig
-from needlehoop.vlm.messages import Part, Reply, Request, UnansweredError
+from needlehoop.vlm.messages import Part, Reply, Request
 
 ANSWERS = ("answer.json", "answer.md", "answer.txt")
 """Names that an answer's file may have."""
@@ -23,49 +23,46 @@ names it. Save what it answers in this folder: as answer.json, or all that it sa
 """
 
 
+class UnansweredError(RuntimeError):
+    """Nobody answered in time. Nothing is recorded."""
+
+
 class Manual:
     """Writes each request into a folder of the study's record and waits for an answer there."""
 
     def __init__(self, config: ManualConfig, folder: Path):
         self._config, self._folder = config, folder
-        self.who = {"provider": config.kind, "model": config.model, "sampling": {}}
-        self._done: Path | None = None
+        self.who: dict[str, Any] = {
+            "provider": config.kind,
+            "model": config.model,
+            "sampling": {},
+        }
 
     def ask(self, request: Request) -> Reply:
         """The answer, once its file is there; ``UnansweredError`` when the time to wait is over.
 
         A request whose folder exists is not written again.
         """
-        self.close()
         place = self._folder / "asked" / request.sha256[:16]
         if not (place / "request.md").exists():
             write_request(request, place)
         answer = find_json(self._wait(place))
-        self._done = place
+        # Moved away, because the same question may be asked again.
+        done = self._folder / "answered"
+        done.mkdir(parents=True, exist_ok=True)
+        free = next(n for n in count(1) if not any(done.glob(f"{n:03d}_*")))
+        place.rename(done / f"{free:03d}_{place.name}")
         return Reply("answered", answer, "", self._config.model, None, None, ("by hand",))
-
-    def close(self) -> None:
-        """Move the last answered question away. If it is asked again, it is a new question."""
-        if self._done is not None:
-            done = self._folder / "answered"
-            done.mkdir(parents=True, exist_ok=True)
-            free = next(n for n in count(1) if not any(done.glob(f"{n:03d}_*")))
-            self._done.rename(done / f"{free:03d}_{self._done.name}")
-            self._done = None
 
     def _wait(self, place: Path) -> str:
         """What is in the answer's file, which must not be empty; of several the first name's."""
-        config, began, before, is_told = self._config, time.monotonic(), b"", False
+        config, began, before, is_told = self._config, time.monotonic(), "", False
         while True:
-            path = next((place / name for name in ANSWERS if (place / name).is_file()), place)
-            try:
-                with named(path):
-                    answer = b"" if path == place else read_bytes(path).strip()
-                # It has not changed since the last look, so nobody is still writing it.
-                if answer and answer == before:
-                    return answer.decode("utf-8-sig")
-            except UnicodeDecodeError as error:
-                raise ValueError(f"{path}: no UTF-8 text; save it as that") from error
+            path = next((place / name for name in ANSWERS if (place / name).is_file()), None)
+            answer = path.read_text("utf-8-sig").strip() if path else ""
+            # It has not changed since the last look, so nobody is still writing it.
+            if answer and answer == before:
+                return answer
             if not answer and not is_told:
                 print(
                     f"vlm=manual: give {place / 'request.md'} and its pictures to {config.model},"
@@ -118,14 +115,14 @@ def write_request(request: Request, place: Path) -> None:
 def find_json(said: str) -> str:
     """The JSON object in a model's text: all of it, in a fence, or between braces.
 
-    A text without one is returned as it is. It is refused later, like any malformed answer.
+    A text without one is returned as it is, to be refused like any malformed answer.
     """
     fenced = re.findall(r"^```\w*[ \t]*\n(.*?)^```", said, re.DOTALL | re.MULTILINE)
     braces = said[said.find("{") : said.rfind("}") + 1]
     for text in (said, *reversed(fenced), braces):
         try:
-            if isinstance(parse_json(text), dict):
+            if isinstance(json.loads(text), dict):
                 return text.strip()
-        except UnreadableError:
+        except (ValueError, RecursionError):
             continue
     return said

@@ -1,4 +1,4 @@
-"""Cards: a reward program's figures at the gates, and whether it passes."""
+"""A reward program's figures at the gates, and whether it passes."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from needlehoop.vlm.moments import CHEAT, Trajectories, collect, random_signals
 
 
 @dataclass(frozen=True)
-class Card:
+class GateReport:
     """A program's figures, and why it was refused or flagged.
 
-    ``lowest`` and ``highest`` are its values over the recorded moments, before clipping.
-    ``random_lowest`` and ``random_highest`` are its finite values over the random signals.
-    ``expert``, ``random`` and ``cheat`` are mean final values of the scripted controllers, clipped
-    if the gates say so; ``cheat`` is ``None`` where the task has no such controller. ``paid`` is
-    the share of a random policy's steps that change the value. An agent can hardly learn from a
-    reward that random steps never change.
+    ``lowest`` and ``highest`` are its values over the recorded moments, before clipping;
+    ``random_lowest`` and ``random_highest`` those over the random signals. ``expert``, ``random``
+    and ``cheat`` (``None`` where the task has none) are mean final values of the scripted
+    controllers, clipped if the gates say so. ``paid`` is the share of a random policy's steps that
+    change the value. ``stopped`` says by how much a teacher that stopped short, in each way, ends
+    below finishing.
     """
 
     terms: tuple[str, ...]
@@ -56,21 +56,21 @@ class Card:
         return not self.reasons
 
     def as_dict(self) -> dict[str, Any]:
-        """The card as plain values for JSON; a figure that is not finite is ``None``."""
-        plain = json.loads(TypeAdapter(Card).dump_json(self))
-        return {"passed": self.passed, **plain}
+        """The report as plain values for JSON; a figure that is not finite is ``None``."""
+        return {"passed": self.passed, **json.loads(TypeAdapter(GateReport).dump_json(self))}
 
     def __str__(self) -> str:
-        g, lines = self.gates, [f"terms        {', '.join(self.terms)}"]
-        lines += [
+        g, above = self.gates, self.expert - self.random
+        lines = [
+            f"terms        {', '.join(self.terms)}",
             f"not finite   {self.not_finite_random} of {self.random_signals} random signals,"
             f" {self.not_finite_recorded} of {self.recorded_moments} recorded moments",
             f"range        {self.lowest:.3f} to {self.highest:.3f} recorded"
             f" ({self.random_lowest:.3g} to {self.random_highest:.3g} on random signals);"
             f" allowed {g.low:g} to {g.high:g} + {g.bonus:g}, {g.range}",
             f"expert       {self.expert:.3f} at the end",
-            f"random       {self.random:.3f}; the expert is {self.expert - self.random:.3f}"
-            f" above, at least {g.margin:g} is asked",
+            f"random       {self.random:.3f}; the expert is {above:.3f} above, at least"
+            f" {g.margin:g} is asked",
         ]
         if self.cheat is not None:
             lines.append(
@@ -94,17 +94,17 @@ class Card:
         return "\n".join([*lines, f"verdict      {verdict}{', flagged' if self.flags else ''}"])
 
 
-def card(
+def gate_report(
     program: Program,
     settings: Settings,
     gates: Gates,
     trajectories: Trajectories | None = None,
-) -> Card:
+) -> GateReport:
     """Put a program through the gates; cameras, reward and number of environments do not matter.
 
     ``trajectories``: those of an earlier ``collect``, which takes a second or two.
     """
-    seen = collect(settings, gates) if trajectories is None else trajectories
+    seen = trajectories or collect(settings, gates)
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
     bad, lowest, highest = _extent(program, seen.moments)
     random_bad, random_lowest, random_highest = _extent(program, wild)
@@ -118,7 +118,7 @@ def card(
 
     finals = {who: float(value(at).mean()) for who, at in seen.last.items()}
     paid = gained(seen.before, seen.after).abs() >= gates.paid_by
-    found = Card(
+    found = GateReport(
         terms=program.terms,
         not_finite_random=random_bad,
         not_finite_recorded=bad,
@@ -139,40 +139,41 @@ def card(
     return replace(found, reasons=tuple(reasons), flags=tuple(flags))
 
 
-def _judge(c: Card, cheating: str) -> tuple[list[str], list[str]]:
+def _judge(found: GateReport, cheating: str) -> tuple[list[str], list[str]]:
     """Why a program is refused, and what is flagged. "not >=" holds for NaN too."""
-    g, reasons, flags = c.gates, [], []
-    if c.not_finite_random:
-        reasons.append(f"not finite on {c.not_finite_random} of {c.random_signals} random signals")
-    if c.not_finite_recorded:
-        where = f"{c.not_finite_recorded} of {c.recorded_moments} recorded moments"
-        reasons.append(f"not finite on {where}")
+    g, reasons, flags = found.gates, [], []
+    for bad, total, what in (
+        (found.not_finite_random, found.random_signals, "random signals"),
+        (found.not_finite_recorded, found.recorded_moments, "recorded moments"),
+    ):
+        if bad:
+            reasons.append(f"not finite on {bad} of {total} {what}")
     if g.range == "refuse":
-        if not c.lowest >= g.low - g.tolerance:
-            reasons.append(f"falls to {c.lowest:.3f}; the least allowed is {g.low:g}")
-        if not c.highest <= g.top + g.tolerance:
+        if not found.lowest >= g.low - g.tolerance:
+            reasons.append(f"falls to {found.lowest:.3f}; the least allowed is {g.low:g}")
+        if not found.highest <= g.top + g.tolerance:
             reasons.append(
-                f"rises to {c.highest:.3f}; the most allowed is {g.high:g} and a bonus of"
+                f"rises to {found.highest:.3f}; the most allowed is {g.high:g} and a bonus of"
                 f" {g.bonus:g}"
             )
-    if not c.expert - c.random >= g.margin:
+    if not found.expert - found.random >= g.margin:
         reasons.append(
-            f"the expert ends {c.expert - c.random:.3f} above a random policy; at least"
+            f"the expert ends {found.expert - found.random:.3f} above a random policy; at least"
             f" {g.margin:g} is asked"
         )
-    if c.cheat is not None and not c.expert - c.cheat >= g.audit_margin:
+    if found.cheat is not None and not found.expert - found.cheat >= g.audit_margin:
         (reasons if g.audit == "refuse" else flags).append(
-            f"{cheating} ends {c.expert - c.cheat:.3f} below the expert; at least"
+            f"{cheating} ends {found.expert - found.cheat:.3f} below the expert; at least"
             f" {g.audit_margin:g} is asked"
         )
-    for how, below in c.stopped.items():
+    for how, below in found.stopped.items():
         if not below >= g.stop_margin - g.tolerance:
             far = f"{-below:.3f} above" if below < 0 else f"only {below:.3f} below"
             said = f"the teacher {how} ends {far} finishing the task"
             (reasons if g.stop == "refuse" else flags).append(said)
-    if not c.paid >= g.paid:
+    if not found.paid >= g.paid:
         flags.append(
-            f"{100 * c.paid:.2f} % of random steps are paid; at least {100 * g.paid:g} % is"
+            f"{100 * found.paid:.2f} % of random steps are paid; at least {100 * g.paid:g} % is"
             " asked: what is hardly ever paid is hardly ever learnt"
         )
     return reasons, flags
