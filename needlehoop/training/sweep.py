@@ -144,7 +144,7 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
         ValueError: another mistake in the settings of a run.
     """
     from needlehoop import rewards
-    from needlehoop.rewards import written
+    from needlehoop.rewards import program_reward
     from needlehoop.tasks.registry import find
     from needlehoop.training.options import check_options
 
@@ -154,13 +154,15 @@ def wrong_programs(runs: Iterable[list[str]], seeds: Sequence[Any]) -> list[str]
         for seed in seeds or [values["seed"]]:
             check_options({**values, "seed": seed})
         reward: Mapping[str, Any] = values["reward"]
-        if reward["kind"] not in written.KINDS or values["resume"] is not None:
+        if reward["kind"] not in program_reward.KINDS or values["resume"] is not None:
             continue
-        if not written.is_recorded(reward):
+        if not program_reward.is_recorded(reward):
             if values["vlm"]["kind"] != "replay":
                 continue
-            flavour, cams = written.FLAVOURS[reward["kind"]], listed(reward["cams"])
-            asking = written.command(cams, flavour, str(reward["study"]), str(reward["results"]))
+            flavour, cams = program_reward.FLAVOURS[reward["kind"]], listed(reward["cams"])
+            asking = program_reward.command(
+                cams, flavour, str(reward["study"]), str(reward["results"])
+            )
             lines[f"  {'+'.join(cams)}: none of {flavour}; make it with: {asking}"] = None
             continue
         try:

@@ -13,7 +13,7 @@ from needle_task import compile_program, random_signals
 from needlehoop.cli.main import main
 from needlehoop.config import composing, strict
 from needlehoop.envs.settings import Settings, settings_from
-from needlehoop.rewards import reference_reward, written
+from needlehoop.rewards import program_reward, reference_reward
 from needlehoop.rewards.language import program as language
 from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.vlm import writing
@@ -190,7 +190,7 @@ def test_what_counts_as_paid_and_how_much_is_asked_are_settings(judge):
 
 
 def test_the_papers_image_rewards_are_hardly_ever_paid_and_its_text_reward_by_the_unit(judge):
-    shipped = written.RECORDINGS / "paper" / "rewards"
+    shipped = program_reward.RECORDINGS / "paper" / "rewards"
     found = [judge(path.read_text()) for path in shipped.glob("*/image.txt")]
     assert all(card.paid < 0.1 for card in found)
     assert all("of random steps are paid" in card.flags[-1] for card in found)
@@ -201,7 +201,7 @@ def test_the_papers_image_rewards_are_hardly_ever_paid_and_its_text_reward_by_th
 
 def test_the_papers_own_rewards_are_seen_through(judge):
     """Its text-only reward was gamed in training; of the others, one leaves the range."""
-    shipped = written.RECORDINGS / "paper" / "rewards"
+    shipped = program_reward.RECORDINGS / "paper" / "rewards"
     found = {
         f"{path.parent.name}/{path.stem}": judge(path.read_text())
         for path in shipped.glob("*/*.txt")
@@ -216,12 +216,12 @@ def test_the_papers_own_rewards_are_seen_through(judge):
 
 
 def test_the_recorded_models_rewards_pass(judge):
-    trained = written.RECORDINGS / "claude_8210a79" / "rewards"
+    trained = program_reward.RECORDINGS / "claude_8210a79" / "rewards"
     found = {path.parent.name: judge(path.read_text()) for path in trained.glob("*/*.txt")}
     assert len(found) == 4
     assert all(card.passed and not card.flags for card in found.values())
     assert all(card.paid > 0.8 for card in found.values())
-    shipped = written.RECORDINGS / "claude" / "rewards"
+    shipped = program_reward.RECORDINGS / "claude" / "rewards"
     newer = [judge(path.read_text()) for path in shipped.glob("*/*.txt")]
     assert len(newer) == 10
     assert all(card.passed and card.paid > 0.4 for card in newer)
@@ -229,7 +229,7 @@ def test_the_recorded_models_rewards_pass(judge):
 
 def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
     """The paper's text reward pays more for the hoop's centre than for going through."""
-    paper = (written.RECORDINGS / "paper/rewards/any/text.txt").read_text()
+    paper = (program_reward.RECORDINGS / "paper/rewards/any/text.txt").read_text()
     found = judge(paper)
     assert found.passed
     (said,) = [flag for flag in found.flags if "finishing the task" in flag]
@@ -400,11 +400,11 @@ def test_check_says_why_a_program_is_refused(tmp_path, capsys):
     file.write_text("reward = 1\nimport os")
     assert check(str(file)) == 1
     out = capsys.readouterr().out
-    assert f"{file}: line 2, column 1: 'import' is not in the language" in out
+    assert f"{file}: line 2, column 1: Import is not in the language" in out
     assert check(str(file), "--json") == 1
     where = json.loads(capsys.readouterr().out)["refused"]
     assert (where["line"], where["column"]) == (2, 1)
-    assert "'import' is not in the language" in where["reason"]
+    assert "Import is not in the language" in where["reason"]
 
 
 @pytest.mark.full

@@ -14,7 +14,7 @@ import pytest
 from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.envs.settings import settings_from
-from needlehoop.rewards.written import find
+from needlehoop.rewards.program_reward import find
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from needlehoop.rewards.language.functions import ARITHMETIC, COMPARISONS, FUNCTIONS, JUNCTIONS
 from needlehoop.rewards.language.grammar import (
+    MAX_CONSTANT,
     ProgramError,
     foreign,
     literal,
@@ -35,14 +36,11 @@ MAX_DEPTH = 64
 """Operations inside each other in one expression."""
 MAX_STATEMENTS = 100
 """Statements in a program, those inside ifs included."""
-MAX_NESTING = 16
-"""Ifs inside each other, ``elif`` included."""
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
 RESULT = "reward"
 """The variable that holds a program's value."""
-
 
 Step = tuple[Callable[..., Any], tuple[int, ...]]
 """A call, and what it takes: the signals are number 0, results of earlier steps count from 1."""
@@ -52,8 +50,8 @@ Step = tuple[Callable[..., Any], tuple[int, ...]]
 class Program:
     """A compiled program, which is a reward. Two programs are equal if their sources are.
 
-    ``results`` has the number of each term's step: of what the last ``reward = a + b`` sums, else
-    of ``reward``.
+    ``results`` has the number of each term's step. The terms are the names that the last
+    ``reward = a + b`` sums, or ``reward`` alone.
     """
 
     source: str
@@ -88,7 +86,7 @@ class _Value(NamedTuple):
     """The number of a step, and what it gives where every signal is zero.
 
     That tensor shows the kind: ``(n,)`` bool is a truth value, ``(n,)`` float64 a number, and
-    ``(n, k)`` float64 a k-vector. ``n`` is 1 here, and for what is always the same.
+    ``(n, k)`` float64 a k-vector. ``n`` is 1 here.
     """
 
     number: int
@@ -100,15 +98,10 @@ class _Value(NamedTuple):
         return self.like.shape[1] if self.like.ndim == 2 else 0
 
     @property
-    def is_truth(self) -> bool:
-        """Whether it is true or false."""
-        return self.like.dtype == torch.bool
-
-    @property
     def kind(self) -> str:
         if self.size:
             return f"a {self.size}-vector"
-        return "a truth value" if self.is_truth else "a number"
+        return "a truth value" if self.like.dtype == torch.bool else "a number"
 
 
 class _Compiler:
@@ -116,33 +109,28 @@ class _Compiler:
 
     def __init__(self, table: Mapping[str, Signal]):
         self._table = table
-        kinds = {
-            name: torch.bool if s.unit == "bool" else torch.float64 for name, s in table.items()
+        zero = {
+            name: torch.zeros(1, *s.shape, dtype=torch.bool if s.unit == "bool" else torch.float64)
+            for name, s in table.items()
         }
-        zero = {name: torch.zeros(1, *s.shape, dtype=kinds[name]) for name, s in table.items()}
         self._signals, self._steps = _Value(0, SimpleNamespace(**zero)), []
-        self._variables: dict[str, _Value | int] = {}
-        """Values by name; the line of an if that assigns a variable in only one branch."""
+        self._variables: dict[str, _Value] = {}
         self._summands: dict[str, _Value] = {}
-        """What the result is the plain sum of, if it is one."""
+        """The values whose plain sum the result is, if it is one."""
         self._last: ast.stmt | None = None
         """The last assignment to the result."""
-        self._nodes = self._depth = self._statements = self._nesting = 0
+        self._nodes = self._depth = self._statements = self._ifs = 0
 
     def program(self, source: str) -> Program:
         """The whole program."""
         body = parse(source).body
         self._block(body)
-        found = self._variables.get(RESULT)
-        if not isinstance(found, _Value):
-            end = body[-1].end_lineno if body else None
-            some = "nowhere" if found is None else "in only one branch of an if"
-            raise ProgramError(
-                end or 1, 1, f"{RESULT!r} is assigned {some}; a program's value is that variable"
-            )
-        last, terms = self._last, self._summands or {RESULT: found}
-        assert last is not None
-        results = {name: self._number(one, last, name).number for name, one in terms.items()}
+        last = self._last
+        if last is None or RESULT not in self._variables:
+            line = (body[-1].end_lineno if body else None) or 1
+            raise ProgramError(line, 1, f"{RESULT!r} is not assigned in every branch")
+        terms = self._summands or {RESULT: self._variables[RESULT]}
+        results = {name: self._number(one, last).number for name, one in terms.items()}
         return Program(source, tuple(self._steps), results)
 
     def _do(self, run: Callable[..., Any], *takes: _Value) -> _Value:
@@ -158,61 +146,56 @@ class _Compiler:
             if self._statements > MAX_STATEMENTS:
                 raise refuse(statement, f"a program has at most {MAX_STATEMENTS} statements")
             match statement:
-                case ast.Assign(targets=[ast.Name() as target], value=expression):
+                case ast.Assign(targets=[ast.Name(id=name)], value=expression):
                     value = self._value(expression)
-                    self._assign(statement, target, value, self._summed(target, expression))
-                case ast.Assign():
-                    raise refuse(statement, "an assignment has one name on its left")
-                case ast.AugAssign(target=ast.Name() as target, op=op, value=expression):
-                    old = self._name(target, target.id)
+                    self._assign(statement, name, value, self._summed(name, expression))
+                case ast.AugAssign(target=ast.Name(id=name), op=op, value=expression):
+                    old = self._name(statement, name)
                     changed = self._arithmetic(statement, op, old, self._value(expression))
-                    self._assign(statement, target, changed, {})
+                    self._assign(statement, name, changed, {})
                 case ast.If():
                     self._if(statement)
                 case _:
                     raise foreign(statement)
 
     def _assign(
-        self, statement: ast.stmt, target: ast.Name, value: _Value, summands: dict[str, _Value]
+        self, statement: ast.stmt, name: str, value: _Value, summands: dict[str, _Value]
     ) -> None:
-        for table, what in ((self._table, "signal"), (FUNCTIONS, "function")):
-            if target.id in table:
-                raise refuse(target, f"{target.id!r} is a {what}; choose another name")
-        self._variables[target.id] = value
-        if target.id == RESULT:
+        if name in self._table or name in FUNCTIONS or name.startswith("_"):
+            raise refuse(
+                statement,
+                f"{name!r}: a variable's name begins with a letter, and is no signal or function",
+            )
+        self._variables[name] = value
+        if name == RESULT:
             self._last, self._summands = statement, summands
 
-    def _summed(self, target: ast.Name, expression: ast.expr) -> dict[str, _Value]:
+    def _summed(self, target: str, expression: ast.expr) -> dict[str, _Value]:
         """The variables and signals that the result is the plain sum of, outside every if."""
         names = summed(expression)
-        plain = target.id == RESULT and not self._nesting and RESULT not in names
+        plain = target == RESULT and not self._ifs and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}
         return {name: self._name(expression, name) for name in names}
 
     def _if(self, statement: ast.If) -> None:
-        condition = _truth(self._value(statement.test), statement.test, "a condition")
-        self._nesting += 1
-        if self._nesting > MAX_NESTING:
-            raise refuse(statement, f"more than {MAX_NESTING} ifs inside each other")
+        condition = self._truth(statement.test)
         before, branches = self._variables, []
+        self._ifs += 1
         for body in (statement.body, statement.orelse):
             self._variables = dict(before)
             self._block(body)
             branches.append(self._variables)
-        self._nesting -= 1
+        self._ifs -= 1
         then, other = branches
-        self._variables = {}
-        for name in {**then, **other}:
-            ends = then.get(name), other.get(name)
-            match ends:
-                case (_Value() as a, _Value() as b):
-                    what = f"{name!r} after the if"
-                    value = a if a is b else self._choose(statement, what, condition, a, b)
-                case _:
-                    lines = (one for one in ends if isinstance(one, int))
-                    value = next(lines, statement.lineno)
-            self._variables[name] = value
+        # A variable that only one branch assigns has no value afterwards.
+        self._variables = {
+            name: value
+            if value is other[name]
+            else self._choose(statement, condition, value, other[name])
+            for name, value in then.items()
+            if name in other
+        }
 
     # Expressions.
 
@@ -230,161 +213,136 @@ class _Compiler:
     def _expression(self, node: ast.expr) -> _Value:
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
+                if value > MAX_CONSTANT:
+                    raise refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
                 dtype = torch.bool if isinstance(value, bool) else torch.float64
                 tensor = torch.tensor([value], dtype=dtype)
                 return self._do(lambda: tensor)
             case ast.Name(id=name):
                 return self._name(node, name)
-            case ast.UnaryOp(op=op, operand=operand):
-                return self._unary(node, op, self._value(operand))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return self._do(torch.logical_not, self._truth(operand))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+                value = self._value(operand)
+                value = value if value.size else self._number(value, node)
+                return self._do(torch.neg, value) if isinstance(sign, ast.USub) else value
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
                 base, exponent = self._value(left), literal(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
                     raise refuse(
                         right, f"an exponent is a number, written out, of at most {MAX_EXPONENT}"
                     )
-                power = partial(torch.pow, exponent=exponent)
-                return self._do(power, self._number(base, node, "**"))
+                power = partial(torch.pow, exponent=float(exponent))
+                return self._do(power, self._number(base, node))
             case ast.BinOp(left=left, op=op, right=right):
                 return self._arithmetic(node, op, self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=operands):
-                word, run = JUNCTIONS[type(op)]
-                values = [_truth(self._value(one), one, word) for one in operands]
-                return reduce(partial(self._do, run), values)
+                return reduce(partial(self._do, JUNCTIONS[type(op)]), map(self._truth, operands))
             case ast.Compare(left=left, ops=ops, comparators=others):
                 return self._compare(node, ops, [self._value(one) for one in (left, *others)])
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                condition = _truth(self._value(test), test, "a condition")
-                a, b = self._value(body), self._value(orelse)
-                return self._choose(node, "a conditional expression", condition, a, b)
+                condition = self._truth(test)
+                return self._choose(node, condition, self._value(body), self._value(orelse))
+            case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
+                return self._call(node, name, given)
             case ast.Call():
-                return self._call(node)
+                raise refuse(
+                    node, "a call is a function's name and its arguments, without keywords"
+                )
             case _:
                 raise foreign(node)
 
-    def _name(self, node: ast.expr, name: str) -> _Value:
+    def _name(self, node: ast.AST, name: str) -> _Value:
         """The value of a variable or a signal."""
-        found = self._variables.get(name)
-        if isinstance(found, _Value):
-            return found
-        if found is not None:
+        if name in self._variables:
+            return self._variables[name]
+        if name not in self._table:
+            own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
             raise refuse(
-                node,
-                f"{name!r} has no value yet where the if on line {found} goes the other way;"
-                " assign it before, or in every branch",
+                node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
             )
-        if name in self._table:
-            if self._table[name].source != "verdict":
-                return self._do(attrgetter(name), self._signals)
+        if self._table[name].source == "verdict":
             raise refuse(node, f"{name!r} is the verdict, which no program may read")
-        if name in FUNCTIONS:
-            raise refuse(node, f"{name!r} is a function: {FUNCTIONS[name].signature}")
-        own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
-        raise refuse(
-            node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
-        )
+        return self._do(attrgetter(name), self._signals)
+
+    def _truth(self, node: ast.expr) -> _Value:
+        value = self._value(node)
+        if value.kind != "a truth value":
+            raise refuse(node, f"{value.kind}, where a truth value such as a < b is needed")
+        return value
 
     def _compare(self, node: ast.Compare, ops: list[ast.cmpop], values: list[_Value]) -> _Value:
         """``a < b < c`` is ``a < b and b < c``."""
         found = []
         for op, *pair in zip(ops, values, values[1:], strict=False):
-            sign, run = COMPARISONS[type(op)]
-            found.append(self._do(run, *(self._number(value, node, sign) for value in pair)))
+            if type(op) not in COMPARISONS:
+                raise refuse(node, f"{type(op).__name__} is not in the language")
+            numbers = [self._number(value, node) for value in pair]
+            found.append(self._do(COMPARISONS[type(op)], *numbers))
         return reduce(partial(self._do, torch.logical_and), found)
 
-    def _call(self, node: ast.Call) -> _Value:
-        if not isinstance(node.func, ast.Name):
-            raise refuse(node, "only a function's name can be called")
-        name, given = node.func.id, node.args
+    def _call(self, node: ast.Call, name: str, given: list[ast.expr]) -> _Value:
         if name not in FUNCTIONS:
             raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
-        function = FUNCTIONS[name]
-        takes, signature = function.takes, function.signature
-        if node.keywords:
-            raise refuse(node, f"no keywords in a call; {signature}")
+        signature, _, takes, run = FUNCTIONS[name]
         more = len(given) - len(takes)
         if more < 0 or (more and "..." not in signature):
             raise refuse(node, f"{len(given)} arguments; {signature}")
         if name == "component":
             return self._component(given[0], given[1])
-        values = [self._value(argument) for argument in given]
         if name == "where":
-            condition, a, b = values
-            return self._choose(node, name, _truth(condition, given[0], name), a, b)
-        fitted = [
-            self._fit(value, wish, argument, signature)
-            for value, wish, argument in zip(values, takes + takes[-1:] * more, given, strict=True)
+            condition, a, b = self._truth(given[0]), self._value(given[1]), self._value(given[2])
+            return self._choose(node, condition, a, b)
+        values = [
+            self._fit(self._value(argument), wish, argument)
+            for argument, wish in zip(given, takes + takes[-1:] * more, strict=True)
         ]
-        sizes = sorted({value.size for value in fitted})
-        if set(takes) == {"vector"} and len(sizes) > 1:
-            raise refuse(node, f"vectors of {' and '.join(map(str, sizes))} components")
-        return self._do(function.run, *fitted)
+        if set(takes) == {"vector"} and len({value.size for value in values}) > 1:
+            raise refuse(node, f"vectors of different lengths; {signature}")
+        return self._do(run, *values)
 
     def _component(self, vector: ast.expr, index: ast.expr) -> _Value:
-        value, number = self._value(vector), literal(index)
-        if not value.size:
-            raise refuse(vector, f"{value.kind} has no components")
-        if number is None or number != int(number) or not 0 <= number < value.size:
+        value, number = self._fit(self._value(vector), "vector", vector), literal(index)
+        if number is None or number not in range(value.size):
             raise refuse(index, f"the index is one of 0 to {value.size - 1}, written out")
         return self._do(itemgetter((..., int(number))), value)
 
     # Operations.
 
-    def _number(self, value: _Value, node: ast.AST, what: str) -> _Value:
+    def _number(self, value: _Value, node: ast.AST) -> _Value:
         """A number as it is; a truth value as 0 or 1. A vector is refused."""
-        return self._fit(value, "number", node, what)
+        return self._fit(value, "number", node)
 
-    def _fit(self, value: _Value, wish: str, node: ast.AST, what: str) -> _Value:
+    def _fit(self, value: _Value, wish: str, node: ast.AST) -> _Value:
         """A value as an argument: ``number``, ``vector``, ``vector3`` or ``vector4``."""
-        wanted = wish.removeprefix("vector")
         if wish == "number" and not value.size:
-            return self._do(Tensor.double, value) if value.is_truth else value
-        if wish == "number" or not value.size or wanted not in ("", str(value.size)):
-            taken = f"{wanted}-vector" if wanted.isdigit() else wish
-            raise refuse(node, f"{value.kind}, where {what} takes a {taken}")
-        return value
-
-    def _unary(self, node: ast.UnaryOp, op: ast.unaryop, value: _Value) -> _Value:
-        if isinstance(op, ast.Not):
-            return self._do(torch.logical_not, _truth(value, node, "not"))
-        sign = "-" if isinstance(op, ast.USub) else "+"
-        value = value if value.size else self._number(value, node, sign)
-        return self._do(torch.neg, value) if sign == "-" else value
+            return self._do(Tensor.double, value) if value.like.dtype == torch.bool else value
+        if value.size and wish in ("vector", f"vector{value.size}"):
+            return value
+        raise refuse(node, f"{value.kind}, where a {wish} is needed")
 
     def _arithmetic(self, node: ast.AST, op: ast.operator, a: _Value, b: _Value) -> _Value:
         if type(op) not in ARITHMETIC:
-            signs = ", ".join(sign for sign, _ in ARITHMETIC.values())
-            raise refuse(node, f"{type(op).__name__} is not in the language; choose from {signs}")
-        sign, run = ARITHMETIC[type(op)]
+            raise refuse(node, f"{type(op).__name__} is not in the language")
+        run = ARITHMETIC[type(op)]
         if not a.size and not b.size:
-            return self._do(run, self._number(a, node, sign), self._number(b, node, sign))
-        if a.size == b.size and sign in "+-":
+            return self._do(run, self._number(a, node), self._number(b, node))
+        if a.size == b.size and run in (torch.add, torch.sub):
             return self._do(run, a, b)
-        if sign == "*" and not a.size:
+        if run is torch.mul and not a.size:
             a, b = b, a
-        if sign in "*/" and not b.size:
-            return self._do(run, a, self._column(self._number(b, node, sign)))
-        raise refuse(
-            node,
-            f"{sign} between {a.kind} and {b.kind}; vectors are added to vectors of their length,"
-            " and scaled by numbers",
-        )
+        if run in (torch.mul, torch.div) and not b.size:
+            return self._do(run, a, self._column(self._number(b, node)))
+        raise refuse(node, f"{type(op).__name__} of {a.kind} and {b.kind}")
 
-    def _choose(self, node: ast.AST, what: str, condition: _Value, a: _Value, b: _Value) -> _Value:
+    def _choose(self, node: ast.AST, condition: _Value, a: _Value, b: _Value) -> _Value:
         """``a`` in the environments where the condition holds, else ``b``."""
         if a.kind != b.kind:
             if a.size or b.size:
-                raise refuse(node, f"{what} is {a.kind} or {b.kind}; it must be of one kind")
-            a, b = self._number(a, node, what), self._number(b, node, what)
+                raise refuse(node, f"either {a.kind} or {b.kind}; it must be of one kind")
+            a, b = self._number(a, node), self._number(b, node)
         return self._do(torch.where, self._column(condition) if a.size else condition, a, b)
 
     def _column(self, value: _Value) -> _Value:
         """``(n, 1)``, to go with vectors."""
         return self._do(partial(torch.unsqueeze, dim=-1), value)
-
-
-def _truth(value: _Value, node: ast.AST, what: str) -> _Value:
-    """A truth value as it is. Anything else is refused."""
-    if not value.is_truth:
-        raise refuse(node, f"{value.kind}, where {what} takes a truth value, such as a < b")
-    return value
