@@ -1,4 +1,4 @@
-"""Commands that measure: the speed of this machine, and what can be read off cameras' images."""
+"""The command that measures what can be read off cameras' images."""
 
 from __future__ import annotations
 
@@ -7,74 +7,14 @@ import json
 import re
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from needlehoop.cli.command import JSON, KEYS, argument, command, environment
+from needlehoop.cli.command import KEYS, argument, command
 from needlehoop.config import strict
-from needlehoop.config.strict import Range
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
     from needlehoop.probe.plan import Grid, Plan
-
-Rounds = Annotated[int, Range(1, 1_000_000)]
-
-
-@command(
-    argument("overrides", nargs="*", metavar="speed | train | sb3 | key=value"),
-    JSON,
-    config="bench",
-)
-def bench(options: argparse.Namespace) -> None:
-    """Measure how fast the environment is on this machine (speed, the default), or training
-    (train), or Stable-Baselines3 on it (sb3).
-
-    train and sb3 have the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml). With
-    train, against=disturb=none measures another training in turns.
-    """
-    from needlehoop.config.options import typed
-
-    given = [word if "=" in word else f"what={word}" for word in options.overrides]
-    what = ["speed", *typed(given, "what")][-1]
-    strict.check_names("what", [what], ("speed", "train", "sb3"))
-    other = typed(given, "against")
-    if other and what != "train":
-        raise ValueError(f"against: bench {what} compares nothing; bench train does")
-    options.overrides = [one for one in given if one.partition("=")[0] not in ("what", "against")]
-    if what == "speed":
-        settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
-        _check_cameras(settings)
-        from needlehoop.bench.speed import measure
-
-        found = measure(settings, asked.rounds, asked.steps)
-    else:
-        found = _learning(what, options.overrides, other)
-    print(json.dumps(found) if options.json else yaml.safe_dump(found, sort_keys=False).rstrip())
-
-
-def _learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
-    from needlehoop.config import composing
-
-    values = composing.compose(overrides, "bench_train")
-    other = composing.compose([*overrides, *against], "bench_train") if against else None
-    from needlehoop.learning.job import typed_job
-
-    job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
-    _check_cameras(job.env)
-    if what == "sb3":
-        from needlehoop.bench.stable_baselines import measure_sb3
-
-        return measure_sb3(job, rounds)
-    from needlehoop.bench.speed import measure_training
-
-    return measure_training(job, rounds, None if other is None else typed_job(other))
-
-
-def _check_cameras(settings: Settings) -> None:
-    if not settings.cams:
-        raise ValueError("cams: the benchmark needs at least one camera")
 
 
 @command(
