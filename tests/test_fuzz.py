@@ -52,7 +52,6 @@ COMMANDS = {
     "snapshot": ("snapshot", []),
     "picture": ("picture", []),
     "expert": ("expert", []),
-    "view": ("view", []),
     "probe": ("probe", []),
     "check": ("vlm check", ["cams=[dep_front,seg_side]"]),
     "demonstrations": ("demonstrations", ["out=smooth-v0"]),
@@ -66,7 +65,6 @@ COMMANDS = {
 HEAVY = (
     "needlehoop.pictures.stills.contact_sheet",
     "needlehoop.pictures.stills.portrait",
-    "needlehoop.pictures.window.view",
     "needlehoop.envs.controllers.run_trials",
     "needlehoop.probe.measuring.probe",
     "needlehoop.learning.stress.stress",

@@ -176,7 +176,7 @@ def test_no_command_imports_what_a_run_names(stranger, tmp_path, capsys):
     folder, marker = stranger
     for words in (
         ["evaluate", str(folder)],
-        ["watch", str(folder), "window=false", f"out={tmp_path}/film.mp4"],
+        ["watch", str(folder), f"out={tmp_path}/film.mp4"],
         ["demonstrations", f"demonstrator={folder}", f"out={tmp_path}/demos-v0", "seed=9"],
     ):
         assert main(words) == 2

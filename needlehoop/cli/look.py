@@ -109,15 +109,6 @@ def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tupl
     return grasps
 
 
-@command(KEYS, config="view")
-def view(options: argparse.Namespace) -> None:
-    """Watch in MuJoCo's interactive viewer."""
-    settings, asked = environment(options, "view", controller=str)
-    from needlehoop.pictures import window
-
-    window.view(settings, asked.controller)
-
-
 @command(KEYS, config="env")
 def signals(options: argparse.Namespace) -> None:
     """Print the table of a task's signals."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment
-from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, info, real_numbers, row
+from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, checked, info, row
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -65,7 +65,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Take it: observations, rewards float32 ``(n,)``, dones ``(n,)``, an info for each."""
         env = self.env
         env.check_begun()
-        moment = env.advance(real_numbers(self._actions, env.action_space))
+        moment = env.advance(checked(self._actions, env.action_space))
         rewards, rows, seen = moment.reward.float().numpy(), self._rows(moment), env.look(moment)
         dones = (moment.terminated | moment.truncated).numpy()
         if dones.any():
@@ -80,7 +80,6 @@ class StableBaselinesVecEnv(VecEnv):
 
     def close(self) -> None:
         """Nothing is left open."""
-        self.env.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """The scene in each environment ``(size, size, 3)`` uint8."""

@@ -132,13 +132,6 @@ def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_view_without_a_display_says_so(capsys, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert main(["view"]) == 2
-    assert "no display" in capsys.readouterr().err
-
-
 def test_help_says_what_a_command_does_and_shows_its_keys(capsys):
     for name, command in COMMANDS.items():
         with pytest.raises(SystemExit) as stopped:

@@ -12,9 +12,8 @@ import torch
 from needlehoop.disturbances import optics
 from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import Rasteriser
-from needlehoop.envs.build import PICTURE, build
+from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
-from needlehoop.pictures import window
 from needlehoop.probe.plan import Grid
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.vlm import description
@@ -149,17 +148,6 @@ def test_a_camera_that_is_placed_by_its_position_is_told_as_one_about_a_target(s
     where = told.partition(", 400 mm from")[0]
     assert where != told
     assert description.view(same, task).partition(";")[0] == where
-
-
-def test_the_window_looks_through_it(monkeypatch):
-    settings = compose_settings(["+picture.body=roll", "num_envs=1"])
-    engine = build(settings).engine
-    opened = type("Handle", (), {"cam": mujoco.MjvCamera()})()
-    monkeypatch.setattr(mujoco.viewer, "launch_passive", lambda *_, **__: opened)
-    window.open_window(engine.model, engine.data(0), settings.picture)
-    camera = engine.model.camera(PICTURE)
-    assert opened.cam.type == mujoco.mjtCamera.mjCAMERA_FIXED
-    assert (opened.cam.fixedcamid, engine.model.cam_bodyid[camera.id] > 0) == (camera.id, True)
 
 
 def test_a_grid_of_views_needs_a_target():
