@@ -14,7 +14,6 @@ from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.engines.rasteriser.renderer import Rasteriser
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
-from needlehoop.probe.plan import Grid
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.vlm import description
 
@@ -148,9 +147,3 @@ def test_a_camera_that_is_placed_by_its_position_is_told_as_one_about_a_target(s
     where = told.partition(", 400 mm from")[0]
     assert where != told
     assert description.view(same, task).partition(";")[0] == where
-
-
-def test_a_grid_of_views_needs_a_target():
-    views = compose_settings(WRIST).views
-    with pytest.raises(ValueError, match=r"grid.like: 'wrist' has no target"):
-        Grid("rgb", "wrist", 20.0, (0.0, 1.0), (0.0, 1.0)).views(views)
