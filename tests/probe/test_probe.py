@@ -147,13 +147,6 @@ def test_errors_are_distances_in_mm_by_episode_and_phase():
     assert np.isnan(means[1, 0]).all()
 
 
-def test_both_points_off_by_the_same_leaves_the_gap_right():
-    shown = _frames(torch.zeros(1, 3, 3), [0], [0])
-    means, _ = errors(ASKED, shown, torch.full((1, 3, 3), 5.0), torch.tensor([False]), 1)
-    assert means[0, 0, ASKED.names.index("tool_to_pickup")] == 0
-    assert means[0, 0, 0] > 8
-
-
 def test_the_constant_is_each_phases_mean_and_needs_to_have_seen_it():
     points = torch.arange(4.0).view(4, 1, 1).expand(4, 3, 3)
     learnt = _frames(points, [0, 0, 1, 2], [0, 0, 0, 0])
@@ -316,15 +309,6 @@ def test_the_same_seed_gives_the_same_bits_beside_other_sets_and_threads(setting
         measuring.probe(plan, tmp_path / name)
     one, two = (tmp_path / name / "seed0/seg_side.csv" for name in ("alone", "beside"))
     assert one.read_bytes() == two.read_bytes()
-
-
-@pytest.mark.full
-def test_the_command_probes_any_task(tmp_path):
-    words = ["cams=rgb_default", "seeds=2", "task=reach/standard", "episode.max_steps=150"]
-    assert _run(tmp_path, *words, "compute=true") == 0
-    asked, folder = quantities(find("reach")), tmp_path / "probe"
-    row = _rows(folder / "seed1" / "rgb_default.csv")[0]
-    assert all(row[f"{phase}_{need}"] for phase, need in asked.needed.items())
 
 
 def test_bad_settings_stop_before_anything_is_written(tmp_path, capsys):
