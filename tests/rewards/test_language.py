@@ -237,7 +237,7 @@ def test_a_refusal_says_where_and_why():
         ("reward = goal if lifted else 0", 1, 10, "it must be of one kind"),
         ("reward = jaw ** elapsed", 1, 17, "exponent"),
         ("reward = (", 1, 10, "not Python"),
-        ("reward = 2 × 3", 1, 12, "not ASCII"),
+        ("reward = 2 × 3", 1, 12, "is not ASCII"),
         ("a = 1", 1, 1, "'reward' is not assigned"),
         ("if lifted:\n    reward = 1", 2, 1, "in every branch"),
     ):

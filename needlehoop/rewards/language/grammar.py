@@ -1,7 +1,7 @@
 """From a program's text to Python's syntax tree, and what can be read off the tree alone.
 
-The tree is never run. ``program`` compiles the few kinds of nodes that it knows, and refuses the
-rest. The length of the text bounds the time and memory of Python's parser.
+The tree is never run as Python. ``program`` knows a few kinds of nodes and refuses the rest. The
+length of the text bounds the time and memory of Python's parser.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ def parse(source: str) -> ast.Module:
     if len(source) > MAX_SOURCE:
         raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
     if not source.isascii():
-        before = source[: next(i for i, letter in enumerate(source) if not letter.isascii())]
+        letter = next(one for one in source if not one.isascii())
+        before, _, _ = source.partition(letter)
         column = len(before.rpartition("\n")[2]) + 1
-        raise ProgramError(before.count("\n") + 1, column, "a character that is not ASCII")
+        raise ProgramError(before.count("\n") + 1, column, f"{letter!a} is not ASCII")
     try:
         return ast.parse(source)
     except SyntaxError as error:
@@ -44,7 +45,7 @@ def parse(source: str) -> ast.Module:
 
 
 def refuse(node: ast.AST, reason: str) -> ProgramError:
-    """The error for a node that can't be compiled, at its place."""
+    """The error for a node that is not as it must be, at its place."""
     return ProgramError(getattr(node, "lineno", 1), getattr(node, "col_offset", 0) + 1, reason)
 
 
