@@ -48,15 +48,6 @@ def test_gymnasium_and_stable_baselines_find_nothing_wrong(kwargs):
     check_env_for_sb3(env)
 
 
-def test_it_can_be_made_from_its_own_spec():
-    env = gymnasium.make(ID, cams=["seg_side"], reward="sparse", task="wide")
-    again = env.spec.make()
-    assert again.observation_space == env.observation_space
-    for one in (env, again):
-        assert one.unwrapped.settings.reward["kind"] == "sparse"
-        assert one.unwrapped.settings.task == compose_settings(["task=wide"]).task
-
-
 def test_without_a_word_it_sees_the_first_run_s_cameras_channels_last():
     seen, _ = gymnasium.make(ID).reset(seed=0)
     assert {name: image.shape for name, image in seen.items()} == {

@@ -7,7 +7,6 @@ import torch
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import needlehoop
 
@@ -143,17 +142,6 @@ def test_what_is_handed_out_is_the_caller_s():
     last = env.step(actions(1, 2)[0])
     assert data_equivalence(last, twin.step(actions(1, 2)[0]), exact=True)
     assert same[0]["seg_side"].any()
-
-
-def test_gymnasium_s_wrappers_count_episodes():
-    env = RecordEpisodeStatistics(make(3, SAME, max_steps=3))
-    env.reset(seed=0)
-    for action in actions(3, 3):
-        *_, infos = env.step(action)
-    assert infos["episode"]["l"].tolist() == [3, 3, 3]
-    np.testing.assert_allclose(
-        infos["episode"]["r"], infos["final_info"]["potential"], rtol=1e-6, atol=1e-7
-    )
 
 
 def test_pictures_are_of_each_environment():

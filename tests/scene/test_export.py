@@ -177,29 +177,6 @@ def test_the_arm_rests_at_home(arms):
         assert np.linalg.norm(data.site("tool").xpos - place) < 1e-5
 
 
-def test_the_scenes_weld_holds_the_needle_as_told(tmp_path):
-    assert main(["export", f"out={tmp_path / 'out'}", "what=scene", "psm=serial"]) == 0
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "scene.xml"))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
-    mujoco.mj_forward(model, data)
-    wrist, needle = data.body("wrist_yaw"), data.body("needle")
-    turn = wrist.xmat.reshape(3, 3)
-    offset, inverse, relative = turn.T @ (needle.xpos - wrist.xpos), np.zeros(4), np.zeros(4)
-    mujoco.mju_negQuat(inverse, wrist.xquat)
-    mujoco.mju_mulQuat(relative, inverse, needle.xquat)
-    pose = np.concatenate((offset, relative))
-    weld = model.equality("grasp").id
-    model.eq_data[weld, :10] = np.concatenate((np.zeros(3), pose))
-    data.eq_active[weld] = 1
-    data.ctrl[2] -= 0.02
-    mujoco.mj_step(model, data, nstep=200)
-    mujoco.mj_kinematics(model, data)
-    assert needle.xpos[2] > 0.015
-    now = wrist.xmat.reshape(3, 3).T @ (needle.xpos - wrist.xpos)
-    np.testing.assert_allclose(now, offset, atol=5e-4)
-
-
 def test_a_mounted_camera_hangs_on_its_body():
     files = export.mjcf(scene_spec(compose_settings(["cams=[rgb_wrist]"])), "scene")
     root = ElementTree.fromstring(files["scene.xml"])
