@@ -63,34 +63,26 @@ def quantities(task: Task) -> Quantities:
     Raises:
         ValueError: a task without phases, or with one whose points are no places.
     """
-    points = {name for phase in task.phases for name in phase.points}
-    if not points or any(task.signals[name].shape != (3,) for name in points):
+    named = {name for phase in task.phases for name in phase.points}
+    if not named or any(task.signals[name].shape != (3,) for name in named):
         raise ValueError(f"task {task.name} has no phases between two places each to probe")
     origin = task.phases[-1].points[1]
     gaps: dict[str, tuple[str, str]] = {}
     needed = {}
     for phase in task.phases:
-        ends = [name for name in phase.points if name != origin]
-        if len(ends) == 1:
-            needed[phase.name] = ends[0]
+        others = [name for name in phase.points if name != origin]
+        if len(others) == 1:
+            needed[phase.name] = others[0]
             continue
         # Short, as ``tool_to_block`` is of ``tool_midpoint`` and ``block_position``.
         name = "_to_".join(point.partition("_")[0] for point in phase.points)
         if gaps.get(name, phase.points) != phase.points:
             name = "_to_".join(phase.points)
         gaps[name], needed[phase.name] = phase.points, name
-    return Quantities(
-        task=task.name,
-        ends={phase.name: phase.ends for phase in task.phases},
-        origin=origin,
-        points=tuple(
-            dict.fromkeys(
-                name for phase in reversed(task.phases) for name in phase.points if name != origin
-            )
-        ),
-        gaps=gaps,
-        needed=needed,
-    )
+    ends = {phase.name: phase.ends for phase in task.phases}
+    backwards = (name for phase in reversed(task.phases) for name in phase.points)
+    points = dict.fromkeys(name for name in backwards if name != origin)
+    return Quantities(task.name, ends, origin, tuple(points), gaps, needed)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ A reader is the agent's encoders and trunk, trained to read facts off frames.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -52,27 +52,20 @@ def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
     learnt, held_out = found
 
     def keep(name: str, points: Tensor, fact: Tensor) -> None:
-        means, counts = errors(asked, held_out, points, fact, sizes.held_out)
-        save(folder, asked, seed, name, means, counts)
+        found = errors(asked, held_out, points, fact, sizes.held_out)
+        save(folder / f"seed{seed}/{name}.csv", asked, *found)
 
     def measure(name: str, reader: Reader) -> None:
         reader.learn()
         keep(name, *reader.read(held_out))
+        bar.update()
 
     keep(CONSTANT, *constant(asked, learnt, held_out))
     wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
+    readers = [Reader(plan, learnt, own, seed) for own in wanted.values()]
     with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
-        jobs = [
-            pool.submit(measure, name, Reader(plan, learnt, own, seed))
-            for name, own in wanted.items()
-        ]
-        try:
-            for job in as_completed(jobs):
-                job.result()
-                bar.update()
-        finally:
-            # Ctrl-C, or a reader that failed: the others need not begin.
-            pool.shutdown(cancel_futures=True)
+        # After an error or Ctrl-C, this cancels what has not begun.
+        list(pool.map(measure, wanted, readers))
 
 
 class Reader:

@@ -71,26 +71,18 @@ def _columns(asked: Quantities) -> list[str]:
     return ["episode", "kind", *frames, *means]
 
 
-def save(
-    folder: Path,
-    asked: Quantities,
-    seed: int,
-    name: str,
-    means: np.ndarray,
-    frames: np.ndarray,
-) -> None:
-    """Write a camera set's errors, as ``errors`` returns them, into ``seed<k>/<name>.csv``."""
+def save(path: Path, asked: Quantities, means: np.ndarray, frames: np.ndarray) -> None:
+    """Write a camera set's errors, as ``errors`` returns them, as a table of episodes."""
     rows = [
         (episode, KINDS[episode % len(KINDS)], *counts, *(f"{value:.4g}" for value in own.flat))
         for episode, (own, counts) in enumerate(zip(means, frames, strict=True))
     ]
-    path = folder / f"seed{seed}" / f"{name}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(rows, columns=_columns(asked)).replace("nan", "").to_csv(path, index=False)
 
 
 def load(folder: Path, asked: Quantities) -> ProbeResults:
-    """The results of a probe from its folder.
+    """The results of a probe from its folder: the files ``seed<k>/<cameras>.csv`` of ``save``.
 
     Raises:
         ValueError: a file that is not of a probe of this task.
@@ -136,10 +128,8 @@ class ProbeResults:
         self.places = places({name: self.score(name) for name in cameras})
         """Of camera sets: the best and the worst place that the intervals leave open."""
 
-    @property
-    def ranked(self) -> tuple[str, ...]:
+        self.ranked = sorted(self.places, key=lambda name: (-self.score(name).value, name))
         """Camera sets, the best score first; without the baselines."""
-        return tuple(sorted(self.places, key=lambda name: (-self.score(name).value, name)))
 
     def score(self, name: str) -> Estimated:
         """Mean over seeds, and its 95 % interval over held-out episodes."""

@@ -248,7 +248,7 @@ def test_a_camera_that_sees_the_needle_beats_one_turned_away(settings, tmp_path)
     plan = _plan(scene, tmp_path, ["seg_away", "seg_default"], 150)
     measuring.probe(plan, tmp_path)
     found = load(tmp_path, ASKED)
-    assert found.ranked == ("seg_default", "seg_away")
+    assert found.ranked == ["seg_default", "seg_away"]
     assert found.places == {"seg_default": (1, 1), "seg_away": (2, 2)}
     assert found.score("seg_default").interval.low > 0.15
     # The frames of one phase look alike to it: it can't be better than a constant.
@@ -325,7 +325,7 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     errors |= {name: 10.0 - value for name, value in paper.measured().items()}
     for name, value in errors.items():
         means = _errors([value] * 3, 12, 0.0, 0)
-        save(tmp_path, ASKED, 0, name, means, np.ones((12, 3), dtype=int))
+        save(tmp_path / f"seed0/{name}.csv", ASKED, means, np.ones((12, 3), dtype=int))
     found = load(tmp_path, ASKED)
     table = agreements(found)
     measured = table[table["against"] == "the paper's measured"]
