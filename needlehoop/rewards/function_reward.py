@@ -117,10 +117,11 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
         ValueError: it names a function, and the person does not trust the files (``trust``), or
             there is no source to compare the function with; or as in ``allow``.
     """
-    if config["kind"] == KIND and not trust:
-        raise _untrusted(config)
-    if config["kind"] == KIND and config.get("source") is None:
-        raise ValueError("reward.source: null; a run notes the source of its function")
+    if config["kind"] == KIND:
+        if not trust:
+            raise _untrusted(config)
+        if config.get("source") is None:
+            raise ValueError("reward.source: null; a run notes the source of its function")
     return allow(config)
 
 

@@ -193,12 +193,9 @@ def find(
 
     Raises:
         NotWrittenError: no program; the message has the command that makes it.
-        ValueError: an unknown recording, neither study nor recording, or no program in a
-            recording that is searched alone.
+        ValueError: an unknown recording, or no program and no study to write one into.
     """
     chosen, name = tuple(cams), file_name(flavour, sample)
-    if study is None and recording is None:
-        raise ValueError("reward.study, reward.recording: both are null; name one of them")
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
     if recording is not None:
         shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
@@ -220,7 +217,7 @@ def find(
         f" (there is {known})"
     )
     if study is None:
-        raise ValueError(f"{missing}; with reward.study=null only {recording} is searched")
+        raise ValueError(f"{missing}; with reward.study=null no model can write one")
     how = command(chosen, flavour, study, results, sample)
     raise NotWrittenError(f"{missing}; make one with: {how}")
 
