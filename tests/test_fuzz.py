@@ -103,6 +103,10 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+CAMERAS = ("cams", "combinations")
+"""The keys of cameras; the second is what a probe calls its first."""
+
+
 def keys_of(name: str, words: list[str]) -> list[str]:
     """All keys of a config, its groups too, but for those of Hydra and of cameras."""
 
@@ -112,7 +116,7 @@ def keys_of(name: str, words: list[str]) -> list[str]:
             if isinstance(value, Mapping):
                 yield from flat(value, f"{above}{key}.")
 
-    return [key for key in flat(composing.compose(words, name)) if key.split(".")[0] != "cams"]
+    return [key for key in flat(composing.compose(words, name)) if key.split(".")[0] not in CAMERAS]
 
 
 def cases(name: str, words: list[str], count: int) -> list[tuple[str, str]]:

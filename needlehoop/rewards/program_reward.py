@@ -201,20 +201,19 @@ def find(
         shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
         strict.check_names("recording", [recording], shipped)
         folders.append(RECORDINGS / recording / "rewards")
-    written = [file for folder in folders for file in sorted(folder.glob(f"*/{name}"))]
+    known = set()
     for folder in folders:
-        own = [file for file in written if file.parent.parent == folder]
-        # The cameras in this order, then in another, then any.
-        fits = [file for file in own if file.parent.name == "+".join(chosen)]
-        fits += [f for f in own if sorted(f.parent.name.split("+")) == sorted(chosen)]
-        fits += [f for f in own if flavour == "text" and f.parent.name == "any"]
+        files = {file.parent.name: file for file in sorted(folder.glob(f"*/{name}"))}
+        known |= {*files}
+        fits = [own for own in files if sorted(own.split("+")) == sorted(chosen)]
+        if flavour == "text" and "any" in files:
+            fits.append("any")
         if fits:
-            return read(fits[0])
-    known = ", ".join(sorted({file.parent.name for file in written})) or "none"
+            return read(files[fits[0]])
     which = "" if sample == FIRST else f" (sample {sample})"
     missing = (
         f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
-        f" (there is {known})"
+        f" (there is {', '.join(sorted(known)) or 'none'})"
     )
     if study is None:
         raise ValueError(f"{missing}; with reward.study=null no model can write one")

@@ -73,7 +73,9 @@ def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
     place("main/vlm/rewards/seg_side/image.txt", 4)
     alone = ["reward=vlm_img", "reward.study=null"]
     assert worth(loaded(*alone, "cams=[dep_front]")) == 5
-    said = r"no image reward is recorded for seg_side \(there is dep_front\); .*no model can write one"
+    said = (
+        r"no image reward is recorded for seg_side \(there is dep_front\); .*no model can write one"
+    )
     values = composing.compose([*alone, "cams=[seg_side]"])["reward"]
     with pytest.raises(ValueError, match=said):
         load_reward(values)
