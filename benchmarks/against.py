@@ -1,9 +1,10 @@
 """Training's speed here and in another checkout of needlehoop, in turns.
 
-    python benchmarks/against.py ../other-checkout 3 rounds=2
+    python benchmarks/against.py ../other-checkout 3 2
 
-The words are the other checkout's folder, the number of turns, and settings of
-``needlehoop bench train``. Both run on this Python and its packages, in processes of their own.
+The words are the other checkout's folder, the number of turns, and the words of
+``benchmarks/training.py``, which both checkouts need to have. Both run on this Python and its
+packages, in processes of their own.
 """
 
 import json
@@ -11,33 +12,19 @@ import os
 import statistics
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parents[1]
 
-COMMAND = """
-import sys
-sys.modules["gymnasium"] = None  # Older checkouts would measure Stable-Baselines3 as well.
-from {module} import main
-sys.exit(main(sys.argv[1:]))
-"""
-
 
 def rate(root: Path, words: list[str]) -> float:
-    """Training steps per second in a checkout, by its own ``needlehoop bench train``.
+    """Training steps per second in a checkout, by its own ``benchmarks/training.py``.
 
     Raises:
-        RuntimeError: the command failed.
+        RuntimeError: the script failed.
     """
-    # The command's module has moved between commits.
-    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    module = project["scripts"]["needlehoop"].partition(":")[0]
-    config = root / "conf/bench_train.yaml"
-    alone = ["alone=true"] if config.exists() and "alone:" in config.read_text() else []
-    code = COMMAND.format(module=module)
     done = subprocess.run(
-        [sys.executable, "-c", code, "bench", "train", "--json", *words, *alone],
+        [sys.executable, root / "benchmarks/training.py", *words],
         cwd=root,
         env={**os.environ, "PYTHONPATH": str(root)},
         capture_output=True,

@@ -1,14 +1,15 @@
 """What more cores would bring to training, by Amdahl's law.
 
-    python benchmarks/scaling.py rounds=3
+    python benchmarks/scaling.py 3
 
-The words are settings of ``needlehoop bench train``. It is run with all threads and with one, in
-processes of their own; the ratio gives the share of the time that does not shrink with cores.
+The words are those of ``benchmarks/training.py``, which is run with all threads and with one, in
+processes of their own. The ratio gives the share of the time that does not shrink with cores.
 """
 
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 CORES = (4, 8, 16, 64)
 
@@ -29,9 +30,10 @@ def predict(rate: float, serial: float) -> dict[int, int]:
 
 
 def measured(*words: str) -> dict:
-    """What ``needlehoop bench train`` says."""
-    command = [sys.executable, "-m", "needlehoop.cli.main", "bench", "train", "--json", *words]
-    return json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)
+    """What ``benchmarks/training.py`` says."""
+    command = [sys.executable, Path(__file__).with_name("training.py"), *words]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 if __name__ == "__main__":

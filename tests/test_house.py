@@ -26,7 +26,6 @@ FLOORS = (
     "study",
     "vlm",
     "probe",
-    "bench",
     "demonstrations",
     "api",
     "training",

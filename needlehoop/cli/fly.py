@@ -151,15 +151,13 @@ def _place(
     config="watch",
 )
 def watch(options: argparse.Namespace) -> None:
-    """Watch a trained agent: a few fresh episodes, in a window or as a film.
+    """Watch a trained agent: a few fresh episodes, as a film.
 
-    Run a few episodes that the agent has never met, say what came of them, and show some in a
-    window, or write a film where there is no display. Nothing is written into the run's folder; a
-    film that is there is kept under a number. Conditions of the run that are to be changed:
-    task=wide views.front.azimuth=5 …
+    Run a few episodes that the agent has never met, say what came of them, and write a film of
+    some. Nothing is written into the run's folder; a film that is there is kept under a number.
+    Conditions of the run that are to be changed: task=wide views.front.azimuth=5 …
     """
     from needlehoop.config.options import typed
-    from needlehoop.pictures.window import check_display, has_display
     from needlehoop.runs.files import set_aside
     from needlehoop.runs.run import Run
     from needlehoop.runs.shipped import agent_of
@@ -170,21 +168,14 @@ def watch(options: argparse.Namespace) -> None:
         named = None
     task = ["", *typed(options.overrides, "task")][-1]
     run = Run.open(agent_of(task) if named is None else Path(named))
-    kinds = {"episodes": Count, "window": bool | None, "out": str}
-    own, words = _asked(options, "watch", **_SHOWN, **kinds)
-    window = has_display() if own.window is None else own.window
-    if window:
-        check_display("window=false writes a film")
+    own, words = _asked(options, "watch", **_SHOWN, episodes=Count, out=str)
     out = new_file(own.out, ".mp4", overwrite=True)
     job, agent, found, lines = _flown(run, own, words, "watch", later=1)
     del found["steps_trained"]
     found = {"run": str(run.folder), **found}
     print(json.dumps(found) if options.json else lines, flush=True)
-    from needlehoop.learning.evaluate import film, show
+    from needlehoop.learning.evaluate import film
 
-    if window:
-        show(job.env, agent, own.video_episodes, found["seed"])
-        return
     set_aside(out)
     film(job.env, agent, own.video_episodes, found["seed"], out)
     if not options.json:

@@ -109,15 +109,6 @@ def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tupl
     return grasps
 
 
-@command(KEYS, config="view")
-def view(options: argparse.Namespace) -> None:
-    """Watch in MuJoCo's interactive viewer."""
-    settings, asked = environment(options, "view", controller=str)
-    from needlehoop.pictures import window
-
-    window.view(settings, asked.controller)
-
-
 @command(KEYS, config="env")
 def signals(options: argparse.Namespace) -> None:
     """Print the table of a task's signals."""
@@ -171,12 +162,11 @@ def export(options: argparse.Namespace) -> None:
         return
     if asked.run is not None:
         raise ValueError(f"run: what={what} is of no run; it goes with what=policy")
-    from needlehoop.scene.export import check_place, mjcf, papers, write_folder
+    from needlehoop.scene.export import mjcf, papers, write_folder
 
     out = Path(asked.out or "psm")
-    check_place(out, asked.overwrite)
     name, spec = _SPECS[what]
-    write_folder(out, {**mjcf(spec(settings), name), **papers()})
+    write_folder(out, {**mjcf(spec(settings), name), **papers()}, asked.overwrite)
     print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
 
 

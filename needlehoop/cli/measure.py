@@ -1,95 +1,24 @@
-"""Commands that measure: the speed of this machine, and what can be read off cameras' images."""
+"""The command that measures what can be read off cameras' images."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import re
-from dataclasses import asdict, replace
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
 
-from needlehoop.cli.command import JSON, KEYS, argument, command, environment
+from needlehoop.cli.command import KEYS, command
 from needlehoop.config import strict
-from needlehoop.config.strict import Range
-
-if TYPE_CHECKING:
-    from needlehoop.envs.settings import Settings
-    from needlehoop.probe.plan import Grid, Plan
-
-Rounds = Annotated[int, Range(1, 1_000_000)]
 
 
-@command(
-    argument("overrides", nargs="*", metavar="speed | train | sb3 | key=value"),
-    JSON,
-    config="bench",
-)
-def bench(options: argparse.Namespace) -> None:
-    """Measure how fast the environment is on this machine (speed, the default), or training
-    (train), or Stable-Baselines3 on it (sb3).
-
-    train and sb3 have the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml). With
-    train, against=disturb=none measures another training in turns.
-    """
-    from needlehoop.config.options import typed
-
-    given = [word if "=" in word else f"what={word}" for word in options.overrides]
-    what = ["speed", *typed(given, "what")][-1]
-    strict.check_names("what", [what], ("speed", "train", "sb3"))
-    other = typed(given, "against")
-    if other and what != "train":
-        raise ValueError(f"against: bench {what} compares nothing; bench train does")
-    options.overrides = [one for one in given if one.partition("=")[0] not in ("what", "against")]
-    if what == "speed":
-        settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
-        _check_cameras(settings)
-        from needlehoop.bench.speed import measure
-
-        found = measure(settings, asked.rounds, asked.steps)
-    else:
-        found = _learning(what, options.overrides, other)
-    print(json.dumps(found) if options.json else yaml.safe_dump(found, sort_keys=False).rstrip())
-
-
-def _learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
-    from needlehoop.config import composing
-
-    values = composing.compose(overrides, "bench_train")
-    other = composing.compose([*overrides, *against], "bench_train") if against else None
-    from needlehoop.learning.job import typed_job
-
-    job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
-    _check_cameras(job.env)
-    if what == "sb3":
-        from needlehoop.bench.stable_baselines import measure_sb3
-
-        return measure_sb3(job, rounds)
-    from needlehoop.bench.speed import measure_training
-
-    return measure_training(job, rounds, None if other is None else typed_job(other))
-
-
-def _check_cameras(settings: Settings) -> None:
-    if not settings.cams:
-        raise ValueError("cams: the benchmark needs at least one camera")
-
-
-@command(
-    KEYS,
-    argument(
-        "--grid", choices=("views",), help="score a grid of azimuths and elevations, and map it"
-    ),
-    config="probe",
-    goes_on=True,
-)
+@command(KEYS, config="probe")
 def probe(options: argparse.Namespace) -> None:
     """Rank cameras by what can be read off their images, without training a policy.
 
-    What is measured is shown; compute=true measures the rest, and goes on where it was stopped.
-    Camera sets are given as cams=rgb_front,dep_front+seg_side.
+    What is measured is shown; compute=true measures, into a new folder. Camera sets are given as
+    cams=rgb_front,dep_front+seg_side.
     """
     from needlehoop.config import composing
 
@@ -99,69 +28,34 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.envs.settings import settings_from
 
     standing = settings_from({**values, "cams": []})
-    from needlehoop.probe import measuring
-    from needlehoop.probe.folder import Folder
-    from needlehoop.probe.frames import quantities
-    from needlehoop.probe.plan import Grid
-    from needlehoop.probe.report import all_tables, ranking_figure, view_map
-    from needlehoop.study.render.style import save, styled
-
-    views = strict.value(values, "grid", Grid)
-    grid = views if options.grid else None
-    plan = _plan(values, standing, grid)
-    place = Path(plan.results) / plan.study
-    place = place / f"views_{grid.rendering}" if grid else place
-    flags = ["--grid", options.grid] if options.grid else []
-    typed = ["needlehoop", "probe", *flags, *options.overrides]
-    lacking = sum(map(len, measuring.missing(plan, place).values()))
-    if lacking and not strict.value(values, "compute", bool):
-        # 36 measurements of 400 updates took 12 min 20 s on a 2-core EPYC VM.
-        minutes = lacking * plan.fit.updates * 740 / (36 * 400) / 60
-        time = f"{minutes:.0f} minutes" if minutes >= 1.5 else "a minute"
-        raise ValueError(
-            f"compute: {place} lacks {lacking} measurements; `{' '.join(typed)}"
-            f" compute=true` makes them, in about {time} on two cores"
-        )
-    noted = _noted(values, standing, grid)
-    folder = Folder(place, quantities(standing.definition), noted, plan.overwrite, typed)
-    measuring.probe(plan, folder)
-    results = folder.results(plan.seeds)
-    for table in all_tables(results):
-        table.write(place)
-        # Hundreds of rows are for files.
-        if table.name != "phases":
-            print(table.text())
-    with styled():
-        if grid:
-            save(view_map(results, grid, standing.views), place / "map")
-        else:
-            save(ranking_figure(results), place / "ranking")
-    print(f"files        {place}")
-
-
-def _plan(values: dict[str, Any], standing: Settings, grid: Grid | None) -> Plan:
     from needlehoop.learning.algorithm_config import PpoConfig
+    from needlehoop.probe import measuring, report, scores
+    from needlehoop.probe.frames import quantities
     from needlehoop.probe.plan import Plan, camera_sets
+    from needlehoop.runs.files import CONFIG, new_folder, seen, write_whole
+    from needlehoop.runs.machine import provenance
+    from needlehoop.runs.run import Run
 
-    settings, given = standing, values["combinations"]
-    if grid:
-        views = grid.views(standing.views)
-        settings = replace(standing, views=views)
-        given = [f"{grid.rendering}_{name}" for name in views]
+    sets = camera_sets(values["combinations"], standing)
     heads = strict.value(values, "algo", PpoConfig).network
-    sets = camera_sets(given, settings)
-    return strict.as_type({**values, "env": settings, "camera_sets": sets, "heads": heads}, Plan)
-
-
-def _noted(values: dict[str, Any], standing: Settings, grid: Grid | None) -> dict[str, Any]:
-    """Settings that the probe may depend on; what the task decides is written out."""
-    without = {"algo", "compute", "num_envs", "obs", "overwrite", "picture", "reward", "seed"}
-    without |= set() if grid else {"grid"}
-    own = {key: value for key, value in values.items() if key not in without}
-    own["cams"] = own.pop("combinations")
-    network = dict(values["algo"]["network"])
-    if network["told"] is None:
-        network["told"] = standing.definition.critic
-    renderings = {name: asdict(one) for name, one in standing.renderings.items()}
-    # Lists, as YAML has them.
-    return json.loads(json.dumps({**own, "renderings": renderings, "network": network}))
+    given = {**values, "env": standing, "camera_sets": sets, "heads": heads}
+    plan = strict.as_type(given, Plan)
+    place = Path(plan.results) / plan.study
+    if strict.value(values, "compute", bool):
+        with new_folder(place, strict.value(values, "overwrite", bool)) as folder:
+            write_whole(folder / CONFIG, yaml.safe_dump(values, sort_keys=False))
+            began = time.perf_counter()
+            measuring.probe(plan, folder)
+            typed, took = ["needlehoop", "probe", *options.overrides], time.perf_counter() - began
+            Run(folder).note(**provenance(), command=typed, wall_time=round(took, 1))
+    lacking = [seen(one) for one in sets if not (place / f"seed0/{seen(one)}.csv").is_file()]
+    if lacking:
+        # 36 measurements of 400 updates took 12 min 20 s on a 2-core EPYC VM.
+        minutes = plan.seeds * (len(sets) + 1) * plan.fit.updates * 740 / (36 * 400) / 60
+        raise ValueError(
+            f"compute: {place} lacks {lacking[0]}; compute=true measures all of these camera sets"
+            f" into a new study=, in about {max(1, minutes):.0f} minutes on two cores"
+        )
+    results = scores.load(place, quantities(standing.definition))
+    print(report.write(results, place))
+    print(f"files        {place}")

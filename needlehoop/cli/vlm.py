@@ -92,7 +92,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
 
     # All camera sets are checked before the first is asked for.
     several = [composing.compose(words, "vlm_reward") for words in _sets(options.overrides)]
-    from needlehoop.rewards.written import Flavour
+    from needlehoop.rewards.program_reward import Flavour
 
     own = strict.read(several[0], flavour=Flavour, samples=Samples, revise=str | None)
     for values in several:
@@ -188,7 +188,7 @@ def vlm_check(options: argparse.Namespace) -> int:
     from needlehoop.config.strict import Count, Positive
     from needlehoop.rewards.language.grammar import ProgramError
     from needlehoop.rewards.language.program import compile_program
-    from needlehoop.rewards.written import Flavour, find, read, scaled
+    from needlehoop.rewards.program_reward import Flavour, find, read, scaled
     from needlehoop.runs.files import check_name
     from needlehoop.vlm.config import Gates
 

@@ -57,11 +57,7 @@ class Demonstration:
 
 
 def scripted(name: str, task: Task) -> MakeController:
-    """A scripted demonstrator of a task: one of its controllers, or ``PERTURBED``.
-
-    Raises:
-        ValueError: an unknown name.
-    """
+    """A task's controller by its name, or ``PERTURBED``; ``ValueError`` for an unknown one."""
     # Nobody learns from a cheat.
     others = (one for one in task.controllers if one not in (task.teacher, "cheat"))
     valid = (task.teacher, *others, PERTURBED)
@@ -88,10 +84,8 @@ def scripted(name: str, task: Task) -> MakeController:
 def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iterator[Demonstration]:
     """The first episodes of ``episodes`` environments of the settings' seed, in order.
 
-    ``num_envs`` is ignored. Episode ``i`` is the same however many there are.
-
-    Raises:
-        ValueError: fewer than one episode, no camera, or stacked frames.
+    ``num_envs`` is ignored. Episode ``i`` is the same however many there are. Raises
+    ``ValueError`` without a camera, or for stacked frames.
     """
     if not settings.cams:
         raise ValueError("cams: demonstrations need at least one camera, such as cams=dep_front")
@@ -99,7 +93,6 @@ def demonstrate(settings: Settings, make: MakeController, episodes: int) -> Iter
         raise ValueError(
             f"obs.frame_stack: {settings.obs.frame_stack}; demonstrations keep each frame once"
         )
-
     for simulation in batches(settings, episodes, _BATCH):
         act = make(simulation)
         steps = rollout(simulation, lambda signals, act=act: act(signals).clamp(-1.0, 1.0))

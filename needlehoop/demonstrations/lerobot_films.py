@@ -22,13 +22,8 @@ _PREFIX, _DEPTH = "observation.images.", "_depth"
 
 _LAST_CODE = 4095
 
-_SMALLEST = 16
-"""Side of the images, px, that the codec of depth takes."""
-
 _ORDER = ["-g", "2", "-bf", "0"]
 """Every second frame can be jumped to; frames are in the order of their times."""
-
-_LOSSLESS = "lossless=1"
 
 # A quality of None, for each has its own; a block of one pixel, for nothing is scaled.
 _BOTH: dict[str, Any] = {"quality": None, "macro_block_size": 1}
@@ -46,7 +41,7 @@ _GREY: dict[str, Any] = {
     "pix_fmt_in": "gray12le",
     "pix_fmt_out": "gray12le",
     "codec": "libx265",
-    "output_params": ["-x265-params", f"{_LOSSLESS}:log-level=error", *_ORDER],
+    "output_params": ["-x265-params", "lossless=1:log-level=error", *_ORDER],
 }
 
 
@@ -58,21 +53,17 @@ class Span(NamedTuple):
 
 
 def spans(settings: Settings) -> dict[str, Span]:
-    """The depths in each film of depth, by key.
-
-    Raises:
-        ValueError: images too small for such a film.
-    """
+    """The depths in each film of depth, by key; ``ValueError`` for images too small for one."""
     found = {
         f"{_PREFIX}{camera.name}{_DEPTH}": Span(view.near, view.far)
         for camera in settings.cameras
         for view in [settings.views[camera.view]]
         if settings.renderings[camera.rendering].depth == "channel"
     }
-    if found and settings.image_size < _SMALLEST:
+    # The codec of depth takes no smaller ones.
+    if found and settings.image_size < 16:
         raise ValueError(
-            f"image_size: {settings.image_size}; LeRobot's films of depth need at least"
-            f" {_SMALLEST} pixels"
+            f"image_size: {settings.image_size}; LeRobot's films of depth need at least 16 pixels"
         )
     return found
 
@@ -100,26 +91,22 @@ def film(
 ) -> Iterator[Callable[[np.ndarray], None]]:
     """What adds images to a film of square ones, which is whole when the context ends.
 
-    Args:
-        rate: frames a second.
-        span: the depths that it shows; ``None``: it shows colours.
+    ``rate``: frames a second; ``span``: the depths that it shows, ``None`` for colours.
     """
     kind = _COLOUR if span is None else _GREY
     frames = imageio_ffmpeg.write_frames(str(path), (size, size), fps=rate, **kind)
 
     def add(images: np.ndarray) -> None:
-        for image in images if span is None else _codes(images, span):
+        if span is not None:
+            share = (images - span.near) / (span.far - span.near)
+            images = np.rint(share * _LAST_CODE).astype("<u2")
+        for image in images:
             frames.send(np.ascontiguousarray(image))
 
     with closing(frames):
         # Begins the film.
         frames.send(None)
         yield add
-
-
-def _codes(depth: np.ndarray, span: Span) -> np.ndarray:
-    share = (depth - span.near) / (span.far - span.near)
-    return np.rint(share * _LAST_CODE).astype("<u2")
 
 
 def description(size: int, rate: int, span: Span | None) -> dict[str, Any]:
@@ -143,7 +130,7 @@ def description(size: int, rate: int, span: Span | None) -> dict[str, Any]:
             "video.depth_max": span.far,
             "video.use_log": False,
             "video.shift": 0.0,
-            "video.extra_options": {"x265-params": _LOSSLESS},
+            "video.extra_options": {"x265-params": "lossless=1"},
             # Of the statistics.
             "depth_unit": "m",
         }

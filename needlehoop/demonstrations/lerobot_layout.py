@@ -1,8 +1,7 @@
 """LeRobot's layout, version 3: parquet files, and one film per camera for all episodes.
 
-Written from its public format, with pyarrow and the library that writes our films: lerobot
-itself wants other versions of torch and wandb than we do. It is read by
-``LeRobotDataset(repo_id, root=folder)``.
+Written from its public format, with pyarrow and pandas: lerobot itself wants other versions of
+torch and wandb than we do. It is read by ``LeRobotDataset(repo_id, root=folder)``.
 """
 
 from __future__ import annotations
@@ -15,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from needlehoop.demonstrations.episodes import Demonstration
-from needlehoop.demonstrations.lerobot_films import Span, description, film, spans, streams
+from needlehoop.demonstrations.lerobot_films import description, film, spans, streams
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.signals import sensors_of
 from needlehoop.tasks.contract import Task
@@ -76,30 +76,54 @@ def write(
                     films[key] = open_films.enter_context(begun)
                 films[key](images)
             begin = stories[-1]["dataset_to_index"] if stories else 0
-            rows = _rows(episode, len(stories), begin, rate)
             few = -(-len(episode) // _SAMPLED)
-            own = {**rows, **{key: images[::few] for key, images in seen.items()}}
+            own = _rows(episode, len(stories), begin, rate)
+            own |= {key: images[::few] for key, images in seen.items()}
             for key, values in own.items():
                 kept[key].append(values)
             stories.append(_story(task.summary, own, films, rate))
     columns = {key: np.concatenate(rows) for key, rows in kept.items()}
     plain = {key: _column(rows) for key, rows in columns.items() if key not in films}
     pq.write_table(pa.table(plain), _path(folder, "data", "parquet"))
-    told = {key: [story[key] for story in stories] for key in stories[0]}
-    pq.write_table(pa.table(told), _path(folder, "meta/episodes", "parquet"))
-    pq.write_table(_tasks(task.summary), folder / "meta/tasks.parquet")
+    pq.write_table(pa.Table.from_pylist(stories), _path(folder, "meta/episodes", "parquet"))
+    # The task's text is the index.
+    tasks = pd.DataFrame({"task_index": [0]}, pd.Index([task.summary], name="task"))
+    tasks.to_parquet(folder / "meta/tasks.parquet")
+    features = {}
+    for key in films:
+        told = description(settings.image_size, rate, depths.get(key))
+        names = ["height", "width", "channels"]
+        shape = [told[f"video.{name}"] for name in names]
+        features[key] = {"dtype": "video", "shape": shape, "names": names, "info": told}
+    names = {"observation.state": proprio_names(task)}
+    if task.robot is PSM:
+        names["action"] = [*_PSM_ACTIONS[settings.episode.control]]
+    for key in plain:
+        rows = columns[key]
+        shape = list(rows.shape[1:]) or [1]
+        features[key] = {"dtype": str(rows.dtype), "shape": shape, "names": names.get(key)}
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": "dvrk_psm" if task.robot is PSM else task.robot.body,
+        "total_episodes": len(stories),
+        "total_frames": stories[-1]["dataset_to_index"],
+        "total_tasks": 1,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": rate,
+        "splits": {"train": f"0:{len(stories)}"},
+        "data_path": f"data/{_PATTERN}.parquet",
+        "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
+        "features": features,
+        "needlehoop": {
+            "demonstrator": demonstrator,
+            "cams": list(settings.cams),
+            "seed": settings.seed,
+            "provenance": dict(provenance),
+        },
+    }
     stats = {key: spread(rows) for key, rows in columns.items()}
-    features = {
-        **{key: _film_feature(settings.image_size, rate, depths.get(key)) for key in films},
-        **{key: _feature(key, columns[key], settings) for key in plain},
-    }
-    info = _info(settings, rate, told["length"], features)
-    info["needlehoop"] = {
-        "demonstrator": demonstrator,
-        "cams": list(settings.cams),
-        "seed": settings.seed,
-        "provenance": dict(provenance),
-    }
     for name, content in (("stats", stats), ("info", info)):
         (folder / "meta" / f"{name}.json").write_text(json.dumps(content, indent=4) + "\n")
 
@@ -152,46 +176,6 @@ def _story(
     return row
 
 
-def _info(
-    settings: Settings, rate: int, lengths: list[int], features: dict[str, Any]
-) -> dict[str, Any]:
-    robot = settings.definition.robot
-    return {
-        "codebase_version": "v3.0",
-        "robot_type": "dvrk_psm" if robot is PSM else robot.body,
-        "total_episodes": len(lengths),
-        "total_frames": sum(lengths),
-        "total_tasks": 1,
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
-        "fps": rate,
-        "splits": {"train": f"0:{len(lengths)}"},
-        "data_path": f"data/{_PATTERN}.parquet",
-        "video_path": f"videos/{{video_key}}/{_PATTERN}.mp4",
-        "features": features,
-    }
-
-
-def _film_feature(size: int, rate: int, span: Span | None) -> dict[str, Any]:
-    """What a film is of."""
-    told = description(size, rate, span)
-    names = ["height", "width", "channels"]
-    shape = [told[f"video.{name}"] for name in names]
-    return {"dtype": "video", "shape": shape, "names": names, "info": told}
-
-
-def _feature(key: str, rows: np.ndarray, settings: Settings) -> dict[str, Any]:
-    """What a column is of."""
-    is_psm = settings.definition.robot is PSM
-    names = {
-        "action": _PSM_ACTIONS.get(settings.episode.control) if is_psm else None,
-        "observation.state": proprio_names(settings.definition),
-    }
-    shape = list(rows.shape[1:]) or [1]
-    return {"dtype": str(rows.dtype), "shape": shape, "names": names.get(key)}
-
-
 def proprio_names(task: Task) -> list[str]:
     """Names of the numbers that a robot knows of itself: a sensor's, or its signal's."""
     names = []
@@ -207,17 +191,6 @@ def _column(values: np.ndarray) -> pa.Array:
     if values.ndim == 1:
         return pa.array(values)
     return pa.FixedSizeListArray.from_arrays(pa.array(values.reshape(-1)), values.shape[1])
-
-
-def _tasks(summary: str) -> pa.Table:
-    """The one task; its text is the index that pandas reads."""
-    table = pa.table({"task_index": pa.array([0]), "task": [summary]})
-    columns = [
-        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": of, "metadata": None}
-        for name, kind, of in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
-    ]
-    told = {"index_columns": ["task"], "column_indexes": [], "columns": columns}
-    return table.replace_schema_metadata({"pandas": json.dumps(told)})
 
 
 def spread(values: np.ndarray) -> dict[str, Any]:

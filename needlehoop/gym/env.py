@@ -11,17 +11,8 @@ import numpy as np
 from needlehoop.config.strict import check_names
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
-from needlehoop.gym.vector import (
-    GymnasiumVectorEnv,
-    Observation,
-    check_options,
-    info,
-    real_numbers,
-    row,
-)
-from needlehoop.pictures.window import Window, check_display, has_display
+from needlehoop.gym.vector import MODES, GymnasiumVectorEnv, Observation, checked, info, row
 
-MODES = ("human", "rgb_array")
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
 """Frames per second are those of the default control step, 40 ms; an environment's own count."""
 
@@ -42,12 +33,11 @@ class GymnasiumEnv(gymnasium.Env):
     Args:
         settings: what to build; ``num_envs`` and ``seed`` are ignored.
         channels: of images: ``last`` or ``first``.
-        render_mode: ``rgb_array`` (the scene for people), ``human`` (a window), or ``None``.
+        render_mode: ``rgb_array`` (the scene for people) or ``None``.
         render_size: height and width of what ``render`` returns, px.
 
     Raises:
         ValueError: settings that do not go together, by key.
-        RuntimeError: ``human`` without a display.
     """
 
     metadata = METADATA
@@ -59,31 +49,19 @@ class GymnasiumEnv(gymnasium.Env):
         render_mode: str | None = None,
         render_size: int = 480,
     ):
-        check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
         self.settings, self.render_mode = replace(settings, num_envs=1), render_mode
-        picture = "rgb_array" if render_mode == "rgb_array" else None
-        self._alone = GymnasiumVectorEnv(self.settings, channels, picture, render_size)
+        self._alone = GymnasiumVectorEnv(self.settings, channels, render_mode, render_size)
         self.simulation = self._alone.simulation
         """The simulation inside: signals, state, engine."""
-        self._window = None
-        if render_mode == "human":
-            check_display("render_mode=rgb_array gives pictures")
-            self._window = Window(self.simulation)
         self.observation_space = self._alone.single_observation_space
         self.action_space = self._alone.single_action_space
-        # METADATA has every mode; this has those that work on this machine.
-        modes = [mode for mode in MODES if mode != "human" or has_display()]
-        self.metadata = {"render_modes": modes, "render_fps": 1.0 / settings.period}
+        self.metadata = {**METADATA, "render_fps": 1.0 / settings.period}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode.
-
-        Raises:
-            Error: options, of which there are none, or a seed that is no whole number from 0 on.
-        """
-        check_options(options)
+        """Begin an episode; ``ValueError`` for options, because there are none."""
+        check_names("options", [*(options or ())], ())
         super().reset(seed=seed)
         if seed is None and self.simulation.state is None:
             seed = self.np_random_seed
@@ -94,27 +72,20 @@ class GymnasiumEnv(gymnasium.Env):
 
         Raises:
             ResetNeeded: before the first reset.
-            InvalidAction: not ``(action_size,)`` real numbers.
+            InvalidAction: not of shape ``(action_size,)``.
             ValueError: a number that is not finite.
         """
         self._alone.check_begun()
-        moment = self._alone.advance(real_numbers(action, self.action_space)[None])
-        seen, known = self._seen(moment)
+        moment = self._alone.advance(checked(action, self.action_space)[None])
         ends = bool(moment.terminated[0]), bool(moment.truncated[0])
+        seen, known = self._seen(moment)
         return seen, float(moment.reward[0]), *ends, known
 
     def render(self) -> np.ndarray | None:
-        """The scene ``(size, size, 3)`` uint8; nothing in the mode ``human``."""
+        """The scene ``(size, size, 3)`` uint8."""
         pictures = self._alone.render()
         return None if pictures is None else pictures[0]
 
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-
     def _seen(self, moment: StepResult) -> tuple[Observation, dict[str, Any]]:
-        if self._window is not None:
-            self._window.show()
         seen = {name: value[0] for name, value in self._alone.look(moment).items()}
         return seen, row(info(moment), 0)

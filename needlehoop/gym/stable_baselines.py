@@ -9,7 +9,7 @@ import numpy as np
 
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
-from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, info, real_numbers, row
+from needlehoop.gym.vector import GymnasiumVectorEnv, Observation, checked, info, row
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -33,12 +33,8 @@ class StableBaselinesVecEnv(VecEnv):
     Episodes are those of ``TorchRLEnv`` with the same seed: that of the settings until
     ``seed`` is called, as SB3 does where ``seed=`` is given to the algorithm.
 
-    Args:
-        settings: what to build.
-        render_mode: ``rgb_array`` or ``None``.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
+    ``render_mode`` is ``rgb_array`` or ``None``. Raises ``ValueError`` for settings that do not go
+    together.
     """
 
     def __init__(self, settings: Settings, render_mode: str | None = None):
@@ -50,8 +46,6 @@ class StableBaselinesVecEnv(VecEnv):
 
     def reset(self) -> Observation:
         """Begin an episode everywhere."""
-        if any(self._options):
-            raise ValueError("options: there are none")
         moment = self.env.begin(self._seeds[0])
         self.reset_infos = self._rows(moment)
         self._reset_seeds()
@@ -65,7 +59,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Take it: observations, rewards float32 ``(n,)``, dones ``(n,)``, an info for each."""
         env = self.env
         env.check_begun()
-        moment = env.advance(real_numbers(self._actions, env.action_space))
+        moment = env.advance(checked(self._actions, env.action_space))
         rewards, rows, seen = moment.reward.float().numpy(), self._rows(moment), env.look(moment)
         dones = (moment.terminated | moment.truncated).numpy()
         if dones.any():
@@ -80,7 +74,6 @@ class StableBaselinesVecEnv(VecEnv):
 
     def close(self) -> None:
         """Nothing is left open."""
-        self.env.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """The scene in each environment ``(size, size, 3)`` uint8."""
@@ -92,13 +85,11 @@ class StableBaselinesVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Not possible: the environments are one object."""
-        raise NotImplementedError(f"{attr_name}: environments in one batch share their attributes")
+        raise NotImplementedError("environments in one batch share their attributes")
 
-    def env_method(
-        self, method_name: str, *method_args, indices: VecEnvIndices = None, **method_kwargs
-    ) -> list[Any]:
+    def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
         """Not possible: the environments are one object."""
-        raise NotImplementedError(f"{method_name}: environments in one batch have no own methods")
+        raise NotImplementedError("environments in one batch have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """No environment is."""

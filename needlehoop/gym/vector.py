@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
-from gymnasium.error import Error, InvalidAction, ResetNeeded
+from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from needlehoop.config import strict
-from needlehoop.config.strict import Pixels, check_names, shown
+from needlehoop.config.strict import check_names
 from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
@@ -23,6 +20,7 @@ from needlehoop.envs.simulation import StepResult
 from needlehoop.pictures.stills import Photographer
 
 MODES = ("rgb_array",)
+"""Of rendering."""
 
 Observation = dict[str, np.ndarray]
 
@@ -53,11 +51,7 @@ class GymnasiumVectorEnv(VectorEnv):
 
     Raises:
         ValueError: settings that do not go together, or nothing to observe; names the key.
-        Error: this process was forked from one whose environments had been used.
     """
-
-    _used_in: int | None = None
-    """The process in which an environment was used first: its threads are not in a fork."""
 
     def __init__(
         self,
@@ -67,16 +61,9 @@ class GymnasiumVectorEnv(VectorEnv):
         render_size: int = 480,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ):
-        if GymnasiumVectorEnv._used_in not in (None, os.getpid()):
-            raise Error(
-                "environments were used before this process was forked, and would hang or crash"
-                ' here; use AsyncVectorEnv(..., context="spawn"), or make_vec, which needs no'
-                " processes"
-            )
         mode: Any = getattr(autoreset_mode, "value", autoreset_mode)
         check_names("autoreset_mode", [mode], [one.value for one in AutoresetMode])
         check_names("render_mode", [render_mode] if render_mode is not None else [], MODES)
-        strict.structure(render_size, Pixels, "render_size")
         check_names("channels", [channels], ("last", "first"))
         if not (settings.cams or settings.vectors):
             raise ValueError(
@@ -117,24 +104,21 @@ class GymnasiumVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin episodes: everywhere, or where ``options["reset_mask"]`` ``(n,)`` is true.
+        """Begin episodes: everywhere, or where ``options["reset_mask"]`` ``(n,)`` bool is true.
 
         Raises:
-            Error: an unknown option.
-            ValueError: a mask that is none, or one with a seed: a seed is of all environments.
+            ValueError: an unknown option, or a mask with a seed: a seed is of all environments.
             ResetNeeded: a mask before the first reset.
         """
-        check_options(options, ("reset_mask",))
+        check_names("options", [*(options or ())], ("reset_mask",))
         if options:
-            mask = self._mask(options["reset_mask"])
             if seed is not None:
                 raise ValueError("seed: it is of all environments; give it without a reset_mask")
             self.check_begun()
+            mask = np.asarray(options["reset_mask"], dtype=np.bool_)
             moment = self.begin(mask=mask)
             self._over &= ~mask
             return self.look(moment, mask), masked(info(moment), mask)
-        if seed is not None and not isinstance(seed, int | np.integer):
-            raise ValueError(f"seed: {seed!r} is not a whole number; one is for all environments")
         super().reset(seed=seed)
         if seed is None and self.simulation.state is None:
             seed = self.np_random_seed
@@ -150,11 +134,11 @@ class GymnasiumVectorEnv(VectorEnv):
         Raises:
             ResetNeeded: before the first reset, or an episode is over and the mode is
                 ``DISABLED``.
-            InvalidAction: not ``(n, action_size)`` real numbers.
+            InvalidAction: not of shape ``(n, action_size)``.
             ValueError: a number that is not finite.
         """
         self.check_begun()
-        actions = real_numbers(actions, self.action_space)
+        actions = checked(actions, self.action_space)
         before, mode = self._over, self.autoreset_mode
         if mode == AutoresetMode.DISABLED and before.any():
             raise ResetNeeded(
@@ -187,14 +171,13 @@ class GymnasiumVectorEnv(VectorEnv):
         draw, engine = self._photographer, self.simulation.engine
         return draw and tuple(draw(engine.data(env)) for env in range(self.num_envs))
 
-    # What ``GymnasiumEnv`` uses too.
+    # What the other faces of this room use too.
 
     def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> StepResult:
         """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
 
         With a seed, everywhere that seed's first.
         """
-        GymnasiumVectorEnv._used_in = os.getpid()
         if seed is not None:
             self.simulation.reseed(seed)
         if self.simulation.state is None:
@@ -227,33 +210,12 @@ class GymnasiumVectorEnv(VectorEnv):
     def _infos(self, moment: StepResult) -> dict[str, Any]:
         return masked(info(moment), np.ones(self.num_envs, dtype=np.bool_))
 
-    def _mask(self, given: Any) -> np.ndarray:
-        mask = np.asarray(given)
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-            raise ValueError(
-                f"reset_mask: {mask.dtype} {mask.shape}; give booleans ({self.num_envs},) of"
-                " which at least one is true"
-            )
-        return mask
 
-
-def check_options(options: Any, valid: Iterable[str] = ()) -> None:
-    """Raises Gymnasium's ``Error`` for options of ``reset`` that there are not."""
-    if options is not None and not isinstance(options, Mapping):
-        raise Error(f"options: {shown(options)} has no keys")
-    for key in options or ():
-        if key not in valid:
-            known = f"choose from {', '.join(valid)}" if valid else "reset takes none"
-            raise Error(f"options: {shown(key)} is unknown; {known}")
-
-
-def real_numbers(action: Any, space: spaces.Space) -> np.ndarray:
-    """An action as real numbers, in or out of a space's bounds; ``InvalidAction`` for another."""
+def checked(action: Any, space: spaces.Space) -> np.ndarray:
+    """An action of a space's shape, in or out of its bounds; ``InvalidAction`` for another."""
     found = np.asarray(action)
-    if found.dtype.kind not in "iuf" or found.shape != space.shape:
-        raise InvalidAction(
-            f"action: {found.dtype} {found.shape}; expected real numbers {space.shape} in [-1, 1]"
-        )
+    if found.shape != space.shape:
+        raise InvalidAction(f"action: shape {found.shape}; expected {space.shape}")
     return found
 
 

@@ -22,7 +22,6 @@ from needlehoop.learning.job import Job
 from needlehoop.learning.learner import build_agent, load_weights
 from needlehoop.learning.weights import read_step, read_weights
 from needlehoop.pictures.film import record
-from needlehoop.pictures.window import Window, play
 from needlehoop.rewards import reference_reward
 from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
 from needlehoop.runs.run import Run
@@ -99,12 +98,6 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
         out: an ``.mp4`` file; written whole or not at all.
     """
     record(*_alone(job_env, agent, seed), episodes, out)
-
-
-def show(job_env: Settings, agent: Agent, episodes: int, seed: int) -> None:
-    """The same episodes in a window, on a machine that has a display."""
-    simulation, act = _alone(job_env, agent, seed)
-    play(Window(simulation), act, range(episodes))
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""Pictures and films for people, and windows. What agents see is made in ``envs``."""
+"""Pictures and films for people. What agents see is made in ``envs``."""

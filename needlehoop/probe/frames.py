@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,37 +61,28 @@ def quantities(task: Task) -> Quantities:
     """What can be read off a task's frames.
 
     Raises:
-        ValueError: a task without phases, or a phase whose points are not two places.
+        ValueError: a task without phases, or with one whose points are no places.
     """
-    if not task.phases:
-        raise ValueError(f"task {task.name} has no phases, so there is nothing to probe")
-    for phase in task.phases:
-        places = {name for name in phase.points if task.signals[name].shape == (3,)}
-        if len(places) < 2:
-            found = ", ".join(phase.points)
-            raise ValueError(f"task {task.name}: phase {phase.name}: no two places: {found}")
+    named = {name for phase in task.phases for name in phase.points}
+    if not named or any(task.signals[name].shape != (3,) for name in named):
+        raise ValueError(f"task {task.name} has no phases between two places each to probe")
     origin = task.phases[-1].points[1]
-    points = (name for phase in reversed(task.phases) for name in phase.points)
     gaps: dict[str, tuple[str, str]] = {}
     needed = {}
     for phase in task.phases:
-        ends = [name for name in phase.points if name != origin]
-        if len(ends) == 1:
-            needed[phase.name] = ends[0]
+        others = [name for name in phase.points if name != origin]
+        if len(others) == 1:
+            needed[phase.name] = others[0]
             continue
         # Short, as ``tool_to_block`` is of ``tool_midpoint`` and ``block_position``.
         name = "_to_".join(point.partition("_")[0] for point in phase.points)
         if gaps.get(name, phase.points) != phase.points:
             name = "_to_".join(phase.points)
         gaps[name], needed[phase.name] = phase.points, name
-    return Quantities(
-        task=task.name,
-        ends={phase.name: phase.ends for phase in task.phases},
-        origin=origin,
-        points=tuple(dict.fromkeys(name for name in points if name != origin)),
-        gaps=gaps,
-        needed=needed,
-    )
+    ends = {phase.name: phase.ends for phase in task.phases}
+    backwards = (name for phase in reversed(task.phases) for name in phase.points)
+    points = dict.fromkeys(name for name in backwards if name != origin)
+    return Quantities(task.name, ends, origin, tuple(points), gaps, needed)
 
 
 @dataclass(frozen=True)
@@ -115,9 +106,7 @@ class Frames:
         return len(self.phase)
 
 
-def collect(
-    settings: Settings, episodes: int, per_phase: int, tick: Callable[[int], object]
-) -> Frames:
+def collect(settings: Settings, episodes: int, per_phase: int) -> Frames:
     """Frames of the first episode of ``episodes`` environments of the settings' seed.
 
     Every batch runs twice: once blind, to know each episode's phases, and once more to look at
@@ -126,7 +115,6 @@ def collect(
     Args:
         settings: with all cameras; each view is rendered once for all its renderings.
         per_phase: most frames of one phase of one episode, spread evenly over it.
-        tick: called with the number of episodes that were added.
 
     Raises:
         ValueError: the task's phases give nothing to read off.
@@ -147,7 +135,6 @@ def collect(
                 images.append(simulation.images(ids))
                 moments.append(step.moment.signals[ids])
                 numbers.append(int(simulation.envs[0]) + ids)
-        tick(simulation.num_envs)
     signals: Any = torch.cat(moments)
     places = [getattr(signals, name) for name in asked.points]
     return Frames(

@@ -5,9 +5,8 @@ A reader is the agent's encoders and trunk, trained to read facts off frames.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,103 +19,59 @@ from tqdm import tqdm
 from needlehoop.learning.encoder import Fold, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import Trunk
-from needlehoop.probe.folder import Folder, errors_of
-from needlehoop.probe.frames import Frames, collect
+from needlehoop.probe.frames import Frames, collect, quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
-from needlehoop.probe.scores import constant, errors
+from needlehoop.probe.scores import constant, errors, save
 from needlehoop.runs.files import seen
 from needlehoop.runs.machine import available_cpus
 
 
-def probe(plan: Plan, folder: Folder) -> None:
-    """Measure every camera set of a plan that its folder lacks, and the baselines.
+def probe(plan: Plan, folder: Path) -> None:
+    """Measure every camera set of a plan and the baselines, into a folder.
 
     Raises:
         ValueError: episodes that do not come to every phase.
     """
-    todo = {
-        seed: lacking
-        for seed, lacking in missing(plan, folder.path).items()
-        if lacking or not errors_of(folder.path, seed, CONSTANT).exists()
-    }
-    total = plan.fit.updates * sum(map(len, todo.values()))
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
-    try:
-        with tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
-            for seed, lacking in todo.items():
-                _probe_seed(plan, folder, seed, lacking, bar)
-    finally:
-        if todo:
-            folder.note()
+    with tqdm(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
+        for seed in range(plan.seeds):
+            bar.set_description(f"seed {seed}")
+            _probe_seed(plan, folder, seed, bar)
 
 
-def missing(plan: Plan, place: Path) -> dict[int, dict[str, tuple[str, ...]]]:
-    """Camera sets that a folder lacks, with the true state, by seed and name."""
-    wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
-    return {
-        seed: {
-            name: one for name, one in wanted.items() if not errors_of(place, seed, name).exists()
-        }
-        for seed in range(plan.seeds)
-    }
-
-
-def _probe_seed(
-    plan: Plan, folder: Folder, seed: int, lacking: Mapping[str, tuple[str, ...]], bar: tqdm
-) -> None:
-    cameras = tuple(dict.fromkeys(camera for one in lacking.values() for camera in one))
-    sizes, done, found, fold = plan.episodes, 0, [], Fold(plan.encoder.stem)
-    total = sizes.train + sizes.held_out
-
-    def collected(more: int) -> None:
-        nonlocal done
-        done += more
-        bar.set_description(f"seed {seed}: episode {done} of {total}")
-
+def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
+    asked, sizes, fold = quantities(plan.env.definition), plan.episodes, Fold(plan.encoder.stem)
+    cameras = tuple(dict.fromkeys(camera for one in plan.camera_sets for camera in one))
+    found = []
     for episodes, own in zip((sizes.train, sizes.held_out), plan.episode_seeds(seed), strict=True):
-        settings = replace(plan.env, cams=cameras, seed=own)
-        frames = collect(settings, episodes, sizes.per_phase, collected)
+        frames = collect(replace(plan.env, cams=cameras, seed=own), episodes, sizes.per_phase)
         # Once, for all readers.
         images = {name: fold(image) for name, image in frames.images.items()}
         found.append(replace(frames, images=images))
     learnt, held_out = found
 
-    def save(name: str, points: Tensor, fact: Tensor) -> None:
-        found = errors(folder.asked, held_out, points, fact, sizes.held_out)
-        folder.save(seed, name, *found)
-
-    save(CONSTANT, *constant(folder.asked, learnt, held_out))
-    bar.set_description(f"seed {seed}: {len(learnt)} + {len(held_out)} frames")
-    stop = threading.Event()
-
-    def updated() -> None:
-        bar.update()
-        if stop.is_set():
-            raise KeyboardInterrupt
+    def keep(name: str, points: Tensor, fact: Tensor) -> None:
+        found = errors(asked, held_out, points, fact, sizes.held_out)
+        save(folder / f"seed{seed}/{name}.csv", asked, *found)
 
     def measure(name: str, reader: Reader) -> None:
-        reader.learn(updated)
-        save(name, *reader.read(held_out))
+        reader.learn()
+        keep(name, *reader.read(held_out))
+        bar.update()
 
+    keep(CONSTANT, *constant(asked, learnt, held_out))
+    wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
+    readers = [Reader(plan, learnt, own, seed) for own in wanted.values()]
     with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
-        try:
-            jobs = [
-                pool.submit(measure, name, Reader(plan, learnt, own, seed))
-                for name, own in lacking.items()
-            ]
-            for job in as_completed(jobs):
-                job.result()
-        finally:
-            # Ctrl-C, or a reader that failed: the others need not end first.
-            stop.set()
-            pool.shutdown(cancel_futures=True)
+        # After an error or Ctrl-C, this cancels what has not begun.
+        list(pool.map(measure, wanted, readers))
 
 
 class Reader:
     """The agent's encoders and trunk, with a linear layer that gives the answers.
 
-    A seed gives the same weights, whatever other camera sets are missing. They are drawn here,
+    A seed gives the same weights, whatever other camera sets are measured. They are drawn here,
     from torch's global generator; ``learn`` draws minibatches from its own.
 
     Args:
@@ -143,8 +98,8 @@ class Reader:
         self._normalizers: list[Any] = list(trunk.normalizers.values())
         self._deviation = learnt.points.std(0).clamp(min=1e-3)
 
-    def learn(self, updated: Callable[[], object]) -> None:
-        """Train in minibatches; ``updated`` is called after each."""
+    def learn(self) -> None:
+        """Train in minibatches."""
         frames, fit = self._learnt, self._fit
         for normalizer in self._normalizers:
             normalizer.learn(frames.state.to(self._device))
@@ -164,7 +119,6 @@ class Reader:
             loss.backward()
             optimizer.step()
             falling.step()
-            updated()
 
     @torch.no_grad()
     def read(self, frames: Frames) -> tuple[Tensor, Tensor]:

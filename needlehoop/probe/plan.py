@@ -1,20 +1,18 @@
-"""What a probe measures: camera sets, episodes, a grid of views; values in ``conf/probe.yaml``."""
+"""What a probe measures: camera sets, episodes, training; the values are in ``conf/probe.yaml``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Range, Real
+from needlehoop.config.strict import Count, Range
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
 from needlehoop.learning.job import pick_device
 from needlehoop.learning.networks import HeadConfig
-from needlehoop.runs.files import SIGNALS, check_folder, check_name, seen
-from needlehoop.scene.cameras import View, parse_cameras
+from needlehoop.runs.files import SIGNALS, check_folder, check_name
+from needlehoop.scene.cameras import parse_cameras
 
 TRUTH, CONSTANT = SIGNALS, "constant"
 """Baselines beside the camera sets: the true state read by the same trunk, and a constant."""
@@ -44,40 +42,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Views to map; angles in degrees, as in ``View``."""
-
-    rendering: str
-    like: str
-    """View whose target, distance and depths the grid's cameras have."""
-    fovy: float
-    """Of the grid's cameras: wide enough for the scene from every side."""
-    azimuths: tuple[Real, ...]
-    elevations: tuple[Real, ...]
-
-    def __post_init__(self) -> None:
-        for key in ("azimuths", "elevations"):
-            values = getattr(self, key)
-            if len(values) < 2 or list(values) != sorted(set(values)):
-                raise ValueError(f"grid.{key}: {list(values)} must be two or more, rising")
-
-    def views(self, known: Mapping[str, View]) -> dict[str, View]:
-        """The grid's views by name, such as ``az-30-el45``: row by row, an elevation each.
-
-        Raises:
-            ValueError: ``like`` is unknown, or an angle that no view can have.
-        """
-        strict.check_names("grid.like", [self.like], [*known])
-        base = replace(known[self.like], fovy=self.fovy)
-        if base.target is None:
-            raise ValueError(f"grid.like: {self.like!r} has no target for the grid to look at")
-        return {
-            f"az{azimuth:g}-el{elevation:g}": replace(base, azimuth=azimuth, elevation=elevation)
-            for elevation, azimuth in product(self.elevations, self.azimuths)
-        }
-
-
-@dataclass(frozen=True)
 class Plan:
     """A probe of several camera sets."""
 
@@ -92,7 +56,6 @@ class Plan:
     """Repetitions, each with its own episodes and weights. They show how far probes agree."""
     results: str
     study: str
-    overwrite: bool
     device: str
     precision: str
 
@@ -107,25 +70,20 @@ class Plan:
         return _SEEDS + 2 * seed, _SEEDS + 2 * seed + 1
 
 
-def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
-    """Camera sets from a list of names with ``+`` between cameras, or of lists of cameras.
+def camera_sets(given: str | list[Any], settings: Settings) -> tuple[tuple[str, ...], ...]:
+    """Camera sets from a name with ``+`` between cameras, or a list of such or of lists of cameras.
 
     Raises:
         ValueError: no camera set, an unknown camera, or a camera set named twice.
     """
-    if isinstance(given, str):
-        given = given.split(",")
-    if not isinstance(given, list | tuple):
-        raise ValueError(f"cams: {strict.shown(given)} is no list of camera sets")
     found = []
-    for one in given:
+    for one in [given] if isinstance(given, str) else given:
         split = one.split("+") if isinstance(one, str) else one
         names = strict.structure(split, strict.Names, "cams")
         parse_cameras(names, settings.views, settings.renderings)
         found.append(names)
     if not found or not all(found):
         raise ValueError("cams: nothing to probe; give camera sets, such as rgb_front+rgb_side")
-    for one in found:
-        if found.count(one) > 1:
-            raise ValueError(f"cams: {seen(one)} is named twice")
+    if len(set(found)) < len(found):
+        raise ValueError("cams: a camera set is named twice")
     return tuple(found)

@@ -1,86 +1,85 @@
-"""What a probe shows: tables of the ranking, the phases and the agreement; two figures."""
+"""What a probe shows: the ranking as a table and a figure, and its agreement with others."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from itertools import combinations, cycle
+from itertools import combinations
+from pathlib import Path
 
-import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from needlehoop.probe.frames import Quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH, Grid
+from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.probe.scores import ProbeResults
-from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
-from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
-from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
-from needlehoop.study.report.tables import agreed
+from needlehoop.study.render.style import COLOURS, DASHES, new_figure, save, styled
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
-from needlehoop.study.stats.statistics import Interval
+from needlehoop.study.stats.statistics import Estimated
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
 
-def all_tables(results: ProbeResults) -> list[Table]:
-    """Those that have rows."""
-    tables = [_ranking(results), _phases(results), _agreements(results)]
-    return [table for table in tables if table.rows]
-
-
-def _ranking(results: ProbeResults) -> Table:
-    """Camera sets by score, then the baselines."""
-    asked = results.asked
-    rows: list[Row] = []
-    for name in (*results.ranked, *_BASELINES):
-        row: Row = {
-            Column("place"): _place(*results.places[name]) if name in results.places else None,
-            Column("cameras"): _BASELINES.get(name, name),
-            **_estimated("score", results.score(name)),
-        }
-        for phase in asked.phases:
-            row[Column(phase, "mm", ".2f")] = results.error(name, phase, asked.needed[phase])
-        for seed, score in enumerate(results.scores_by_seed(name)):
-            row[Column(f"seed {seed}", form=".3f")] = score
-        rows.append(row)
-    note = (
+def write(results: ProbeResults, folder: Path) -> str:
+    """Write ``ranking.csv``, ``.md``, ``.png`` and ``.svg``; returns the tables as text."""
+    table = ranking(results)
+    table.to_csv(folder / "ranking.csv", index=False)
+    text = _markdown(table)
+    (folder / "ranking.md").write_text(
+        f"**Cameras by what can be read off their images**\n\n{text}\n\n"
         "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
-        " (over held-out episodes) overlap share a place."
+        " (over held-out episodes) overlap share a place.\n"
     )
-    return Table.of("ranking", "Cameras by what can be read off their images", rows, note)
+    with styled():
+        save(ranking_figure(results), folder / "ranking")
+    compared = agreements(results)
+    return text if compared.empty else f"{text}\n\n{_markdown(compared)}"
 
 
-def _estimated(name: str, found: Estimated) -> Row:
-    column = Column(name, form=".3f")
-    return {column: found.value, replace(column, name="95 %"): found.interval}
-
-
-def _phases(results: ProbeResults) -> Table:
-    """Every error of every camera set, phase by phase."""
-    asked = results.asked
-    rows: list[Row] = [
-        {
-            Column("cameras"): _BASELINES.get(name, name),
-            Column("phase"): phase,
-            Column("quantity"): quantity,
-            **_estimated("error", results.error(name, phase, quantity)),
-            Column("needed"): True if asked.needed[phase] == quantity else None,
+def ranking(results: ProbeResults) -> pd.DataFrame:
+    """Camera sets by score, then the baselines; errors are in mm, with 95 % intervals."""
+    rows = []
+    for name in (*results.ranked, *_BASELINES):
+        best, worst = results.places.get(name, ("", ""))
+        found = results.score(name)
+        row = {
+            "place": f"{best}" if best == worst else f"{best} to {worst}",
+            "cameras": _BASELINES.get(name, name),
+            "score": f"{found.value:.3f}",
+            "95 %": _ends(found, 3),
         }
-        for name in (*results.ranked, *_BASELINES)
-        for phase in asked.phases
-        for quantity in asked.names
-    ]
-    note = f"Errors in mm; of {asked.fact}, the share of frames in which it is wrong."
-    return Table.of("phases", "Errors by phase", rows, note)
+        for phase, quantity in results.asked.needed.items():
+            error = results.error(name, phase, quantity)
+            row[f"{phase}, mm"] = f"{error.value:.2f} ({_ends(error, 2)})"
+        for seed, score in enumerate(results.scores_by_seed(name)):
+            row[f"seed {seed}"] = f"{score:.3f}"
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def _agreements(results: ProbeResults) -> Table:
-    """The probe against the paper's measurements and its VLM, and against itself."""
+def _ends(found: Estimated, digits: int) -> str:
+    assert found.interval is not None
+    return f"{found.interval.low:.{digits}f} to {found.interval.high:.{digits}f}"
+
+
+def _chance(p: float) -> str:
+    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
+
+
+def _markdown(table: pd.DataFrame) -> str:
+    return table.to_markdown(index=False, disable_numparse=True)
+
+
+def agreements(results: ProbeResults) -> pd.DataFrame:
+    """The probe against the paper's measurements and its VLM, and seed against seed.
+
+    The probe's order predicts the other one. ``regret``: by how much the probe's first choice
+    falls short of the best there, in that side's unit.
+    """
     scores = {name: results.score(name).value for name in results.ranked}
-    sides: list[tuple[str, str, Mapping[str, float], Mapping[str, float]]] = [
+    sides = [
         (name, against, {one: scores[one] for one in theirs}, theirs)
         for name, against, theirs in _published(results.asked)
         # Nothing where the probe has not seen all of the list.
@@ -90,16 +89,24 @@ def _agreements(results: ProbeResults) -> Table:
         own = {name: results.scores_by_seed(name) for name in scores}
         first, second = ({name: own[name][seed] for name in own} for seed in (one, two))
         sides.append((f"seed {one}", f"seed {two}", first, second))
-    rows: list[Row] = []
+    rows = []
     for name, against, predicted, theirs in sides:
         found = agreement(predicted, theirs)
-        sizes: Row = {Column("list"): name, Column("against"): against, Column("n"): found.n}
-        rows.append(sizes | agreed(found))
-    note = (
-        "The probe's order predicts the other one. p by permutation, two-sided; regret: by how much"
-        " the probe's first choice falls short of the best there, in that side's unit."
-    )
-    return Table.of("agreement", "Agreement of the probe with other rankings", rows, note)
+        rows.append(
+            {
+                "list": name,
+                "against": against,
+                "n": found.n,
+                "tau-b": f"{found.tau:.2f}",
+                "p of tau-b": _chance(found.tau_p),
+                "rho": f"{found.rho:.2f}",
+                "p of rho": _chance(found.rho_p),
+                "best found": "yes" if found.top_hit else "no",
+                "worst found": "yes" if found.bottom_hit else "no",
+                "regret": f"{found.regret:.2f}",
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float]]]:
@@ -115,71 +122,31 @@ def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float
         yield LISTS[name], told.who, scores
 
 
-def _place(best: int, worst: int) -> Cell:
-    return best if best == worst else Interval(best, worst)
-
-
-_MARKS = ("o", "s", "^", "D", "v")
-
-
 def ranking_figure(results: ProbeResults) -> Figure:
     """Scores with intervals, and beside them the errors in each phase."""
-    names, needed = results.ranked, results.asked.needed
+    names, rows = results.ranked, range(len(results.ranked))
     # 4.2 mm for each camera set.
-    figure, grid = new_figure(24 + 4.2 * len(names), 1, 2, sharey=True)
-    left, right = grid[0]
+    figure, [[left, right]] = new_figure(24 + 4.2 * len(names), 1, 2, sharey=True)
     for y, name in enumerate(names):
         found = results.score(name)
         assert found.interval is not None
         ends = [found.interval.low, found.interval.high]
         left.plot(ends, [y, y], color=COLOURS[0], linewidth=1.6)
         left.plot(found.value, y, "o", color=COLOURS[0], markersize=3)
-    left.set_yticks(range(len(names)), names)
+    left.set_yticks(rows, names)
     left.set_ylim(len(names) - 0.4, -0.6)
-    left.tick_params(axis="y", length=0)
-    left.grid(axis="both", linewidth=0.3)
     left.set_xlabel("score (1: no error)")
-    looks = cycle(zip(COLOURS[1:], _MARKS, strict=False))
-    for (phase, quantity), (colour, mark) in zip(needed.items(), looks, strict=False):
+    looks = zip(COLOURS[1:], "os^Dv", strict=False)
+    for (phase, quantity), (colour, mark) in zip(results.asked.needed.items(), looks, strict=False):
         values = [results.error(name, phase, quantity).value for name in names]
-        right.plot(values, range(len(names)), mark, color=colour, markersize=3.2, label=phase)
+        right.plot(values, rows, mark, color=colour, markersize=3.2, label=phase)
         floor = results.error(TRUTH, phase, quantity).value
         right.axvline(floor, color=colour, linewidth=0.6, linestyle=DASHES[3])
-    right.tick_params(axis="y", length=0)
-    right.grid(axis="both", linewidth=0.3)
     right.set_xlim(left=0)
     right.set_xlabel("error, mm\n(dotted: true state)")
+    for axes in (left, right):
+        axes.tick_params(axis="y", length=0)
+        axes.grid(axis="both", linewidth=0.3)
     figure.legend(loc="outside upper right", ncols=3, frameon=False, fontsize=6.5,
                   handletextpad=0.1, columnspacing=0.8)  # fmt: skip
-    return figure
-
-
-def view_map(results: ProbeResults, grid: Grid, standing: Mapping[str, View]) -> Figure:
-    """Scores over azimuth and elevation; ``standing``, which agents can choose, are marked."""
-    azimuths, elevations = grid.azimuths, grid.elevations
-    scores = [results.score(f"{grid.rendering}_{name}").value for name in grid.views(standing)]
-    values = np.array(scores).reshape(len(elevations), len(azimuths))
-    figure, [[axes]] = new_figure(62)
-    image = axes.pcolormesh(
-        azimuths, elevations, values, cmap="cividis", linewidth=0, shading="nearest"
-    )
-    middle = (values.min() + values.max()) / 2
-    for e, row in zip(elevations, values, strict=True):
-        for a, value in zip(azimuths, row, strict=True):
-            ink = INK if value > middle else "white"
-            axes.text(a, e, f"{value:.2f}", ha="center", va="center", fontsize=5.5, color=ink)
-    for name, view in standing.items():
-        if view.azimuth is None or view.body != standing[grid.like].body:
-            continue
-        axes.plot(view.azimuth, view.elevation, "D", markersize=4, markerfacecolor="none",
-                  markeredgecolor=COLOURS[1], clip_on=False)  # fmt: skip
-        axes.annotate(name, (view.azimuth, view.elevation), (3, 5), textcoords="offset points",
-                      fontsize=6.5, color=COLOURS[1], fontweight="bold")  # fmt: skip
-    axes.set_xticks(azimuths)
-    axes.set_yticks(elevations)
-    axes.set_xlabel("azimuth, degrees (0: in front, 90: left)")
-    axes.set_ylabel("elevation, degrees")
-    bar = figure.colorbar(image, ax=axes, pad=0.02)
-    bar.set_label(f"score of one {grid.rendering} camera")
-    bar.outline.set_edgecolor(FAINT)
     return figure

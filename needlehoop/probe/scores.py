@@ -1,4 +1,4 @@
-"""Errors of readings, and the score of a camera set.
+"""Errors of readings, their files, and the score of a camera set.
 
 The score is the mean over phases of ``1 - e / e0``. ``e`` is the error in mm of the quantity that
 the phase needs. ``e0`` is that error of a constant answer, the mean of the phase's training frames.
@@ -8,12 +8,14 @@ A score of 1 means no error; 0 means no better than the constant.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 
-from needlehoop.probe.frames import Frames, Quantities
+from needlehoop.probe.frames import KINDS, Frames, Quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH
 from needlehoop.study.stats.statistics import Estimated, Interval
 
@@ -62,6 +64,43 @@ def constant(asked: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor,
     return points, commonest.expand(len(frames))
 
 
+def _columns(asked: Quantities) -> list[str]:
+    """Columns of a file of errors: who acted, how many frames there are, and the mean errors."""
+    frames = [f"{phase}_frames" for phase in asked.phases]
+    means = [f"{phase}_{name}" for phase in asked.phases for name in asked.names]
+    return ["episode", "kind", *frames, *means]
+
+
+def save(path: Path, asked: Quantities, means: np.ndarray, frames: np.ndarray) -> None:
+    """Write a camera set's errors, as ``errors`` returns them, as a table of episodes."""
+    rows = [
+        (episode, KINDS[episode % len(KINDS)], *counts, *(f"{value:.4g}" for value in own.flat))
+        for episode, (own, counts) in enumerate(zip(means, frames, strict=True))
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(rows, columns=_columns(asked)).replace("nan", "").to_csv(path, index=False)
+
+
+def load(folder: Path, asked: Quantities) -> ProbeResults:
+    """The results of a probe from its folder: the files ``seed<k>/<cameras>.csv`` of ``save``.
+
+    Raises:
+        ValueError: a file that is not of a probe of this task.
+    """
+    seeds = sorted(folder.glob("seed*"), key=lambda place: int(place.name.removeprefix("seed")))
+    means = {}
+    for file in sorted(seeds[0].glob("*.csv")):
+        tables = []
+        for seed in seeds:
+            table = pd.read_csv(seed / file.name)
+            if list(table.columns) != _columns(asked):
+                raise ValueError(f"{seed / file.name} is not of a probe of {asked.task}")
+            shape = len(table), len(asked.phases), len(asked.names)
+            tables.append(table.iloc[:, 2 + len(asked.phases) :].to_numpy(float).reshape(shape))
+        means[file.stem] = np.stack(tables)
+    return ProbeResults(asked, means)
+
+
 class ProbeResults:
     """Errors and scores of camera sets and baselines, by name.
 
@@ -89,10 +128,8 @@ class ProbeResults:
         self.places = places({name: self.score(name) for name in cameras})
         """Of camera sets: the best and the worst place that the intervals leave open."""
 
-    @property
-    def ranked(self) -> tuple[str, ...]:
+        self.ranked = sorted(self.places, key=lambda name: (-self.score(name).value, name))
         """Camera sets, the best score first; without the baselines."""
-        return tuple(sorted(self.places, key=lambda name: (-self.score(name).value, name)))
 
     def score(self, name: str) -> Estimated:
         """Mean over seeds, and its 95 % interval over held-out episodes."""

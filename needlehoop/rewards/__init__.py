@@ -1,4 +1,4 @@
-"""Rewards: functions from signals to named terms. They prefer; they never decide success.
+"""Rewards: functions from signals to named terms. They never decide success.
 
 The terms are summed to a potential, and each step pays the potential's difference. So an
 episode's return is its last potential. Here rewards are loaded by name.
@@ -13,8 +13,8 @@ from typing import Any
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Real
-from needlehoop.rewards import called, written
-from needlehoop.rewards.called import CALL, allow, given, recall
+from needlehoop.rewards import function_reward, program_reward
+from needlehoop.rewards.function_reward import CALL, allow, given, recall
 from needlehoop.rewards.terms import Reward, RewardError, Sparse, potential
 from needlehoop.runs.files import EXPERT, check_name
 from needlehoop.runs.reading import read_yaml
@@ -23,8 +23,8 @@ from needlehoop.tasks.registry import conf_of
 
 __all__ = ["CALL", "Reward", "RewardError", "allow", "given", "potential", "recall"]
 
-_KINDS = ("human", "sparse", *written.KINDS, called.KIND)
-"""Two are classes; others are programs (``written``) or functions (``called``)."""
+_KINDS = ("human", "sparse", *program_reward.KINDS, function_reward.KIND)
+"""Two are classes; others are programs or functions."""
 
 NONE = {"kind": "sparse", "success": 1.0}
 """The config of a reward for environments whose reward nobody reads."""
@@ -45,10 +45,10 @@ def load(config: Mapping[str, Any], task: Task) -> Reward:
             allowed.
     """
     _check_kind(config)
-    if config["kind"] == called.KIND:
-        return called.load(config)
-    if config["kind"] in written.KINDS:
-        return written.load(config, task.signals)
+    if config["kind"] == function_reward.KIND:
+        return function_reward.load(config)
+    if config["kind"] in program_reward.KINDS:
+        return program_reward.load(config, task.signals)
     values = {key: value for key, value in config.items() if key not in ("kind", "name")}
     if config["kind"] == "sparse":
         return Sparse(strict.structure(values, _Sparse, "reward").success, task.goal)
@@ -63,22 +63,22 @@ def reference_reward(task: Task) -> Reward:
 def check(config: Mapping[str, Any], task: Task) -> None:
     """Check a reward's config without running its code. Errors as in ``load``."""
     _check_kind(config)
-    if config["kind"] == called.KIND:
-        called.check(config)
+    if config["kind"] == function_reward.KIND:
+        function_reward.check(config)
     else:
         load(config, task)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with its program's or function's text, for a run to keep; errors as in ``load``."""
-    if config["kind"] == called.KIND:
-        return called.pin(config)
-    return written.pin(config) if config["kind"] in written.KINDS else dict(config)
+    if config["kind"] == function_reward.KIND:
+        return function_reward.pin(config)
+    return program_reward.pin(config) if config["kind"] in program_reward.KINDS else dict(config)
 
 
 def text(reward: Reward) -> str:
     """A reward for the record: its values or its origin, then its source."""
-    if isinstance(reward, written.Written | called.Called):
+    if isinstance(reward, program_reward.ProgramReward | function_reward.FunctionReward):
         return reward.text()
     return f"{reward!r}\n\n{inspect.getsource(type(reward))}"
 

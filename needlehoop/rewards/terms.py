@@ -23,7 +23,7 @@ class Reward(Protocol):
 
 
 class RewardError(RuntimeError):
-    """A reward that is of no use at some state that training reached."""
+    """A reward that can't be used at some state that training reached."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,7 @@ def check_finite(terms: Mapping[str, Tensor], origin: str) -> None:
     """Check the terms ``(n,)`` of a reward from outside the package.
 
     Raises:
-        RewardError: a term is not finite. No number replaces it, because the agent would learn
-            from that number.
+        RewardError: a term is not finite. The agent would learn from any number put in its place.
     """
     for name, term in terms.items():
         finite = torch.isfinite(term)

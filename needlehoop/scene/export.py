@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
 
-from needlehoop.config import strict
-from needlehoop.runs.files import check_free
-from needlehoop.runs.reading import read_json
-
-RECORD = "export.json"
-"""What of a folder's files was written by an export."""
+from needlehoop.runs.files import new_folder
 
 _MESHES = "assets"
 """Folder of the meshes, beside the MJCF."""
@@ -44,63 +37,33 @@ def papers() -> dict[str, str]:
     return {name: (robot / name).read_text("utf-8") for name in ("LICENSE", "README.md")}
 
 
-def check_place(out: Path, overwrite: bool) -> None:
-    """Raises ``ValueError`` where an export may not be written."""
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"out: {str(out)!r} is a file; name a folder")
-    check_free(out, overwrite)
-
-
-def write_folder(out: Path, files: Mapping[str, str]) -> None:
-    """Write files below a folder, all of them or none.
-
-    Args:
-        out: the folder, of which ``check_place`` says whether it may exist; it is made. In one
-            that exists only what an export has written is replaced, and nothing is deleted.
-        files: texts by path below ``out``.
+def write_folder(out: Path, files: Mapping[str, str], overwrite: bool) -> None:
+    """Write texts by their path below a folder, all of them or none.
 
     Raises:
-        ValueError: a file in ``out`` that no export has written is in the way.
+        ValueError: the folder exists, and ``overwrite`` is false or it has other files as well.
     """
-    own = _written_before(out)
-    foreign = sorted(name for name in files if (out / name).exists() and name not in own)
-    if foreign:
+    there = [file for file in sorted(out.rglob("*")) if file.is_file()]
+    foreign = [file for file in there if str(file.relative_to(out)) not in files]
+    if overwrite and foreign:
         raise ValueError(
-            f"out: {str(out / foreign[0])!r} was not written by an export; choose another folder"
+            f"out: {str(foreign[0])!r} is not of this export, and would be lost; choose another"
+            " folder"
         )
-    record = json.dumps({"files": sorted({*own, *files})}, indent=2) + "\n"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as beside:
-        fresh = Path(beside) / "fresh"
-        # The record first: what is cut off half-way can be written over again.
-        for name, text in {RECORD: record, **files}.items():
-            (fresh / name).parent.mkdir(parents=True, exist_ok=True)
-            (fresh / name).write_text(text, "utf-8")
-        if not out.exists():
-            fresh.rename(out)
-            return
-        for name in (RECORD, *files):
-            (out / name).parent.mkdir(exist_ok=True)
-            (fresh / name).replace(out / name)
-
-
-def _written_before(out: Path) -> set[str]:
-    try:
-        found = read_json(out / RECORD)["files"] if (out / RECORD).exists() else []
-        return set(strict.structure(found, tuple[str, ...], "files"))
-    except (ValueError, KeyError) as error:
-        raise ValueError(f"out: {str(out / RECORD)!r} is no record of an export") from error
+    with new_folder(out, overwrite) as folder:
+        for name, text in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text, "utf-8")
 
 
 def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
     """Files of a scene by their path: ``<name>.xml`` and its meshes; they lose nothing.
 
     MuJoCo writes numbers with six digits, which is a micrometre at the tool's tip. What it rounded
-    is put back from the compiled model, and what comes of it is opened again and compared. The
-    spec is compiled, otherwise left as it is.
+    is put back from the compiled model. The spec is compiled, otherwise left as it is.
 
     Raises:
-        RuntimeError: MuJoCo does not make the same scene of what was written.
+        RuntimeError: a number in the text is not the compiled one, rounded.
     """
     model = spec.compile()
     root = ElementTree.fromstring(spec.to_xml())
@@ -114,9 +77,7 @@ def mjcf(spec: mujoco.MjSpec, name: str) -> dict[str, str]:
     assert compiler is not None
     compiler.set("meshdir", _MESHES)
     ElementTree.indent(root)
-    text = ElementTree.tostring(root, encoding="unicode") + "\n"
-    _compare(model, text, meshes)
-    return {f"{name}.xml": text, **meshes}
+    return {f"{name}.xml": ElementTree.tostring(root, encoding="unicode") + "\n", **meshes}
 
 
 def _put_back(root: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
@@ -177,22 +138,3 @@ def _move_out(element: Element, spec: mujoco.MjSpec, model: mujoco.MjModel) -> s
     lines += ["v " + " ".join(map(str, vertex)) for vertex in vertices]
     lines += ["f " + " ".join(map(str, face)) for face in faces]
     return "\n".join(lines) + "\n"
-
-
-def _compare(model: mujoco.MjModel, text: str, meshes: dict[str, str]) -> None:
-    """Open what is to be written: its first pose is the scene's, to 1e-9 m."""
-    assets = {path: mesh.encode() for path, mesh in meshes.items()}
-    again = mujoco.MjModel.from_xml_string(text, assets)
-    if (again.nq, again.nu, again.nbody) != (model.nq, model.nu, model.nbody):
-        raise RuntimeError("export: what was written has other bodies, joints or servos")
-    here, there = mujoco.MjData(model), mujoco.MjData(again)
-    for each, data in ((model, here), (again, there)):
-        if each.nkey:
-            mujoco.mj_resetDataKeyframe(each, data, 0)
-        mujoco.mj_kinematics(each, data)
-        mujoco.mj_comPos(each, data)
-        mujoco.mj_camlight(each, data)
-    for name in ("xpos", "xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"):
-        apart = np.abs(getattr(here, name) - getattr(there, name)).max(initial=0.0)
-        if not apart < 1e-9:
-            raise RuntimeError(f"export: {name} of what was written is {apart:.1e} apart")

@@ -20,7 +20,7 @@ from needlehoop.learning.job import Job, Steps, checked_job, typed_job
 from needlehoop.learning.learner import check_state
 from needlehoop.learning.loggers import check_installed
 from needlehoop.learning.subject import flown_job
-from needlehoop.rewards import written
+from needlehoop.rewards import program_reward
 from needlehoop.runs.files import CHECKPOINT, CONFIG
 from needlehoop.runs.lock import held
 from needlehoop.runs.machine import provenance
@@ -215,12 +215,12 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
         RewardError: no reply, or no program that was accepted.
     """
     reward: Mapping[str, Any] = values["reward"]
-    if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
+    if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
         return
     asked, provider = inquiry(values)
     try:
         with Inquiry(settings, asked, provider) as opened:
-            flavour, sample = written.FLAVOURS[reward["kind"]], reward["sample"]
+            flavour, sample = program_reward.FLAVOURS[reward["kind"]], reward["sample"]
             paths = opened.reward(flavour, rules_of(values), sample)
     except RuntimeError as error:
         raise rewards.RewardError(f"reward: no program was written: {error}") from error
@@ -229,7 +229,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
 
 def objections(reward: rewards.Reward, settings: Settings, gates: Gates) -> list[str]:
     """What the gates say against a training's reward; nothing where it is no program."""
-    if not isinstance(reward, written.Written):
+    if not isinstance(reward, program_reward.ProgramReward):
         return []
     found = gate_report(reward.program, settings, gates)
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]

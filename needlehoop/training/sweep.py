@@ -112,7 +112,7 @@ def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
         ValueError: another mistake in the settings of a run.
     """
     from needlehoop import rewards
-    from needlehoop.rewards import written
+    from needlehoop.rewards import program_reward
     from needlehoop.training.session import checked
 
     lines: dict[str, None] = {}
@@ -130,7 +130,7 @@ def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
             continue
         _, job = checked(values)
         reward: Mapping[str, Any] = values["reward"]
-        if values["vlm"]["kind"] == "replay" or written.is_recorded(reward):
+        if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
             try:
                 rewards.check(reward, job.env.definition)
             except ValueError as error:

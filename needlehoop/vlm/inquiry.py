@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.written import FIRST, file_name
+from needlehoop.rewards.program_reward import FIRST, file_name
 from needlehoop.runs.files import csv_text
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows

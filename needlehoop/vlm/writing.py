@@ -18,7 +18,7 @@ from PIL import Image
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import compile_program
-from needlehoop.rewards.written import KINDS
+from needlehoop.rewards.program_reward import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.run import Run
 from needlehoop.vlm import description

@@ -111,63 +111,6 @@ def test_signals_prints_the_table(capsys):
     assert "needle_tip" in capsys.readouterr().out
 
 
-@pytest.mark.full
-def test_bench_measures_and_says_where_the_time_goes():
-    # In a process of its own: the OpenGL library is chosen once in a process.
-    arguments = ["bench", "--json", "num_envs=3", "rounds=1", "steps=2", "image_size=16"]
-    command = [sys.executable, "-m", "needlehoop.cli.main", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    assert all(rate > 0 for rate in found["steps_per_second"].values())
-    assert set(found["share_of_a_step"]) == {"physics", "images", "task_and_interface"}
-    assert sum(found["share_of_a_step"].values()) == pytest.approx(1.0, abs=0.002)
-    # Either the ratio was measured, or the report says why it could not be.
-    assert (found["ratio_to_default_renderer"] is None) == bool(found["default_renderer_missing"])
-
-
-LITTLE = ["rounds=1", "num_envs=4", "algo.horizon=8", "algo.minibatch=16"]
-LITTLE += ["image_size=32", "steps=64"]
-
-
-@pytest.mark.full
-def test_bench_sb3_compares_the_two_under_the_same_algorithm():
-    # The other side's share is kept small: it renders ten images a second.
-    script = (
-        "import sys; from needlehoop.cli import main as cli;"
-        "from needlehoop.bench import stable_baselines as sb3;"
-        "sb3.DM_CONTROL_ENVS, sb3.STEPS = 1, 4;"
-        "sys.exit(cli.main(sys.argv[1:]))"
-    )
-    command = [sys.executable, "-c", script, "bench", "sb3", "--json", *LITTLE]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        assert "no OpenGL" in done.stderr
-        pytest.skip(done.stderr)
-    found = json.loads(done.stdout)
-    assert found["num_envs"] == {"needlehoop": 4, "dm_control": 1}
-    rates = found["steps_per_second"]
-    assert found["ratio"] == pytest.approx(rates["needlehoop"] / rates["dm_control"], rel=0.1)
-    assert len(found["ratio_of_each_round"]) == 1
-
-
-@pytest.mark.full
-def test_bench_train_says_where_the_time_goes():
-    # In a process of its own, into which no other test has brought Stable-Baselines3.
-    script = (
-        "import sys; from needlehoop.cli import main as cli; code = cli.main(sys.argv[1:]);"
-        "sys.exit(code or 'stable_baselines3' in sys.modules)"
-    )
-    words = ["bench", "train", "--json", *LITTLE, "engine.threads=2", "against=disturb=mild"]
-    command = [sys.executable, "-c", script, *words]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    found = json.loads(done.stdout)
-    assert found["threads"] == 2
-    rate, other = found["steps_per_second"], found["steps_per_second_against"]
-    assert min(rate, other) > 0
-    assert found["ratio"] == pytest.approx(rate / other, rel=0.1)
-    assert 0 < found["share_learning"] < 1
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -178,12 +121,6 @@ def test_bench_train_says_where_the_time_goes():
         (["expert", "task=hard"], "near peg_transfer reach standard wide"),
         (["export", "what=hand"], "what: 'hand' is unknown; choose from arm, scene"),
         (["snapshot", "out=sheet.bmp"], "out: 'sheet.bmp' must end in .png"),
-        (["bench", "cams=[]"], "cams"),
-        (["bench", "rounds=0"], "rounds: 0"),
-        (["bench", "everything"], "what: 'everything' is unknown; choose from speed, train"),
-        (["bench", "train", "against=disturb=mid"], "mild moderate none severe"),
-        (["bench", "against=disturb=mild"], "against: bench speed compares nothing"),
-        (["bench", "train", "cams=[]"], "cams"),
     ],
 )
 def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_path, monkeypatch):
@@ -193,13 +130,6 @@ def test_a_mistake_is_one_line_that_names_the_key(arguments, said, capsys, tmp_p
     assert error.startswith(f"needlehoop {arguments[0]}: ")
     assert said in error
     assert list(tmp_path.iterdir()) == []
-
-
-def test_view_without_a_display_says_so(capsys, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert main(["view"]) == 2
-    assert "no display" in capsys.readouterr().err
 
 
 def test_help_says_what_a_command_does_and_shows_its_keys(capsys):

@@ -155,7 +155,7 @@ def test_text_of_a_run_is_no_reference(tiny_run, monkeypatch):
 def test_watch_flies_under_other_conditions_and_says_so(run, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     before = files(run)
-    words = ["episode.max_steps=2", "episodes=1", "video_episodes=1", "window=false"]
+    words = ["episode.max_steps=2", "episodes=1", "video_episodes=1"]
     assert main(["watch", str(run), *words, "policy=best"]) == 0
     said = capsys.readouterr().out
     assert "policy       best, after 16 steps\nchanged      episode.max_steps=2\n" in said

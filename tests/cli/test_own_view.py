@@ -41,7 +41,15 @@ RUN = "results/main/rgb_near/human/seed0"
         (["evaluate", RUN], "the same as"),
         (["evaluate", RUN, "views.near.azimuth=25"], "changed      views.near.azimuth=25"),
         (["evaluate", RUN, "reward=sparse", "policy=best"], "policy       best, after"),
-        (["watch", RUN, "episodes=1", "video_episodes=1", "window=false"], "watch.mp4"),
+        (
+            [
+                "watch",
+                RUN,
+                "episodes=1",
+                "video_episodes=1",
+            ],
+            "watch.mp4",
+        ),
         (["plot", "results/main"], "results.csv"),
         (["report", "results/main"], "report.html"),
         (["export", "what=policy", f"run={RUN}"], "MB, last, after 64 steps"),

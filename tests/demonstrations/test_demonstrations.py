@@ -6,14 +6,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import imageio.v2 as imageio
+import imageio_ffmpeg
+import minari
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from needlehoop.cli.main import main
 from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
 from needlehoop.demonstrations.lerobot_layout import proprio_names, spread
 from needlehoop.envs.settings import compose_settings
-from needlehoop.runs.files import new_folder
 from needlehoop.tasks.registry import find
 
 TASK = find("needle_hoop")
@@ -29,7 +32,6 @@ def shown() -> list[Demonstration]:
 @pytest.fixture(scope="module")
 def minari_folder(tmp_path_factory) -> Path:
     """The folder of Minari's dataset smooth-v0."""
-    pytest.importorskip("minari")
     out = tmp_path_factory.mktemp("minari")
     assert export(out / "smooth-v0") == 0
     return out
@@ -37,7 +39,6 @@ def minari_folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def lerobot_folder(tmp_path_factory) -> Path:
-    pytest.importorskip("pyarrow")
     out = tmp_path_factory.mktemp("lerobot") / "smooth"
     assert export(out, "format=lerobot") == 0
     return out
@@ -73,13 +74,12 @@ def test_a_demonstration_does_not_depend_on_how_many_there_are(who):
 
 @pytest.mark.parametrize("name", ["reach", "peg_transfer"])
 def test_a_task_is_demonstrated_by_its_teacher_where_nobody_is_named(tmp_path, capsys, name):
-    parquet = pytest.importorskip("pyarrow.parquet")
     out, task = tmp_path / name, find(name)
     assert export(out, "format=lerobot", f"task={name}/standard", "image_size=16") == 0
     assert "3 episodes" in capsys.readouterr().out
     info = json.loads((out / "meta/info.json").read_text())
     assert info["needlehoop"]["demonstrator"] == task.teacher
-    assert parquet.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == [task.summary]
+    assert pq.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == [task.summary]
 
 
 def test_a_robot_of_ones_own_has_names_of_its_own():
@@ -92,8 +92,6 @@ def test_a_robot_of_ones_own_has_names_of_its_own():
 
 
 def test_minari_reads_what_was_done(minari_folder, monkeypatch, shown):
-    import minari
-
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(minari_folder))
     dataset = minari.load_dataset("smooth-v0")
     assert dataset.total_episodes == 3
@@ -130,15 +128,13 @@ def test_torchrl_reads_what_was_done(tmp_path, minari_folder, monkeypatch, shown
 
 
 def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
-    import pyarrow.parquet as parquet
-
     out = lerobot_folder
     info = json.loads((out / "meta/info.json").read_text())
     total = sum(map(len, shown))
     assert (info["codebase_version"], info["fps"]) == ("v3.0", 25)
     assert (info["total_episodes"], info["total_frames"]) == (3, total)
     place = {"chunk_index": 0, "file_index": 0}
-    table = parquet.read_table(out / info["data_path"].format(**place))
+    table = pq.read_table(out / info["data_path"].format(**place))
     rows = table.to_pydict()
     columns = {name for name, one in info["features"].items() if one["dtype"] != "video"}
     assert set(rows) == columns
@@ -146,7 +142,7 @@ def test_lerobot_layout_holds_what_was_done(lerobot_folder, shown):
     state = np.concatenate([f.vectors["proprio"][:-1] for f in shown])
     assert np.array_equal(rows["observation.state"], state)
     assert sum(rows["next.success"]) == 3
-    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     for episode, done in zip(episodes, shown, strict=True):
         own = slice(episode["dataset_from_index"], episode["dataset_to_index"])
         assert rows["frame_index"][own] == list(range(len(done)))
@@ -160,8 +156,6 @@ def film_of(folder: Path, name: str) -> Path:
 # imageio-ffmpeg leaves its pipes for the garbage collector to close.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
-    import imageio.v2 as imageio
-
     wanted = np.concatenate([one.images["dep_front"][:-1, ..., :3] for one in shown])
     with imageio.get_reader(film_of(lerobot_folder, "dep_front")) as film:
         found = np.stack([np.asarray(frame) for frame in film])
@@ -177,8 +171,6 @@ def test_lerobot_films_show_what_was_seen(lerobot_folder, shown):
 @pytest.mark.parametrize("alone", [False, True], ids=["beside colour", "alone"])
 def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, alone):
     """Read as docs/demonstrations.md says: all of it from the metadata and the film."""
-    import imageio_ffmpeg
-
     out = lerobot_folder
     if alone:
         out = tmp_path / "alone"
@@ -218,56 +210,19 @@ def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, 
     assert near <= stats["min"][0][0][0] < stats["mean"][0][0][0] < stats["max"][0][0][0] <= far
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["format=zarr"], "format: 'zarr' is unknown; choose from minari, lerobot"),
-        (["demonstrator=nobody"], "demonstrator: 'nobody' is unknown; choose from smooth"),
-        (["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a run's folder"),
-        (["episodes=0"], "episodes: 0 must be at least 1"),
-        (["cams=[]"], "cams: demonstrations need at least one camera"),
-        (["obs.frame_stack=3"], "obs.frame_stack: 3"),
-        (
-            ["format=lerobot", "image_size=8"],
-            "image_size: 8; LeRobot's films of depth need at least",
-        ),
-    ],
-)
-def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys, words, message):
-    pytest.importorskip("minari")
-    assert export(tmp_path / "smooth-v0", *words) == 2
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-def test_minari_wants_a_version_in_the_name(tmp_path, capsys):
-    pytest.importorskip("minari")
-    assert export(tmp_path / "smooth") == 2
-    assert "such as smooth-v0" in capsys.readouterr().err
-
-
-def test_a_folder_that_exists_is_kept_unless_told(tmp_path):
-    out = tmp_path / "data"
-    out.mkdir()
-    (out / "mine").write_text("kept")
-    with pytest.raises(ValueError, match="overwrite=true"), new_folder(out, overwrite=False):
-        raise AssertionError("written over")
-    assert (out / "mine").read_text() == "kept"
-    with new_folder(out, overwrite=True) as folder:
-        (folder / "new").touch()
-        assert (out / "mine").exists()
-    assert [path.name for path in out.iterdir()] == ["new"]
-
-
-def test_an_export_that_breaks_off_leaves_nothing(tmp_path):
-    def write():
-        with new_folder(tmp_path / "data", overwrite=False) as folder:
-            (folder / "half").touch()
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write()
-    assert not list(tmp_path.iterdir())
+def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys):
+    for name, words, message in (
+        ("smooth-v0", ["format=zarr"], "format: 'zarr' is unknown; choose from minari, lerobot"),
+        ("smooth-v0", ["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a"),
+        ("smooth-v0", ["episodes=0"], "episodes: 0 must be at least 1"),
+        ("smooth-v0", ["cams=[]"], "cams: demonstrations need at least one camera"),
+        ("smooth-v0", ["obs.frame_stack=3"], "obs.frame_stack: 3"),
+        ("smooth", ["format=lerobot", "image_size=8"], "image_size: 8; LeRobot's films of depth"),
+        ("smooth", ["format=minari"], "such as smooth-v0"),
+    ):
+        assert export(tmp_path / name, *words) == 2
+        assert message in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
 
 
 def test_spreads_are_by_column_and_by_channel():

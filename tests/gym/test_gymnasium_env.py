@@ -1,22 +1,18 @@
 """One environment for Gymnasium: its contract, and the same bits as the other faces."""
 
-import gc
 import warnings
 
 import gymnasium
-import imageio.v2 as imageio
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RecordVideo
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import needlehoop
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller
 from needlehoop.envs.settings import compose_settings
-from needlehoop.pictures import window
 
 ID = "needlehoop:needlehoop/NeedleHoop-v0"
 
@@ -50,15 +46,6 @@ def test_gymnasium_and_stable_baselines_find_nothing_wrong(kwargs):
             warnings.filterwarnings("ignore", message=".*infinity")
         check_env(env)
     check_env_for_sb3(env)
-
-
-def test_it_can_be_made_from_its_own_spec():
-    env = gymnasium.make(ID, cams=["seg_side"], reward="sparse", task="wide")
-    again = env.spec.make()
-    assert again.observation_space == env.observation_space
-    for one in (env, again):
-        assert one.unwrapped.settings.reward["kind"] == "sparse"
-        assert one.unwrapped.settings.task == compose_settings(["task=wide"]).task
 
 
 def test_without_a_word_it_sees_the_first_run_s_cameras_channels_last():
@@ -129,83 +116,14 @@ def test_the_picture_is_the_scene_of_now():
     assert (env.render() != before).any(-1).mean() > 0.01
 
 
-class Viewer:
-    """Stands in for MuJoCo's window."""
-
-    def __init__(self, model, data, view):
-        self.data, self.seen, self.is_open = data, [], True
-
-    def is_running(self):
-        return self.is_open
-
-    def lock(self):
-        return warnings.catch_warnings()
-
-    def sync(self):
-        self.seen.append(self.data.qpos.copy())
-
-    def close(self):
-        self.is_open = False
-
-
-def test_a_window_follows_each_step_until_it_is_closed(monkeypatch):
-    opened = []
-    monkeypatch.setenv("DISPLAY", ":7")
-    monkeypatch.setattr(window, "_opens", lambda *_: True)
-    monkeypatch.setattr(
-        window, "open_window", lambda *given: opened.append(Viewer(*given)) or opened[-1]
-    )
-    env = gymnasium.make(ID, cams=["seg_side"], render_mode="human")
-    assert env.metadata["render_modes"] == ["human", "rgb_array"]
-    env.reset(seed=0)
-    env.step(np.ones(5, np.float32))
-    assert env.render() is None
-    (viewer,) = opened
-    assert len(viewer.seen) == 2
-    assert not np.array_equal(*viewer.seen)
-    qpos = env.unwrapped.simulation.engine.data(0).qpos
-    assert np.array_equal(viewer.seen[-1], qpos)
-    viewer.close()
-    env.step(np.ones(5, np.float32))
-    assert len(viewer.seen) == 2
-    env.close()
-
-
-@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
-def test_gymnasium_films_an_episode(tmp_path):
-    env = gymnasium.make(ID, cams=["seg_side"], render_mode="rgb_array", render_size=64)
-    filmed = RecordVideo(env, str(tmp_path / "films"), disable_logger=True)
-    filmed.reset(seed=0)
-    for _ in range(3):
-        filmed.step(np.zeros(5, np.float32))
-    filmed.close()
-    # moviepy leaves pipes open, which must not be found in another test.
-    gc.collect()
-    (film,) = tmp_path.glob("films/*.mp4")
-    assert len(imageio.mimread(film)) == 4
-
-
-def test_no_window_without_a_display(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    with pytest.raises(RuntimeError, match=r"no display.*rgb_array"):
-        gymnasium.make(ID, cams=["seg_side"], render_mode="human")
-    env = gymnasium.make(ID, cams=["seg_side"])
-    assert env.metadata["render_modes"] == ["rgb_array"]
-
-
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
         ({"channels": "middle"}, "channels: 'middle' is unknown; choose from last, first"),
-        ({"render_mode": "depth"}, "render_mode: 'depth' is unknown; choose from human, rgb_array"),
-        ({"render_size": 0}, "render_size: 0 must be at least 1"),
         ({"cams": []}, "cams: nothing is observed"),
         ({"cams": ["xray_front"]}, "Could not load 'cams/xray_front'. Available options in 'cams'"),
-        ({"task": "huge"}, "task"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*The environment is being initialised with render_mode")
 def test_a_mistake_is_told_by_its_key(kwargs, message):
     with pytest.raises(ValueError, match=message) as raised:
         gymnasium.make(ID, **kwargs)

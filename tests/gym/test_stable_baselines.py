@@ -1,7 +1,6 @@
 """The batched engine under Stable-Baselines3."""
 
 import numpy as np
-import pytest
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
@@ -56,18 +55,6 @@ def test_ppo_learns_on_it_and_its_monitor_counts():
     assert list(model.ep_success_buffer) == [False] * 12
     action, _ = model.predict(env.reset(), deterministic=True)
     assert action.shape == (4, 5)
-
-
-def test_what_a_batch_cannot_do_is_said():
-    env = needlehoop.make_sb3(["seg_side"], num_envs=2, overrides=WORDS)
-    assert env.get_attr("render_mode") == [None, None]
-    assert env.env_is_wrapped(object, [0]) == [False]
-    for call in (lambda: env.set_attr("reward", 1), lambda: env.env_method("close")):
-        with pytest.raises(NotImplementedError):
-            call()
-    env.set_options({"start": "here"})
-    with pytest.raises(ValueError, match="options"):
-        env.reset()
 
 
 def test_its_pictures_stand_in_one():

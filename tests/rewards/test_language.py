@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-import pickle
 
-import hypothesis.strategies as st
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import settings as tried
 from needle_task import compile_program, load_reward, random_signals
 from reward_program import PROGRAM
 
 from needlehoop.config import composing
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.grammar import ProgramError
-from needlehoop.rewards.language.program import Program
 from needlehoop.scene.signals import Signals, vocabulary
 from needlehoop.tasks.needle_hoop import TASK
 
@@ -175,8 +170,7 @@ def test_ifs_choose_in_each_environment():
 
 
 def test_a_branch_that_is_not_taken_leaves_nothing_behind():
-    source = "if elapsed > 0:\n    reward = log(elapsed)\nelse:\n    reward = 0 / elapsed + 7"
-    source = source.replace("0 / elapsed + ", "")
+    source = "if elapsed > 0:\n    reward = log(elapsed)\nelse:\n    reward = 7"
     signals = random_signals(2, seed=0)
     signals.elapsed = torch.tensor([0.0, 1.0], dtype=torch.float64)
     assert compile_program(source)(signals)["reward"].tolist() == [7.0, 0.0]
@@ -187,34 +181,19 @@ def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
     assert compile_program(one).terms == ("reward",)
     error = refused(one + "reward = reward + d")
     assert (error.line, error.column) == (6, 19)
-    assert "'d' has no value yet where the if on line 1 goes the other way" in error.reason
-
-
-INNER = "if grasped:\n        d = 1"
-
-
-@pytest.mark.parametrize(
-    ("then", "other", "line"), [(INNER, "d = 2", 2), ("d = 2", INNER, 4), (INNER, INNER, 2)]
-)
-def test_a_variable_of_one_inner_branch_has_no_value_after_either(then, other, line):
-    error = refused(f"if lifted:\n    {then}\nelse:\n    {other}\nreward = d")
-    assert f"'d' has no value yet where the if on line {line} goes" in error.reason
+    assert "'d' is unknown" in error.reason
 
 
 @pytest.mark.parametrize(
     ("end", "terms"),
     [
         ("reward = a + b + c", ("a", "b", "c")),
-        ("reward = (a + b) + c", ("a", "b", "c")),
         ("reward = a + grasped", ("a", "grasped")),
         ("reward = a + b\nc = 5\na = 6", ("a", "b")),
         ("reward = 1\nreward = a + b", ("a", "b")),
         ("reward = a", ("reward",)),
-        ("reward = a - b", ("reward",)),
         ("reward = a + 2 * b", ("reward",)),
-        ("reward = a + 1", ("reward",)),
         ("reward = a + a", ("reward",)),
-        ("reward = a + b\nreward += c", ("reward",)),
         ("reward = a + b\nreward = reward + c", ("reward",)),
         ("reward = a + b\nif lifted:\n    reward = 0", ("reward",)),
         ("if lifted:\n    reward = a + b\nelse:\n    reward = 0", ("reward",)),
@@ -244,31 +223,28 @@ def test_what_is_not_finite_is_passed_on(signals):
     assert value_of("sqrt(-1)", signals).isnan().all()
 
 
-@pytest.mark.parametrize(
-    ("source", "line", "column", "reason"),
-    [
+def test_a_refusal_says_where_and_why():
+    for source, line, column, reason in (
         ("reward = gaol", 1, 10, "'gaol' is unknown; signals: tool_midpoint"),
         ("a = 1\nreward = a * b", 2, 14, "variables: a"),
         ("reward = 1 if threaded else 0", 1, 15, "verdict"),
         ("reward = cos(jaw)", 1, 10, "'cos' is no function; choose from distance"),
         ("reward = distance(goal)", 1, 10, "1 arguments; distance(u, v)"),
-        ("reward = exp(goal)", 1, 14, "a 3-vector, where exp(a) takes a number"),
-        ("reward = goal + 1", 1, 10, "+ between a 3-vector and a number"),
-        ("reward = 1 if jaw else 0", 1, 15, "a number, where a condition takes a truth value"),
-        ("reward = jaw.shape", 1, 13, "attributes"),
-        ("a = 1\ngoal = a", 2, 1, "'goal' is a signal"),
+        ("reward = distance(goal, tool_quat)", 1, 10, "vectors of different lengths"),
+        ("reward = exp(goal)", 1, 14, "a 3-vector, where a number is needed"),
+        ("reward = goal + 1", 1, 10, "Add of a 3-vector and a number"),
+        ("reward = 1 if jaw else 0", 1, 15, "a number, where a truth value"),
+        ("reward = goal if lifted else 0", 1, 10, "it must be of one kind"),
         ("reward = jaw ** elapsed", 1, 17, "exponent"),
         ("reward = (", 1, 10, "not Python"),
-        ("a = 1", 1, 1, "'reward' is assigned nowhere"),
-        ("if lifted:\n    reward = 1", 2, 1, "only one branch"),
-    ],
-)
-def test_a_refusal_says_where_and_why(source, line, column, reason):
-    error = refused(source)
-    assert (error.line, error.column) == (line, column)
-    assert reason in error.reason
-    again = pickle.loads(pickle.dumps(error))
-    assert str(again) == str(error) == f"line {line}, column {column}: {error.reason}"
+        ("reward = 2 × 3", 1, 12, "is not ASCII"),
+        ("a = 1", 1, 1, "'reward' is not assigned"),
+        ("if lifted:\n    reward = 1", 2, 1, "in every branch"),
+    ):
+        error = refused(source)
+        assert (error.line, error.column) == (line, column), source
+        assert reason in error.reason
+        assert str(error) == f"line {line}, column {column}: {error.reason}"
 
 
 def test_every_signal_but_the_verdicts_can_be_read(signals):
@@ -276,140 +252,3 @@ def test_every_signal_but_the_verdicts_can_be_read(signals):
         value_of(f"norm({name})" if row.shape else name, signals)
     for name in TABLE.keys() - vocabulary(TABLE).keys():
         assert "verdict" in refused(f"reward = {name}").reason
-
-
-def test_programs_are_equal_by_their_source():
-    one, same, other = (compile_program(f"reward = {n}") for n in (1, 1, 2))
-    assert one == same != other
-    assert hash(one) == hash(same)
-    assert one.source == "reward = 1"
-    assert "reward = 1" in repr(one)
-
-
-# Programs drawn from the grammar, sensible or not.
-
-NAMES = st.sampled_from(["a", "b", "c", "reward", *vocabulary(TABLE)])
-NUMBERS = st.sampled_from(["0", "1", "2.5", "1e-3", "1000000", "True", "False"])
-
-
-def calls(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
-    return st.builds(
-        lambda name, given: f"{name}({', '.join(given)})",
-        st.sampled_from(list(FUNCTIONS)),
-        st.lists(inner, min_size=1, max_size=3),
-    )
-
-
-EXPRESSIONS = st.recursive(
-    NAMES | NUMBERS,
-    lambda inner: st.one_of(
-        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner),
-        st.builds(
-            "({} {} {})".format,
-            inner,
-            st.sampled_from(["<", "<=", ">", ">=", "==", "!=", "and", "or"]),
-            inner,
-        ),
-        st.builds("({} ** {})".format, inner, st.sampled_from(["2", "-1", "0.5", "9"])),
-        st.builds("({} if {} else {})".format, inner, inner, inner),
-        st.builds("(-{})".format, inner),
-        st.builds("(not {})".format, inner),
-        calls(inner),
-    ),
-    max_leaves=6,
-)
-FITTING = st.recursive(
-    st.sampled_from(["a", "b", "jaw", "elapsed", "lifted", "norm(goal)", "z(needle_tip)", "0.5"]),
-    lambda inner: st.one_of(
-        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/"), inner),
-        st.builds("({} if {} < {} else {})".format, inner, inner, inner, inner),
-        st.builds("{}({})".format, st.sampled_from(["exp", "log", "sqrt", "tanh"]), inner),
-        st.builds("max({}, {})".format, inner, inner),
-        st.builds("distance(goal, {} * tool_midpoint)".format, inner),
-        st.builds("({}) ** 2".format, inner),
-    ),
-    max_leaves=6,
-)
-"""Expressions whose kinds fit."""
-ANYTHING = FITTING | FITTING | FITTING | EXPRESSIONS
-CONDITIONS = st.one_of(
-    st.sampled_from(["grasped", "lifted", "jaw > 0", "0 < elapsed <= 0.5", "not jaw_1_touch"]),
-    st.builds("{} > {}".format, FITTING, FITTING),
-)
-ASSIGNMENTS = st.builds(
-    "{} {} {}".format,
-    st.sampled_from(["a", "b", "c", "reward"]),
-    st.sampled_from(["=", "=", "=", "+=", "*="]),
-    ANYTHING,
-)
-
-
-def branch(condition: str, then: str, other: str | None) -> str:
-    text = f"if {condition}:\n    {then}"
-    return text if other is None else f"{text}\nelse:\n    {other}"
-
-
-STATEMENTS = ASSIGNMENTS | st.builds(branch, CONDITIONS, ASSIGNMENTS, st.none() | ASSIGNMENTS)
-PROGRAMS = st.builds(
-    lambda lines, end: "\n".join(["a = 1", "b = jaw", "c = grasped", "reward = 0", *lines, end]),
-    st.lists(STATEMENTS, max_size=3),
-    st.builds("reward = {}".format, ANYTHING | st.just("a + b + c")),
-)
-
-
-def compiled(source: str) -> Program | None:
-    """The program, or none where it is refused; anything else is raised."""
-    try:
-        return compile_program(source)
-    except ProgramError:
-        return None
-
-
-ACCEPTED: list[str] = []
-
-
-@given(PROGRAMS)
-@tried(max_examples=120)
-def test_what_is_accepted_gives_a_number_per_environment(source):
-    program = compiled(source)
-    if program is None:
-        return
-    ACCEPTED.append(source)
-    for n in (1, 5):
-        terms = program(random_signals(n, seed=2))
-        assert tuple(terms) == program.terms
-        for term in terms.values():
-            assert term.shape == (n,)
-            assert term.dtype == torch.float64
-
-
-def test_the_drawn_programs_are_not_all_refused():
-    """Runs after the test above, which would prove nothing if they were."""
-    assert len(set(ACCEPTED)) > 40
-    assert any("if " in source for source in ACCEPTED)
-
-
-WORDS = [
-    "if",
-    "else:",
-    "elif",
-    "not",
-    "and",
-    "lambda",
-    "import",
-    "for",
-    "reward",
-    "goal",
-    "exp(",
-    "1",
-    "0.5",
-    "1e9",
-    "**",
-]
-PIECES = st.sampled_from([*"+-*/()=<>,:.#\n \t'\"[]{}@;%&|~!\\\0é\ud800", "    ", *WORDS])
-
-
-@given(st.lists(PIECES, max_size=20).map("".join) | st.text(max_size=60))
-@tried(max_examples=400)
-def test_any_text_is_compiled_or_refused(text):
-    compiled(text)

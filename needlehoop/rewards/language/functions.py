@@ -13,36 +13,32 @@ from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 
-Operator = tuple[str, Callable[..., Tensor]]
-"""A sign and what it does."""
-
-ARITHMETIC: dict[type[ast.operator], Operator] = {
-    ast.Add: ("+", torch.add),
-    ast.Sub: ("-", torch.sub),
-    ast.Mult: ("*", torch.mul),
-    ast.Div: ("/", torch.div),
+ARITHMETIC: dict[type[ast.operator], Callable[..., Tensor]] = {
+    ast.Add: torch.add,
+    ast.Sub: torch.sub,
+    ast.Mult: torch.mul,
+    ast.Div: torch.div,
 }
-COMPARISONS: dict[type[ast.cmpop], Operator] = {
-    ast.Lt: ("<", torch.lt),
-    ast.LtE: ("<=", torch.le),
-    ast.Gt: (">", torch.gt),
-    ast.GtE: (">=", torch.ge),
-    ast.Eq: ("==", torch.eq),
-    ast.NotEq: ("!=", torch.ne),
+COMPARISONS: dict[type[ast.cmpop], Callable[..., Tensor]] = {
+    ast.Lt: torch.lt,
+    ast.LtE: torch.le,
+    ast.Gt: torch.gt,
+    ast.GtE: torch.ge,
+    ast.Eq: torch.eq,
+    ast.NotEq: torch.ne,
 }
-JUNCTIONS: dict[type[ast.boolop], Operator] = {
-    ast.And: ("and", torch.logical_and),
-    ast.Or: ("or", torch.logical_or),
+JUNCTIONS: dict[type[ast.boolop], Callable[..., Tensor]] = {
+    ast.And: torch.logical_and,
+    ast.Or: torch.logical_or,
 }
 
 
 class Function(NamedTuple):
     """One row of the table of functions.
 
-    ``takes`` names each argument's kind: ``number``; ``truth``; ``vector`` (all of one length);
-    ``vector3``; ``vector4``; ``any`` (all of one kind); ``index`` (a whole number, written out).
-    The last one may be repeated if the signature has dots. A truth value counts as the number 0
-    or 1 where a number is taken. ``run`` takes numbers ``(n,)`` and vectors ``(n, k)``.
+    ``takes`` names each argument's kind: ``number``; ``vector`` (all of one length); ``vector3``;
+    ``vector4``. The last one may be repeated if the signature has dots. ``run`` takes numbers
+    ``(n,)`` and vectors ``(n, k)``. The compiler itself handles ``component`` and ``where``.
     """
 
     signature: str
@@ -64,8 +60,19 @@ def _vector(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
     return torch.stack(torch.broadcast_tensors(a, b, c), -1)
 
 
+def _least(*numbers: Tensor) -> Tensor:
+    return reduce(torch.minimum, numbers)
+
+
+def _greatest(*numbers: Tensor) -> Tensor:
+    return reduce(torch.maximum, numbers)
+
+
 _N, _V, _V3 = "number", "vector", "vector3"
 _X, _Y, _Z = (itemgetter((..., index)) for index in range(3))
+_COMPONENT = "component of any vector; i is written out and counts from 0"
+_CLIPPED = "a, but no less than low and no more than high"
+_TURNED = "3-vector v turned by quaternion q (w, x, y, z)"
 _ROWS = (
     Function("distance(u, v)", "Euclidean distance", (_V, _V), lambda u, v: _norm(u - v)),
     Function("norm(v)", "length of a vector", (_V,), _norm),
@@ -73,32 +80,17 @@ _ROWS = (
     Function("x(v)", "first component of a 3-vector", (_V3,), _X),
     Function("y(v)", "second component of a 3-vector", (_V3,), _Y),
     Function("z(v)", "third component of a 3-vector (up)", (_V3,), _Z),
-    Function(
-        "component(v, i)",
-        "component of any vector; i is written out and counts from 0",
-        (_V, "index"),
-        Tensor.__getitem__,
-    ),
+    Function("component(v, i)", _COMPONENT, (_V, "index"), Tensor.__getitem__),
     Function("vector(a, b, c)", "a 3-vector", (_N, _N, _N), _vector),
-    Function(
-        "rotate(q, v)",
-        "3-vector v turned by quaternion q (w, x, y, z)",
-        ("vector4", _V3),
-        geo.rotate,
-    ),
-    Function(
-        "clip(a, low, high)",
-        "a, but no less than low and no more than high",
-        (_N, _N, _N),
-        torch.clamp,
-    ),
+    Function("rotate(q, v)", _TURNED, ("vector4", _V3), geo.rotate),
+    Function("clip(a, low, high)", _CLIPPED, (_N, _N, _N), torch.clamp),
     Function("exp(a)", "e to the power of a", (_N,), torch.exp),
     Function("log(a)", "natural logarithm", (_N,), torch.log),
     Function("sqrt(a)", "square root", (_N,), torch.sqrt),
     Function("tanh(a)", "hyperbolic tangent", (_N,), torch.tanh),
     Function("abs(a)", "absolute value", (_N,), torch.abs),
-    Function("min(a, b, ...)", "the least", (_N, _N), lambda *all_: reduce(torch.minimum, all_)),
-    Function("max(a, b, ...)", "the greatest", (_N, _N), lambda *all_: reduce(torch.maximum, all_)),
+    Function("min(a, b, ...)", "the least", (_N, _N), _least),
+    Function("max(a, b, ...)", "the greatest", (_N, _N), _greatest),
     Function(
         "where(condition, a, b)",
         "a where the condition holds, else b",

@@ -1,25 +1,26 @@
-"""Reward programs: a small part of Python over the signals, compiled to torch calls.
+"""Reward programs: a small part of Python over the signals, worked out with torch.
 
 A person or a model writes a program as text. It assigns ``reward``. The text is never run as
-Python: its tree is walked once, and each operation becomes a call of torch. Both branches of an
-``if`` are computed, and a ``where`` chooses for each variable that they leave different.
+Python: its tree is walked, and each node that the language has becomes a call of torch for all
+environments at once. Both branches of an ``if`` are computed, and a ``where`` chooses for each
+variable that they leave different.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial, reduce
-from operator import attrgetter, itemgetter
+from functools import reduce
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from needlehoop.rewards.language.functions import ARITHMETIC, COMPARISONS, FUNCTIONS, JUNCTIONS
 from needlehoop.rewards.language.grammar import (
+    MAX_CONSTANT,
     ProgramError,
     foreign,
     literal,
@@ -35,8 +36,6 @@ MAX_DEPTH = 64
 """Operations inside each other in one expression."""
 MAX_STATEMENTS = 100
 """Statements in a program, those inside ifs included."""
-MAX_NESTING = 16
-"""Ifs inside each other, ``elif`` included."""
 MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
@@ -44,111 +43,80 @@ RESULT = "reward"
 """The variable that holds a program's value."""
 
 
-Step = tuple[Callable[..., Any], tuple[int, ...]]
-"""A call, and what it takes: the signals are number 0, results of earlier steps count from 1."""
-
-
 @dataclass(frozen=True)
 class Program:
-    """A compiled program, which is a reward. Two programs are equal if their sources are.
+    """A checked program, which is a reward. Two programs are equal if their sources are.
 
-    ``results`` has the number of each term's step: of what the last ``reward = a + b`` sums, else
-    of ``reward``.
+    ``terms`` are the names that the last ``reward = a + b`` sums, or ``reward`` alone.
     """
 
     source: str
-    steps: tuple[Step, ...] = field(compare=False, repr=False)
-    results: Mapping[str, int] = field(compare=False, repr=False)
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The terms' names."""
-        return tuple(self.results)
+    terms: tuple[str, ...] = field(compare=False, repr=False)
+    body: list[ast.stmt] = field(compare=False, repr=False)
+    table: Mapping[str, Signal] = field(compare=False, repr=False)
 
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` float64 by name. They may be infinite or NaN, as for ``log(0)``."""
-        found: list[Any] = [signals]
-        for run, takes in self.steps:
-            found.append(run(*[found[number] for number in takes]))
         n = signals.batch_size[0]
+        found = _Walk(self.table, signals).terms(self.body)
         # Copies, because a term may be a signal itself.
-        return {name: found[number].expand(n).clone() for name, number in self.results.items()}
+        return {name: term.expand(n).clone() for name, term in found.items()}
 
 
 def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
     """A program from its source; it may read all signals of the table but the verdicts.
 
+    It is walked once with zeros. What is wrong with it shows there: no value changes which nodes
+    are walked, nor the kinds of their results.
+
     Raises:
         ProgramError: the program is refused; ``line``, ``column`` and ``reason`` say why.
     """
-    return _Compiler(table).program(source)
+    body = parse(source).body
+    zero = {
+        name: torch.zeros(1, *row.shape, dtype=torch.bool if row.unit == "bool" else torch.float64)
+        for name, row in table.items()
+    }
+    terms = _Walk(table, SimpleNamespace(**zero)).terms(body)
+    return Program(source, tuple(terms), body, table)
 
 
-class _Value(NamedTuple):
-    """The number of a step, and what it gives where every signal is zero.
+def _size(value: Tensor) -> int:
+    """The length of a vector ``(n, k)``; 0 for a number or a truth value ``(n,)``."""
+    return value.shape[1] if value.ndim == 2 else 0
 
-    That tensor shows the kind: ``(n,)`` bool is a truth value, ``(n,)`` float64 a number, and
-    ``(n, k)`` float64 a k-vector. ``n`` is 1 here, and for what is always the same.
+
+def _kind(value: Tensor) -> str:
+    if value.ndim == 2:
+        return f"a {_size(value)}-vector"
+    return "a truth value" if value.dtype == torch.bool else "a number"
+
+
+class _Walk:
+    """One walk over a program's tree. Values are tensors: numbers ``(n,)`` float64, truth values
+    ``(n,)`` bool, k-vectors ``(n, k)`` float64. ``n`` is 1 for what is always the same.
+
+    Its methods raise ``ProgramError`` for what is not in the language.
     """
 
-    number: int
-    like: Any
-
-    @property
-    def size(self) -> int:
-        """The length of a vector; 0 for a number or a truth value."""
-        return self.like.shape[1] if self.like.ndim == 2 else 0
-
-    @property
-    def is_truth(self) -> bool:
-        """Whether it is true or false."""
-        return self.like.dtype == torch.bool
-
-    @property
-    def kind(self) -> str:
-        if self.size:
-            return f"a {self.size}-vector"
-        return "a truth value" if self.is_truth else "a number"
-
-
-class _Compiler:
-    """Compiles one program. Its methods raise ``ProgramError`` for what is not in the language."""
-
-    def __init__(self, table: Mapping[str, Signal]):
-        self._table = table
-        kinds = {
-            name: torch.bool if s.unit == "bool" else torch.float64 for name, s in table.items()
-        }
-        zero = {name: torch.zeros(1, *s.shape, dtype=kinds[name]) for name, s in table.items()}
-        self._signals, self._steps = _Value(0, SimpleNamespace(**zero)), []
-        self._variables: dict[str, _Value | int] = {}
-        """Values by name; the line of an if that assigns a variable in only one branch."""
-        self._summands: dict[str, _Value] = {}
-        """What the result is the plain sum of, if it is one."""
+    def __init__(self, table: Mapping[str, Signal], signals: Any):
+        self._table, self._signals = table, signals
+        self._variables: dict[str, Tensor] = {}
+        self._summands: dict[str, Tensor] = {}
+        """The values whose plain sum the result is, if it is one."""
         self._last: ast.stmt | None = None
         """The last assignment to the result."""
-        self._nodes = self._depth = self._statements = self._nesting = 0
+        self._nodes = self._depth = self._statements = self._ifs = 0
 
-    def program(self, source: str) -> Program:
-        """The whole program."""
-        body = parse(source).body
+    def terms(self, body: list[ast.stmt]) -> dict[str, Tensor]:
+        """The terms' numbers by name."""
         self._block(body)
-        found = self._variables.get(RESULT)
-        if not isinstance(found, _Value):
-            end = body[-1].end_lineno if body else None
-            some = "nowhere" if found is None else "in only one branch of an if"
-            raise ProgramError(
-                end or 1, 1, f"{RESULT!r} is assigned {some}; a program's value is that variable"
-            )
-        last, terms = self._last, self._summands or {RESULT: found}
-        assert last is not None
-        results = {name: self._number(one, last, name).number for name, one in terms.items()}
-        return Program(source, tuple(self._steps), results)
-
-    def _do(self, run: Callable[..., Any], *takes: _Value) -> _Value:
-        """The result of one more step."""
-        self._steps.append((run, tuple(one.number for one in takes)))
-        return _Value(len(self._steps), run(*(one.like for one in takes)))
+        last = self._last
+        if last is None or RESULT not in self._variables:
+            line = (body[-1].end_lineno if body else None) or 1
+            raise ProgramError(line, 1, f"{RESULT!r} is not assigned in every branch")
+        terms = self._summands or {RESULT: self._variables[RESULT]}
+        return {name: _number(one, last) for name, one in terms.items()}
 
     # Statements.
 
@@ -158,65 +126,60 @@ class _Compiler:
             if self._statements > MAX_STATEMENTS:
                 raise refuse(statement, f"a program has at most {MAX_STATEMENTS} statements")
             match statement:
-                case ast.Assign(targets=[ast.Name() as target], value=expression):
+                case ast.Assign(targets=[ast.Name(id=name)], value=expression):
                     value = self._value(expression)
-                    self._assign(statement, target, value, self._summed(target, expression))
-                case ast.Assign():
-                    raise refuse(statement, "an assignment has one name on its left")
-                case ast.AugAssign(target=ast.Name() as target, op=op, value=expression):
-                    old = self._name(target, target.id)
-                    changed = self._arithmetic(statement, op, old, self._value(expression))
-                    self._assign(statement, target, changed, {})
+                    self._assign(statement, name, value, self._summed(name, expression))
+                case ast.AugAssign(target=ast.Name(id=name), op=op, value=expression):
+                    old = self._name(statement, name)
+                    changed = _arithmetic(statement, op, old, self._value(expression))
+                    self._assign(statement, name, changed, {})
                 case ast.If():
                     self._if(statement)
                 case _:
                     raise foreign(statement)
 
     def _assign(
-        self, statement: ast.stmt, target: ast.Name, value: _Value, summands: dict[str, _Value]
+        self, statement: ast.stmt, name: str, value: Tensor, summands: dict[str, Tensor]
     ) -> None:
-        for table, what in ((self._table, "signal"), (FUNCTIONS, "function")):
-            if target.id in table:
-                raise refuse(target, f"{target.id!r} is a {what}; choose another name")
-        self._variables[target.id] = value
-        if target.id == RESULT:
+        if name in self._table or name in FUNCTIONS or name.startswith("_"):
+            raise refuse(
+                statement,
+                f"{name!r}: a variable's name begins with a letter, and is no signal or function",
+            )
+        self._variables[name] = value
+        if name == RESULT:
             self._last, self._summands = statement, summands
 
-    def _summed(self, target: ast.Name, expression: ast.expr) -> dict[str, _Value]:
+    def _summed(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
         """The variables and signals that the result is the plain sum of, outside every if."""
         names = summed(expression)
-        plain = target.id == RESULT and not self._nesting and RESULT not in names
+        plain = target == RESULT and not self._ifs and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}
         return {name: self._name(expression, name) for name in names}
 
     def _if(self, statement: ast.If) -> None:
-        condition = _truth(self._value(statement.test), statement.test, "a condition")
-        self._nesting += 1
-        if self._nesting > MAX_NESTING:
-            raise refuse(statement, f"more than {MAX_NESTING} ifs inside each other")
+        condition = self._truth(statement.test)
         before, branches = self._variables, []
+        self._ifs += 1
         for body in (statement.body, statement.orelse):
             self._variables = dict(before)
             self._block(body)
             branches.append(self._variables)
-        self._nesting -= 1
+        self._ifs -= 1
         then, other = branches
-        self._variables = {}
-        for name in {**then, **other}:
-            ends = then.get(name), other.get(name)
-            match ends:
-                case (_Value() as a, _Value() as b):
-                    what = f"{name!r} after the if"
-                    value = a if a is b else self._choose(statement, what, condition, a, b)
-                case _:
-                    lines = (one for one in ends if isinstance(one, int))
-                    value = next(lines, statement.lineno)
-            self._variables[name] = value
+        # A variable that only one branch assigns has no value afterwards.
+        self._variables = {
+            name: value
+            if value is other[name]
+            else _choose(statement, condition, value, other[name])
+            for name, value in then.items()
+            if name in other
+        }
 
     # Expressions.
 
-    def _value(self, node: ast.expr) -> _Value:
+    def _value(self, node: ast.expr) -> Tensor:
         self._nodes += 1
         if self._nodes > MAX_NODES:
             raise refuse(node, f"a program has at most {MAX_NODES} names, numbers and operations")
@@ -227,164 +190,137 @@ class _Compiler:
         self._depth -= 1
         return found
 
-    def _expression(self, node: ast.expr) -> _Value:
+    def _expression(self, node: ast.expr) -> Tensor:
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
+                if value > MAX_CONSTANT:
+                    raise refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
                 dtype = torch.bool if isinstance(value, bool) else torch.float64
-                tensor = torch.tensor([value], dtype=dtype)
-                return self._do(lambda: tensor)
+                return torch.tensor([value], dtype=dtype)
             case ast.Name(id=name):
                 return self._name(node, name)
-            case ast.UnaryOp(op=op, operand=operand):
-                return self._unary(node, op, self._value(operand))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return torch.logical_not(self._truth(operand))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+                value = self._value(operand)
+                value = value if _size(value) else _number(value, node)
+                return torch.neg(value) if isinstance(sign, ast.USub) else value
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                base, exponent = self._value(left), literal(right)
+                base, exponent = _number(self._value(left), node), literal(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
                     raise refuse(
                         right, f"an exponent is a number, written out, of at most {MAX_EXPONENT}"
                     )
-                power = partial(torch.pow, exponent=exponent)
-                return self._do(power, self._number(base, node, "**"))
+                return torch.pow(base, float(exponent))
             case ast.BinOp(left=left, op=op, right=right):
-                return self._arithmetic(node, op, self._value(left), self._value(right))
+                return _arithmetic(node, op, self._value(left), self._value(right))
             case ast.BoolOp(op=op, values=operands):
-                word, run = JUNCTIONS[type(op)]
-                values = [_truth(self._value(one), one, word) for one in operands]
-                return reduce(partial(self._do, run), values)
+                return reduce(JUNCTIONS[type(op)], map(self._truth, operands))
             case ast.Compare(left=left, ops=ops, comparators=others):
-                return self._compare(node, ops, [self._value(one) for one in (left, *others)])
+                values = [_number(self._value(one), node) for one in (left, *others)]
+                return _compare(node, ops, values)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                condition = _truth(self._value(test), test, "a condition")
-                a, b = self._value(body), self._value(orelse)
-                return self._choose(node, "a conditional expression", condition, a, b)
+                condition = self._truth(test)
+                return _choose(node, condition, self._value(body), self._value(orelse))
+            case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
+                return self._call(node, name, given)
             case ast.Call():
-                return self._call(node)
+                raise refuse(
+                    node, "a call is a function's name and its arguments, without keywords"
+                )
             case _:
                 raise foreign(node)
 
-    def _name(self, node: ast.expr, name: str) -> _Value:
+    def _name(self, node: ast.AST, name: str) -> Tensor:
         """The value of a variable or a signal."""
-        found = self._variables.get(name)
-        if isinstance(found, _Value):
-            return found
-        if found is not None:
+        if name in self._variables:
+            return self._variables[name]
+        if name not in self._table:
+            own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
             raise refuse(
-                node,
-                f"{name!r} has no value yet where the if on line {found} goes the other way;"
-                " assign it before, or in every branch",
+                node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
             )
-        if name in self._table:
-            if self._table[name].source != "verdict":
-                return self._do(attrgetter(name), self._signals)
+        if self._table[name].source == "verdict":
             raise refuse(node, f"{name!r} is the verdict, which no program may read")
-        if name in FUNCTIONS:
-            raise refuse(node, f"{name!r} is a function: {FUNCTIONS[name].signature}")
-        own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
-        raise refuse(
-            node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
-        )
+        return getattr(self._signals, name)
 
-    def _compare(self, node: ast.Compare, ops: list[ast.cmpop], values: list[_Value]) -> _Value:
-        """``a < b < c`` is ``a < b and b < c``."""
-        found = []
-        for op, *pair in zip(ops, values, values[1:], strict=False):
-            sign, run = COMPARISONS[type(op)]
-            found.append(self._do(run, *(self._number(value, node, sign) for value in pair)))
-        return reduce(partial(self._do, torch.logical_and), found)
+    def _truth(self, node: ast.expr) -> Tensor:
+        value = self._value(node)
+        if value.dtype != torch.bool:
+            raise refuse(node, f"{_kind(value)}, where a truth value such as a < b is needed")
+        return value
 
-    def _call(self, node: ast.Call) -> _Value:
-        if not isinstance(node.func, ast.Name):
-            raise refuse(node, "only a function's name can be called")
-        name, given = node.func.id, node.args
+    def _call(self, node: ast.Call, name: str, given: list[ast.expr]) -> Tensor:
         if name not in FUNCTIONS:
             raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
-        function = FUNCTIONS[name]
-        takes, signature = function.takes, function.signature
-        if node.keywords:
-            raise refuse(node, f"no keywords in a call; {signature}")
+        signature, _, takes, run = FUNCTIONS[name]
         more = len(given) - len(takes)
         if more < 0 or (more and "..." not in signature):
             raise refuse(node, f"{len(given)} arguments; {signature}")
-        if name == "component":
-            return self._component(given[0], given[1])
-        values = [self._value(argument) for argument in given]
         if name == "where":
-            condition, a, b = values
-            return self._choose(node, name, _truth(condition, given[0], name), a, b)
-        fitted = [
-            self._fit(value, wish, argument, signature)
-            for value, wish, argument in zip(values, takes + takes[-1:] * more, given, strict=True)
+            condition = self._truth(given[0])
+            return _choose(node, condition, self._value(given[1]), self._value(given[2]))
+        if name == "component":
+            vector, index = _fit(self._value(given[0]), "vector", node), literal(given[1])
+            if index is None or index not in range(_size(vector)):
+                raise refuse(node, f"an index is one of 0 to {_size(vector) - 1}, written out")
+            return vector[..., int(index)]
+        values = [
+            _fit(self._value(argument), wish, argument)
+            for argument, wish in zip(given, takes + takes[-1:] * more, strict=True)
         ]
-        sizes = sorted({value.size for value in fitted})
-        if set(takes) == {"vector"} and len(sizes) > 1:
-            raise refuse(node, f"vectors of {' and '.join(map(str, sizes))} components")
-        return self._do(function.run, *fitted)
+        if set(takes) == {"vector"} and len({_size(value) for value in values}) > 1:
+            raise refuse(node, f"vectors of different lengths; {signature}")
+        return run(*values)
 
-    def _component(self, vector: ast.expr, index: ast.expr) -> _Value:
-        value, number = self._value(vector), literal(index)
-        if not value.size:
-            raise refuse(vector, f"{value.kind} has no components")
-        if number is None or number != int(number) or not 0 <= number < value.size:
-            raise refuse(index, f"the index is one of 0 to {value.size - 1}, written out")
-        return self._do(itemgetter((..., int(number))), value)
 
-    # Operations.
+# Operations on values.
 
-    def _number(self, value: _Value, node: ast.AST, what: str) -> _Value:
-        """A number as it is; a truth value as 0 or 1. A vector is refused."""
-        return self._fit(value, "number", node, what)
 
-    def _fit(self, value: _Value, wish: str, node: ast.AST, what: str) -> _Value:
-        """A value as an argument: ``number``, ``vector``, ``vector3`` or ``vector4``."""
-        wanted = wish.removeprefix("vector")
-        if wish == "number" and not value.size:
-            return self._do(Tensor.double, value) if value.is_truth else value
-        if wish == "number" or not value.size or wanted not in ("", str(value.size)):
-            taken = f"{wanted}-vector" if wanted.isdigit() else wish
-            raise refuse(node, f"{value.kind}, where {what} takes a {taken}")
+def _number(value: Tensor, node: ast.AST) -> Tensor:
+    """A number as it is; a truth value as 0 or 1. A vector is refused."""
+    return _fit(value, "number", node)
+
+
+def _fit(value: Tensor, wish: str, node: ast.AST) -> Tensor:
+    """A value as an argument: ``number``, ``vector``, ``vector3`` or ``vector4``."""
+    size = _size(value)
+    if wish == "number" and not size:
+        return value.double()
+    if size and wish in ("vector", f"vector{size}"):
         return value
-
-    def _unary(self, node: ast.UnaryOp, op: ast.unaryop, value: _Value) -> _Value:
-        if isinstance(op, ast.Not):
-            return self._do(torch.logical_not, _truth(value, node, "not"))
-        sign = "-" if isinstance(op, ast.USub) else "+"
-        value = value if value.size else self._number(value, node, sign)
-        return self._do(torch.neg, value) if sign == "-" else value
-
-    def _arithmetic(self, node: ast.AST, op: ast.operator, a: _Value, b: _Value) -> _Value:
-        if type(op) not in ARITHMETIC:
-            signs = ", ".join(sign for sign, _ in ARITHMETIC.values())
-            raise refuse(node, f"{type(op).__name__} is not in the language; choose from {signs}")
-        sign, run = ARITHMETIC[type(op)]
-        if not a.size and not b.size:
-            return self._do(run, self._number(a, node, sign), self._number(b, node, sign))
-        if a.size == b.size and sign in "+-":
-            return self._do(run, a, b)
-        if sign == "*" and not a.size:
-            a, b = b, a
-        if sign in "*/" and not b.size:
-            return self._do(run, a, self._column(self._number(b, node, sign)))
-        raise refuse(
-            node,
-            f"{sign} between {a.kind} and {b.kind}; vectors are added to vectors of their length,"
-            " and scaled by numbers",
-        )
-
-    def _choose(self, node: ast.AST, what: str, condition: _Value, a: _Value, b: _Value) -> _Value:
-        """``a`` in the environments where the condition holds, else ``b``."""
-        if a.kind != b.kind:
-            if a.size or b.size:
-                raise refuse(node, f"{what} is {a.kind} or {b.kind}; it must be of one kind")
-            a, b = self._number(a, node, what), self._number(b, node, what)
-        return self._do(torch.where, self._column(condition) if a.size else condition, a, b)
-
-    def _column(self, value: _Value) -> _Value:
-        """``(n, 1)``, to go with vectors."""
-        return self._do(partial(torch.unsqueeze, dim=-1), value)
+    raise refuse(node, f"{_kind(value)}, where a {wish} is needed")
 
 
-def _truth(value: _Value, node: ast.AST, what: str) -> _Value:
-    """A truth value as it is. Anything else is refused."""
-    if not value.is_truth:
-        raise refuse(node, f"{value.kind}, where {what} takes a truth value, such as a < b")
-    return value
+def _compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> Tensor:
+    """``a < b < c`` is ``a < b and b < c``."""
+    found = []
+    for op, a, b in zip(ops, values, values[1:], strict=False):
+        if type(op) not in COMPARISONS:
+            raise refuse(node, f"{type(op).__name__} is not in the language")
+        found.append(COMPARISONS[type(op)](a, b))
+    return reduce(torch.logical_and, found)
+
+
+def _arithmetic(node: ast.AST, op: ast.operator, a: Tensor, b: Tensor) -> Tensor:
+    run = ARITHMETIC.get(type(op))
+    if run is None:
+        raise refuse(node, f"{type(op).__name__} is not in the language")
+    if not _size(a) and not _size(b):
+        return run(_number(a, node), _number(b, node))
+    if _size(a) == _size(b) and run in (torch.add, torch.sub):
+        return run(a, b)
+    if run is torch.mul and not _size(a):
+        a, b = b, a
+    if run in (torch.mul, torch.div) and not _size(b):
+        return run(a, _number(b, node).unsqueeze(-1))
+    raise refuse(node, f"{type(op).__name__} of {_kind(a)} and {_kind(b)}")
+
+
+def _choose(node: ast.AST, condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    """``a`` in the environments where the condition holds, else ``b``."""
+    if _kind(a) != _kind(b):
+        if _size(a) or _size(b):
+            raise refuse(node, f"either {_kind(a)} or {_kind(b)}; it must be of one kind")
+        a, b = _number(a, node), _number(b, node)
+    return torch.where(condition.unsqueeze(-1) if _size(a) else condition, a, b)

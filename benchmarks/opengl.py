@@ -1,7 +1,5 @@
 """The same cameras through MuJoCo's own OpenGL renderer: what benchmarks compare with."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from typing import Any

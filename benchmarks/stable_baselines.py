@@ -1,7 +1,12 @@
-"""Stable-Baselines3's PPO, on our environments and on dm_control's. Extra ``bench``."""
+"""Speed of Stable-Baselines3's PPO on our environments and on dm_control's. Extra ``sb3``.
 
-from __future__ import annotations
+    python benchmarks/stable_baselines.py 3 engine.threads=1
 
+The words are the number of rounds and settings of ``python train.py``. Both learn with the same
+hyperparameters and encoders, in turns in one process; one round before them warms up.
+"""
+
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -9,13 +14,14 @@ from statistics import harmonic_mean
 from typing import Any
 
 import torch
+from environment import NO_OPENGL
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from torch import Tensor, nn
+from training import job_of
 
-from needlehoop.bench.speed import NO_OPENGL, about, rounds_of
 from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 from needlehoop.learning.encoder import Encoder, Fold, convolution_dtype
 from needlehoop.learning.job import Job
@@ -47,41 +53,7 @@ class Encoders(BaseFeaturesExtractor):
         return torch.cat(parts, -1)
 
 
-def measure_sb3(job: Job, rounds: int) -> dict[str, object]:
-    """Environment steps per second of SB3's PPO, on our engine and on dm_control's renderer.
-
-    Both learn with the job's hyperparameters and encoders, in turns in one process; the first
-    round of each warms up and is not counted.
-
-    Raises:
-        RuntimeError: this machine has no OpenGL.
-    """
-    try:
-        # Finds an OpenGL library when it is imported, or raises.
-        from needlehoop.bench.opengl import OpenGLEnvironment
-
-        makers: list[Any] = [
-            partial(OpenGLEnvironment, job.env, env) for env in range(DM_CONTROL_ENVS)
-        ]
-        # Stepped one after the other.
-        drawn = DummyVecEnv(makers)
-        drawn.reset()
-    except NO_OPENGL as error:
-        raise RuntimeError(f"no OpenGL: {type(error).__name__}: {error}") from error
-    runs = _runner(job, StableBaselinesVecEnv(job.env)), _runner(job, drawn)
-    rates = [[run() for run in runs] for _ in rounds_of(rounds + 1, "round")][1:]
-    mean, other = (harmonic_mean(one) for one in zip(*rates, strict=True))
-    return {
-        **about(job.env),
-        "encoder": job.encoder.name,
-        "num_envs": {"needlehoop": job.env.num_envs, "dm_control": DM_CONTROL_ENVS},
-        "steps_per_second": {"needlehoop": round(mean, 3), "dm_control": round(other, 3)},
-        "ratio": round(mean / other, 1),
-        "ratio_of_each_round": [round(one / two, 1) for one, two in rates],
-    }
-
-
-def _runner(job: Job, env: VecEnv) -> Callable[[], float]:
+def runner(job: Job, env: VecEnv) -> Callable[[], float]:
     """Calls of it do a round of SB3's PPO, learning included, and return steps per second."""
     dtype = convolution_dtype(job.precision, job.torch_device)
     model = PPO(
@@ -122,3 +94,26 @@ def _runner(job: Job, env: VecEnv) -> Callable[[], float]:
         return steps / seconds
 
     return run
+
+
+if __name__ == "__main__":
+    rounds, *words = sys.argv[1:]
+    job = job_of(words)
+    try:
+        # Finds an OpenGL library when it is imported, or raises.
+        from opengl import OpenGLEnvironment
+
+        makers: list[Any] = [
+            partial(OpenGLEnvironment, job.env, env) for env in range(DM_CONTROL_ENVS)
+        ]
+        # Stepped one after the other.
+        drawn = DummyVecEnv(makers)
+        drawn.reset()
+    except NO_OPENGL as error:
+        sys.exit(f"no OpenGL: {type(error).__name__}: {error}")
+    runs = runner(job, StableBaselinesVecEnv(job.env)), runner(job, drawn)
+    rates = [[run() for run in runs] for _ in range(int(rounds) + 1)][1:]
+    ours, theirs = (harmonic_mean(own) for own in zip(*rates, strict=True))
+    print(f"needlehoop, {job.env.num_envs} environments: {ours:.1f} steps/s")
+    print(f"dm_control, {DM_CONTROL_ENVS} environments: {theirs:.1f} steps/s")
+    print("ratio of each round:", *(f"{one / other:.1f}" for one, other in rates))

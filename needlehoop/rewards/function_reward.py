@@ -45,13 +45,10 @@ class _Config:
 
 
 @dataclass(frozen=True)
-class Called:
-    """A function in use. Its terms must be finite, one number per environment.
+class FunctionReward:
+    """A function in use, with its keyword arguments ``values``.
 
-    Args:
-        function: of ``Signals`` and the values.
-        values: its keyword arguments.
-        origin: the name it was given by, for messages and records.
+    ``origin`` is the name that it was given by, for messages and records.
     """
 
     function: Callable[..., Any]
@@ -70,8 +67,8 @@ class Called:
             raise RewardError(f"reward: {self.origin} returned {found!r}; expected named terms")
         n = len(signals)
         for name, term in terms.items():
-            if not isinstance(term, Tensor) or tuple(term.shape) != (n,):
-                shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
+            shape = tuple(term.shape) if isinstance(term, Tensor) else type(term).__name__
+            if shape != (n,):
                 raise RewardError(
                     f"reward: term {name!r} of {self.origin} is {shape}; expected a tensor ({n},)"
                 )
@@ -86,19 +83,14 @@ class Called:
 def given(function: Callable[..., Any]) -> dict[str, Any]:
     """The config of a function object. It can't be written down for another process."""
     name = getattr(function, "__qualname__", type(function).__name__)
-    call = Called(function, {}, name)
+    call = FunctionReward(function, {}, name)
     return {"kind": KIND, "function": name, "values": {}, "source": None, CALL: call}
 
 
 def check(config: Mapping[str, Any]) -> None:
-    """Check a config that names code; imports nothing.
-
-    Raises:
-        ValueError: missing or unknown keys, or ``values`` is not a mapping.
-    """
-    structure(
-        {key: one for key, one in config.items() if key not in ("name", CALL)}, _Config, "reward"
-    )
+    """Check the keys of a config that names code; imports nothing. Raises ``ValueError``."""
+    values = {key: one for key, one in config.items() if key not in ("name", CALL)}
+    structure(values, _Config, "reward")
 
 
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -115,7 +107,7 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     function = _find(name)
     if config["source"] not in (None, _source(function)):
         raise ValueError(f"reward.function: {name} is no longer what the run began with")
-    return {**config, CALL: Called(function, config["values"] or {}, name)}
+    return {**config, CALL: FunctionReward(function, config["values"] or {}, name)}
 
 
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
@@ -125,16 +117,16 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
         ValueError: it names a function, and the person does not trust the files (``trust``), or
             there is no source to compare the function with; or as in ``allow``.
     """
-    is_code = config["kind"] == KIND
-    if is_code and not trust:
-        raise _untrusted(config)
-    if is_code and config.get("source") is None:
-        raise ValueError("reward.source: null; a run notes the source of its function")
+    if config["kind"] == KIND:
+        if not trust:
+            raise _untrusted(config)
+        if config.get("source") is None:
+            raise ValueError("reward.source: null; a run notes the source of its function")
     return allow(config)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A config that names code, with the function's source. A run goes on with that alone.
+    """A config that names code, with the function's source, for a run to keep.
 
     Raises:
         ValueError: as in ``allow``.
@@ -146,14 +138,10 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
     return {**config, "function": name, "source": _source(reward.function)}
 
 
-def load(config: Mapping[str, Any]) -> Called:
-    """The reward of a config that ``allow`` or ``recall`` returned.
-
-    Raises:
-        ValueError: neither did.
-    """
+def load(config: Mapping[str, Any]) -> FunctionReward:
+    """The reward of a config from ``allow`` or ``recall``; ``ValueError`` for any other."""
     call = config.get(CALL)
-    if not isinstance(call, Called):
+    if not isinstance(call, FunctionReward):
         raise _untrusted(config)
     return call
 
@@ -188,8 +176,8 @@ def _find(name: str) -> Callable[..., Any]:
 def _module(file: Path, changed: int) -> Any:
     # Settings are built many times. A file is run once, and again only after a change.
     spec = spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no Python file")
+    assert spec is not None
+    assert spec.loader is not None
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

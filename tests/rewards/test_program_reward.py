@@ -13,8 +13,8 @@ from needlehoop import rewards
 from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings
 from needlehoop.learning.job import typed_job
-from needlehoop.rewards import written
-from needlehoop.rewards.written import Written, find
+from needlehoop.rewards import program_reward
+from needlehoop.rewards.program_reward import ProgramReward, find
 from needlehoop.training import loop as page
 from needlehoop.training import session
 
@@ -23,7 +23,7 @@ from needlehoop.training import session
 def place(tmp_path, monkeypatch):
     """An empty folder to work in, with recordings of its own; writes programs."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(written, "RECORDINGS", tmp_path / "recordings")
+    monkeypatch.setattr(program_reward, "RECORDINGS", tmp_path / "recordings")
     (tmp_path / "recordings" / "paper").mkdir(parents=True)
 
     def write(where: str, value: float = 1) -> None:
@@ -73,15 +73,15 @@ def test_a_recording_alone_is_looked_into_where_no_study_is_named(place):
     place("main/vlm/rewards/seg_side/image.txt", 4)
     alone = ["reward=vlm_img", "reward.study=null"]
     assert worth(loaded(*alone, "cams=[dep_front]")) == 5
-    said = r"no image reward is recorded for seg_side \(there is dep_front\); .*only paper"
+    said = (
+        r"no image reward is recorded for seg_side \(there is dep_front\); .*no model can write one"
+    )
     values = composing.compose([*alone, "cams=[seg_side]"])["reward"]
     with pytest.raises(ValueError, match=said):
         load_reward(values)
     # Not one to ask a model for either: what it wrote would not be found.
     with pytest.raises(ValueError, match=said):
-        written.is_recorded(values)
-    with pytest.raises(ValueError, match=r"reward\.study, reward\.recording: both are null"):
-        loaded(*alone, "reward.recording=null", "cams=[dep_front]")
+        program_reward.is_recorded(values)
 
 
 def test_a_text_program_serves_any_cameras_unless_they_have_their_own(place):
@@ -106,11 +106,6 @@ def test_a_missing_program_names_the_command_that_makes_it(place):
     assert "there is dep_front+seg_side" in said
 
 
-def test_a_camera_that_does_not_exist_is_called_that(place):
-    with pytest.raises(ValueError, match="rgb_top"):
-        compose_settings(["reward=vlm_img", "cams=[rgb_top]"])
-
-
 def test_find_says_where_the_text_came_from(place, tmp_path):
     place("s/vlm/rewards/a+b/image.txt", 7)
     source = find(["b", "a"], "image", "s", "results", None)
@@ -120,18 +115,10 @@ def test_find_says_where_the_text_came_from(place, tmp_path):
         find(["a"], "image", "s", "results", "papre")
 
 
-def test_two_folders_of_the_same_cameras_are_refused(place):
-    for order in ("a+b+c", "b+a+c"):
-        place(f"s/vlm/rewards/{order}/image.txt")
-    with pytest.raises(ValueError, match="the same cameras; remove one"):
-        find(["c", "b", "a"], "image", "s", "results", None)
-
-
 def test_a_bad_file_or_value_is_refused_by_name(place, tmp_path):
     file = tmp_path / "mine.txt"
     for text, words, said in (
         (b"reward = gaol", [], "mine.txt, line 1, column 10: 'gaol' is unknown"),
-        (b"\xff\xfe", [], "reward.path: .*mine.txt' is no text"),
         (b"reward = 1", ["reward.path=none.txt"], "reward.path: 'none.txt' can't be read: No such"),
         (b"reward = 1", ["reward.clip=true"], "reward.clip: True"),
         (b"reward = 1", ["reward.clip=[3,1]"], "reward.clip: 3 must be below 1"),
@@ -155,19 +142,10 @@ def test_clipping_is_a_term_of_its_own(place, tmp_path):
     torch.testing.assert_close(rewards.potential(clip), before.clamp(0, 11), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("text", ["1 / elapsed", "log(elapsed)", "sqrt(elapsed - 1)"])
-def test_a_term_that_is_not_finite_stops_the_environment(place, tmp_path, text):
-    (tmp_path / "mine.txt").write_text(f"good = 1\nbad = {text}\nreward = good + bad")
+def test_a_term_that_is_not_finite_stops_the_environment(place, tmp_path):
+    (tmp_path / "mine.txt").write_text("good = 1\nbad = 1 / elapsed\nreward = good + bad")
     with pytest.raises(rewards.RewardError, match=r"term 'bad' of the program from mine\.txt"):
         needlehoop.make_env(reward="file", num_envs=2, overrides=["reward.path=mine.txt"])
-
-
-def test_a_good_environment_is_named_apart_from_a_bad_one():
-    signals = random_signals(3, seed=0)
-    signals.elapsed = torch.tensor([0.5, 0.0, 0.5], dtype=torch.float64)
-    reward = Written(compile_program("reward = 1 / elapsed"), "here")
-    with pytest.raises(rewards.RewardError, match=r"not finite in environments \[1\]"):
-        reward(signals)
 
 
 def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
@@ -184,15 +162,6 @@ def test_a_pinned_program_does_not_change_with_its_file(place, tmp_path):
     assert rewards.pin(human) == human
 
 
-def test_a_pinned_program_needs_its_sample_and_unit(place):
-    place("rewards/dep_front/image.txt", 3)
-    values = composing.compose(["reward=vlm_img", "cams=[dep_front]"])
-    values["reward"] = rewards.pin(values["reward"])
-    del values["reward"]["sample"], values["reward"]["unit"]
-    with pytest.raises(ValueError, match="reward: unit is missing; its keys are"):
-        load_reward(values["reward"])
-
-
 @pytest.mark.parametrize("flavour", ["text", "img"])
 def test_the_other_recording_has_options_of_its_own(flavour):
     cams = "cams=[dep_front,seg_side]"
@@ -200,8 +169,8 @@ def test_the_other_recording_has_options_of_its_own(flavour):
         load_reward(composing.compose([f"reward=vlm_{flavour}{which}", cams])["reward"])
         for which in ("", "_claude")
     )
-    assert isinstance(papers, Written)
-    assert isinstance(claudes, Written)
+    assert isinstance(papers, ProgramReward)
+    assert isinstance(claudes, ProgramReward)
     assert Path(papers.origin).parts[-4] == "paper"
     assert Path(claudes.origin).parts[-4] == "claude_8210a79"
 
@@ -219,24 +188,11 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     assert rewards.pin(pinned) == pinned
 
 
-@pytest.mark.parametrize("flavour", ["vlm_text", "vlm_img"])
-def test_every_program_of_the_papers_is_in_scene_units(flavour):
-    words = [f"reward={flavour}", "cams=[dep_front,seg_side]"]
-    human = composing.compose([])["reward"]
-    assert f"unit = {human['unit']}\n" in rewards.text(loaded(*words))
-    assert "unit = 0.2\n" in rewards.text(loaded(*words, "reward.unit=0.2"))
-
-
-def test_a_unit_that_is_none_is_refused_by_name(tmp_path):
+def test_a_unit_that_a_program_has_no_line_for_is_refused(tmp_path):
     file = tmp_path / "mine.txt"
-    file.write_text("unit = 0.05\nreward = 9 / unit")
-    words = ["reward=file", f"reward.path={file}"]
-    for unit in ("0", "-1", "true", "inf", "[1]"):
-        with pytest.raises(ValueError, match=r"reward\.unit: "):
-            loaded(*words, f"reward.unit={unit}")
     file.write_text("reward = 9")
     with pytest.raises(ValueError, match=r"reward\.unit: .*mine.txt has no line such as unit"):
-        loaded(*words, "reward.unit=0.1")
+        loaded("reward=file", f"reward.path={file}", "reward.unit=0.1")
 
 
 def test_another_sample_is_another_file(place):
@@ -269,23 +225,8 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
 
 
 def test_a_programs_own_term_named_clipped_is_kept(tmp_path):
-    """Under ``reward.clip`` its value was overwritten: 1 instead of 2."""
     signals = random_signals(1, seed=0)
-    for source, total in (
-        ("clipped = 1\nother = 1\nreward = clipped + other", 2.0),
-        ("clipped = 1\nclipped_1 = 5\nreward = clipped + clipped_1", 3.0),
-    ):
-        reward = Written(compile_program(source), "here", clip=(0.0, 3.0))
-        terms = reward(signals)
-        assert float(terms["clipped"]) == 1.0
-        assert float(rewards.potential(terms)) == total
-        assert set(terms) == set(reward(signals))
-
-
-def test_a_path_or_a_program_that_is_none_is_refused_by_name():
-    for path in ("null", "5", "[a]", "{a: 1}", "''"):
-        with pytest.raises(ValueError, match=r"reward\.path: "):
-            loaded("reward=file", f"reward.path={path}")
-    for program in ("5", "[a]", "{text: 5, origin: a}", "{text: a}"):
-        with pytest.raises(ValueError, match=r"reward\.program: "):
-            loaded("reward=file", "reward.path=a", f"reward.program={program}")
+    source = "clipped = 1\nother = 4\nreward = clipped + other"
+    terms = ProgramReward(compile_program(source), "here", clip=(0.0, 3.0))(signals)
+    assert float(terms["clipped"]) == 1.0
+    assert float(rewards.potential(terms)) == 3.0

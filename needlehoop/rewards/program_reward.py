@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,7 +30,7 @@ KINDS = ("file", *FLAVOURS)
 """Kinds of rewards that are programs."""
 
 FIRST = 1
-"""The number of the sample that is used unless another is asked for."""
+"""The sample that is used unless another is asked for."""
 
 _UNIT = re.compile(r"^unit = [0-9.e-]+$", re.MULTILINE)
 """The line of a program that gives the size of a scene unit in metres."""
@@ -42,12 +41,11 @@ class NotWrittenError(ValueError):
 
 
 @dataclass(frozen=True)
-class Written:
+class ProgramReward:
     """A program in use, and where its text came from. Its terms must be finite.
 
-    ``clip`` is the least and the most that the total may be. The difference between the clipped
-    total and the sum of the terms is a term of its own: ``clipped``, or ``clipped_1`` if the
-    program has a term of that name.
+    ``clip`` is the least and the most that the total may be. The term ``clipped`` is the difference
+    between the clipped total and the sum of the terms.
     """
 
     program: Program
@@ -61,9 +59,10 @@ class Written:
         if self.clip is None:
             return terms
         total = potential(terms)
-        numbered = (f"clipped_{number}" if number else "clipped" for number in count())
-        free = next(name for name in numbered if name not in terms)
-        return {**terms, free: total.clamp(*self.clip) - total}
+        name = "clipped"
+        while name in terms:
+            name += "_1"
+        return {**terms, name: total.clamp(*self.clip) - total}
 
     def text(self) -> str:
         """For the record: the program's origin and its source."""
@@ -111,22 +110,21 @@ class _Recorded(_Config):
 def _read(config: Mapping[str, Any]) -> tuple[Source, tuple[float, float] | None]:
     """The pinned program, or the one that the config points at, in its unit; and its clip."""
     values = {key: one for key, one in config.items() if key != "name"}
-    kind = _File if config["kind"] == "file" else _Recorded
-    own: Any = strict.structure(values, kind, "reward")
+    own: Any = strict.structure(values, _File if config["kind"] == "file" else _Recorded, "reward")
     match own.program:
-        case {"text": str(text), "origin": str(origin)} if len(own.program) == 2:
+        case {"text": str(text), "origin": str(origin)}:
             found = Source(text, origin)
-        case None if kind is _File:
+        case None if own.kind == "file":
             found = read(Path(own.path))
         case None:
             place = own.study, own.results, own.recording
             found = find(own.cams, FLAVOURS[own.kind], *place, own.sample)
         case _:
-            raise ValueError("reward.program: a run's own; it is null, or has a text and an origin")
+            raise ValueError("reward.program: it is null, or has a text and an origin")
     return scaled(found, own.unit, "reward.unit"), own.clip
 
 
-def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
+def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramReward:
     """The reward of a config whose ``kind`` is in ``KINDS``; its program may read ``table``.
 
     Raises:
@@ -137,7 +135,7 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> Written:
         program = compile_program(source.text, table)
     except ProgramError as error:
         raise ValueError(f"reward: {source.origin}, {error}") from error
-    return Written(program, source.origin, clip)
+    return ProgramReward(program, source.origin, clip)
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -157,7 +155,7 @@ def is_recorded(config: Mapping[str, Any]) -> bool:
 
 
 def read(path: Path) -> Source:
-    """The program in a file; ``ValueError`` if it is no plain file, too large, empty or no text."""
+    """The program in a file; ``ValueError`` if it can't be read."""
     with named(f"reward.path: {str(path)!r}"):
         return Source(read_text(path), str(path))
 
@@ -186,54 +184,41 @@ def find(
     recording: str | None,
     sample: int = FIRST,
 ) -> Source:
-    """The program that was written for a camera set.
+    """The program that was written for a camera set, whose order does not matter.
 
     First choice is the study's, ``<results>/<study>/vlm/rewards/<cameras>/<flavour>.txt``, then
-    the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``. The
-    cameras' order does not matter. A ``text`` program may also be in the folder ``any``. Without a
-    study or without a recording, the other is searched alone. ``sample`` is which of several
-    programs for the same cameras.
+    the recording's, ``needlehoop/recordings/<recording>/rewards/<cameras>/<flavour>.txt``; either
+    may be ``None``. A ``text`` program may also be in the folder ``any``. ``sample`` is which of
+    several programs for the same cameras.
 
     Raises:
         NotWrittenError: no program; the message has the command that makes it.
-        ValueError: an unknown recording, neither study nor recording, or no program in a
-            recording that is searched alone.
+        ValueError: an unknown recording, or no program and no study to write one into.
     """
-    chosen = tuple(cams)
-    if study is None and recording is None:
-        raise ValueError("reward.study, reward.recording: both are null; give one to look into")
+    chosen, name = tuple(cams), file_name(flavour, sample)
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
     if recording is not None:
         shipped = sorted(f.name for f in RECORDINGS.glob("*") if f.is_dir())
         strict.check_names("recording", [recording], shipped)
         folders.append(RECORDINGS / recording / "rewards")
-    name = file_name(flavour, sample)
+    known = set()
     for folder in folders:
-        places = [_folder_of(folder, chosen)]
-        for place in [*places, folder / "any"] if flavour == "text" else places:
-            if (place / name).is_file():
-                return read(place / name)
-    known = sorted({file.parent.name for f in folders for file in f.glob(f"*/{name}")})
+        files = {file.parent.name: file for file in sorted(folder.glob(f"*/{name}"))}
+        known |= {*files}
+        fits = [own for own in files if sorted(own.split("+")) == sorted(chosen)]
+        if flavour == "text" and "any" in files:
+            fits.append("any")
+        if fits:
+            return read(files[fits[0]])
     which = "" if sample == FIRST else f" (sample {sample})"
     missing = (
         f"cams: no {flavour} reward{which} is recorded for {'+'.join(chosen) or 'no cameras'}"
-        f" (there is {', '.join(known) or 'none'})"
+        f" (there is {', '.join(sorted(known)) or 'none'})"
     )
     if study is None:
-        raise ValueError(f"{missing}; with reward.study=null only {recording} is looked into")
+        raise ValueError(f"{missing}; with reward.study=null no model can write one")
     how = command(chosen, flavour, study, results, sample)
     raise NotWrittenError(f"{missing}; make one with: {how}")
-
-
-def _folder_of(folder: Path, cams: Sequence[str]) -> Path:
-    """The folder of a camera set in this order or another; ``ValueError`` for two in others."""
-    exact = folder / "+".join(cams)
-    if exact.is_dir() or not folder.is_dir():
-        return exact
-    same = [f for f in sorted(folder.iterdir()) if sorted(f.name.split("+")) == sorted(cams)]
-    if len(same) > 1:
-        raise ValueError(f"cams: {same[0]} and {same[1]} are the same cameras; remove one")
-    return same[0] if same else exact
 
 
 def file_name(flavour: str, sample: int) -> str:
