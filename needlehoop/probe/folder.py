@@ -15,7 +15,7 @@ from needlehoop.probe.frames import KINDS, Quantities
 from needlehoop.probe.scores import ProbeResults
 from needlehoop.runs.files import CONFIG, MANIFEST, csv_text, set_aside, write_whole
 from needlehoop.runs.machine import peak_memory, provenance
-from needlehoop.runs.reading import TABLE, UnreadableError, named, read_text, read_yaml
+from needlehoop.runs.reading import UnreadableError, named, read_text, read_yaml
 from needlehoop.runs.run import Run
 
 _ANY = ("cams", "seeds", "results", "study", "overwrite", "device")
@@ -99,7 +99,7 @@ class Folder:
         """
         path, asked = errors_of(self.path, seed, name), self.asked
         with named(path, "delete it to have it made again"):
-            header, *rows = read_text(path, TABLE).splitlines()
+            header, *rows = read_text(path).splitlines()
             if header != ",".join(self._columns) or any(
                 row.count(",") != header.count(",") for row in rows
             ):

@@ -20,7 +20,7 @@ from needlehoop.runs.reading import read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
 from needlehoop.vlm import description
-from needlehoop.vlm.messages import PICTURE, Part, Png
+from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
 
 SEEN = "seen"
@@ -187,7 +187,7 @@ def read_folder(folder: Path, about: str | None, size: int) -> tuple[dict[str, P
         if about is None and file.exists():
             about = read_bytes(file).decode()
         for file in files:
-            with Image.open(io.BytesIO(read_bytes(file, PICTURE))) as opened:
+            with Image.open(io.BytesIO(read_bytes(file))) as opened:
                 # A telephone notes which way is up, and where it was taken, which is left out.
                 upright = ImageOps.exif_transpose(opened).convert("RGB")
             pictures[file.stem] = Png.of(upright, size)

@@ -14,13 +14,12 @@ from typing import Any, ClassVar
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from needlehoop.config import strict
-from needlehoop.runs.files import naming, write_whole
+from needlehoop.runs.files import write_whole
 from needlehoop.runs.machine import commit
-from needlehoop.runs.reading import RECORD, named, read_bytes, read_json
+from needlehoop.runs.reading import named, read_bytes, read_json
 from needlehoop.runs.run import Run
 from needlehoop.vlm.config import TRANSCRIPT
 from needlehoop.vlm.messages import (
-    PICTURE,
     Canonical,
     Png,
     Provider,
@@ -149,7 +148,7 @@ class Record:
         path = self.folder / IMAGES / f"{sha256}.png"
         if not path.is_file():
             raise ValueError(f"{path}: missing; it belongs to the record")
-        picture = Png(_bytes(path, PICTURE))
+        picture = Png(_bytes(path))
         if picture.sha256 != sha256:
             raise ValueError(f"{path}: its content is not what its name says")
         return picture
@@ -224,9 +223,9 @@ class Record:
                     self.save(part)
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.torn is not None:
-            os.truncate(self.path, _bytes(self.path, RECORD).rfind(b"\n") + 1)
+            os.truncate(self.path, _bytes(self.path).rfind(b"\n") + 1)
             self.torn = None
-        with naming(self.path), self.path.open("a", encoding="utf-8") as file:
+        with self.path.open("a", encoding="utf-8") as file:
             file.write(_line(exchange))
             file.flush()
             os.fsync(file.fileno())
@@ -243,7 +242,7 @@ class Record:
         if not self.path.exists():
             return
         # Split as bytes: the file may be cut off inside a character.
-        *lines, rest = _bytes(self.path, RECORD).split(b"\n")
+        *lines, rest = _bytes(self.path).split(b"\n")
         for number, line in enumerate(lines, 1):
             try:
                 exchange = _EXCHANGE.validate_json(line)
@@ -288,9 +287,9 @@ def _line(exchange: Exchange) -> str:
     return json.dumps(asdict(exchange), ensure_ascii=False) + "\n"
 
 
-def _bytes(path: Path, most: int) -> bytes:
+def _bytes(path: Path) -> bytes:
     with named(path):
-        return read_bytes(path, most)
+        return read_bytes(path)
 
 
 def _named(who: Mapping[str, Any]) -> str:
