@@ -50,12 +50,8 @@ VALUES = (
 
 COMMANDS = {
     "snapshot": ("snapshot", []),
-    "picture": ("picture", []),
     "expert": ("expert", []),
-    "view": ("view", []),
     "probe": ("probe", []),
-    "bench": ("bench", []),
-    "bench_train": ("bench train", []),
     "check": ("vlm check", ["cams=[dep_front,seg_side]"]),
     "demonstrations": ("demonstrations", ["out=smooth-v0"]),
     "stress": ("stress smooth", ["out=stress.csv"]),
@@ -67,13 +63,9 @@ COMMANDS = {
 
 HEAVY = (
     "needlehoop.pictures.stills.contact_sheet",
-    "needlehoop.pictures.stills.portrait",
-    "needlehoop.pictures.window.view",
     "needlehoop.envs.controllers.run_trials",
     "needlehoop.probe.measuring.probe",
     "needlehoop.learning.stress.stress",
-    "needlehoop.bench.speed.measure",
-    "needlehoop.bench.speed.measure_training",
     "needlehoop.runs.files.new_folder",
     "needlehoop.vlm.inquiry.Inquiry",
     "needlehoop.vlm.card.card",

@@ -19,7 +19,7 @@ HEAVY = (
 WITHOUT_TORCH = [
     ["--help"],
     ["status", "study", "experiment=table2"],
-    *([name, "--help"] for name in ("snapshot", "bench", "probe", "plot")),
+    *([name, "--help"] for name in ("snapshot", "evaluate", "probe", "plot")),
     ["vlm", "check", "--help"],
     ["train", "--help"],
 ]
@@ -28,8 +28,6 @@ MISSPELT = [
     ["train", "cams=dep_front", "stpes=9"],
     ["train", "-m", "cams=[dep_front,dep_front]"],
     ["vlm", "rank", "sampels=3"],
-    ["bench", "rouns=3"],
-    ["bench", "train", "algo.gama=1"],
     ["probe", "sedes=1"],
 ]
 

@@ -560,5 +560,5 @@ def test_what_is_not_measured_is_not_measured_unasked(tmp_path, capsys):
     assert cli.main(["probe", f"results={tmp_path}", "cams=rgb_default", "seeds=1"]) == 2
     said = capsys.readouterr().err
     assert f"compute: {tmp_path}/probe lacks 2 measurements" in said
-    assert "cams=rgb_default seeds=1 compute=true` makes them, in about a minute" in said
+    assert "the same command with compute=true makes them" in said
     assert not list(tmp_path.iterdir())

@@ -99,11 +99,6 @@ def test_a_folder_with_somebody_elses_files_is_never_deleted(folder, overwrite):
     assert [path.name for path in folder.iterdir()] == ["thesis"]
 
 
-def test_a_folder_without_a_config_is_no_run(tmp_path):
-    with pytest.raises(ValueError, match=r"is no run: it has no config\.yaml"):
-        Run.open(tmp_path)
-
-
 def test_notes_add_to_the_manifest_and_replace_what_they_name(run):
     before = run.manifest()
     run.note(steps=512, finished=True)

@@ -104,7 +104,7 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
 def test_without_a_name_the_recording_answers(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["vlm", "question"]) == 0
-    assert "layouts: " in capsys.readouterr().out
+    assert "Best placement of one camera: " in capsys.readouterr().out
 
 
 def test_requests_are_what_their_hashes_say_and_their_pictures_are_there(transcript):

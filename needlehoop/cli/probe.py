@@ -1,4 +1,4 @@
-"""Commands that measure: the speed of this machine, and what can be read off cameras' images."""
+"""``needlehoop probe``: what can be read off cameras' images."""
 
 from __future__ import annotations
 
@@ -7,74 +7,14 @@ import json
 import re
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from needlehoop.cli.command import JSON, KEYS, argument, command, environment
+from needlehoop.cli.command import KEYS, argument, command
 from needlehoop.config import strict
-from needlehoop.config.strict import Range
 
 if TYPE_CHECKING:
     from needlehoop.envs.settings import Settings
     from needlehoop.probe.plan import Grid, Plan
-
-Rounds = Annotated[int, Range(1, 1_000_000)]
-
-
-@command(
-    argument("overrides", nargs="*", metavar="speed | train | sb3 | key=value"),
-    JSON,
-    config="bench",
-)
-def bench(options: argparse.Namespace) -> None:
-    """Measure how fast the environment is on this machine (speed, the default), or training
-    (train), or Stable-Baselines3 on it (sb3).
-
-    train and sb3 have the keys of conf/bench_train.yaml and of all trainings (conf/job.yaml). With
-    train, against=disturb=none measures another training in turns.
-    """
-    from needlehoop.config.options import typed
-
-    given = [word if "=" in word else f"what={word}" for word in options.overrides]
-    what = ["speed", *typed(given, "what")][-1]
-    strict.check_names("what", [what], ("speed", "train", "sb3"))
-    other = typed(given, "against")
-    if other and what != "train":
-        raise ValueError(f"against: bench {what} compares nothing; bench train does")
-    options.overrides = [one for one in given if one.partition("=")[0] not in ("what", "against")]
-    if what == "speed":
-        settings, asked = environment(options, "bench", rounds=Rounds, steps=Rounds)
-        _check_cameras(settings)
-        from needlehoop.bench.speed import measure
-
-        found = measure(settings, asked.rounds, asked.steps)
-    else:
-        found = _learning(what, options.overrides, other)
-    print(json.dumps(found) if options.json else yaml.safe_dump(found, sort_keys=False).rstrip())
-
-
-def _learning(what: str, overrides: list[str], against: list[str]) -> dict[str, Any]:
-    from needlehoop.config import composing
-
-    values = composing.compose(overrides, "bench_train")
-    other = composing.compose([*overrides, *against], "bench_train") if against else None
-    from needlehoop.learning.job import typed_job
-
-    job, rounds = typed_job(values), strict.value(values, "rounds", Rounds)
-    _check_cameras(job.env)
-    if what == "sb3":
-        from needlehoop.bench.stable_baselines import measure_sb3
-
-        return measure_sb3(job, rounds)
-    from needlehoop.bench.speed import measure_training
-
-    return measure_training(job, rounds, None if other is None else typed_job(other))
-
-
-def _check_cameras(settings: Settings) -> None:
-    if not settings.cams:
-        raise ValueError("cams: the benchmark needs at least one camera")
 
 
 @command(
@@ -111,17 +51,14 @@ def probe(options: argparse.Namespace) -> None:
     plan = _plan(values, standing, grid)
     place = Path(plan.results) / plan.study
     place = place / f"views_{grid.rendering}" if grid else place
-    flags = ["--grid", options.grid] if options.grid else []
-    typed = ["needlehoop", "probe", *flags, *options.overrides]
     lacking = sum(map(len, measuring.missing(plan, place).values()))
     if lacking and not strict.value(values, "compute", bool):
-        # 36 measurements of 400 updates took 12 min 20 s on a 2-core EPYC VM.
-        minutes = lacking * plan.fit.updates * 740 / (36 * 400) / 60
-        time = f"{minutes:.0f} minutes" if minutes >= 1.5 else "a minute"
         raise ValueError(
-            f"compute: {place} lacks {lacking} measurements; `{' '.join(typed)}"
-            f" compute=true` makes them, in about {time} on two cores"
+            f"compute: {place} lacks {lacking} measurements; the same command with compute=true"
+            " makes them"
         )
+    flags = ["--grid", options.grid] if options.grid else []
+    typed = ["needlehoop", "probe", *flags, *options.overrides]
     noted = _noted(values, standing, grid)
     folder = Folder(place, quantities(standing.definition), noted, plan.overwrite, typed)
     measuring.probe(plan, folder)
