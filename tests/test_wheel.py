@@ -30,7 +30,8 @@ from needlehoop.learning.job import typed_job
 from needlehoop.runs.shipped import AGENT, RECORDINGS, agent_of
 
 said = []
-for words in (["tasks"], ["--help"], ["train", "--help"], ["train", "cams=dep_front", "stpes=9"]):
+ASKED = (["tasks", "task=standard"], ["--help"], ["train", "--help"])
+for words in (*ASKED, ["train", "cams=dep_front", "stpes=9"]):
     with contextlib.redirect_stdout(io.StringIO()) as out:
         try:
             main(words)

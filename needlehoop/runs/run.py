@@ -83,8 +83,8 @@ class Run:
         shutil.rmtree(unborn, ignore_errors=True)
         unborn.mkdir(parents=True)
         run = cls(unborn)
-        (unborn / REWARD).write_text(reward)
-        (unborn / CONFIG).write_text(yaml.safe_dump(dict(config), sort_keys=False))
+        write_whole(unborn / REWARD, reward)
+        write_whole(unborn / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
         run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
         run._former = set_aside(folder) if names else None
         unborn.rename(folder)
@@ -215,10 +215,6 @@ class Run:
         path = self.folder / name
         return path.stat().st_size if path.exists() else 0
 
-    def finish(self) -> None:
-        """Note that all is done."""
-        self.note(finished=True)
-
     def write(self, name: str, text: str) -> Path:
         """Write a small file, whole or not at all; another text of that name is kept.
 
@@ -229,10 +225,6 @@ class Run:
         if not (path.exists() and path.read_bytes() == text.encode()):
             write_whole(self.vacate(name), text)
         return path
-
-    def replace(self, name: str, text: str) -> None:
-        """Write a small file, whole or not at all, over what is there."""
-        write_whole(self.folder / name, text)
 
     def vacate(self, name: str) -> Path:
         """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""

@@ -42,8 +42,11 @@ def test_a_new_run_writes_down_what_it_is(run, folder):
     assert manifest == run.manifest()
     assert manifest["versions"]["torch"] == torch.__version__
     assert manifest["finished"] is False
-    assert manifest["steps"] == 0
     assert {"commit", "python", "started"} <= manifest.keys()
+    run.note(steps=512, finished=True)
+    assert run.manifest() == {**manifest, "steps": 512, "finished": True}
+    with pytest.raises(ValueError, match=r"has no checkpoint\.pt.*nothing can go on from there"):
+        run.checkpoint()
 
 
 def test_an_existing_run_is_not_begun_again_unasked(run, folder):
@@ -97,13 +100,6 @@ def test_a_folder_with_somebody_elses_files_is_never_deleted(folder, overwrite):
         Run.create(folder, VALUES, "", overwrite=overwrite)
     assert (folder / "thesis" / "chapter1.tex").read_text() == "years of work"
     assert [path.name for path in folder.iterdir()] == ["thesis"]
-
-
-def test_notes_add_to_the_manifest_and_replace_what_they_name(run):
-    before = run.manifest()
-    run.note(steps=512, finished=True)
-    run.note(wall_time=1.5)
-    assert run.manifest() == {**before, "steps": 512, "finished": True, "wall_time": 1.5}
 
 
 def test_what_is_not_known_becomes_an_empty_cell(run):
@@ -168,25 +164,18 @@ def test_a_checkpoint_with_the_tables_as_text_is_gone_on_from(run, folder):
 
 def test_a_checkpoint_comes_back_as_it_was_saved(run):
     state = {
-        "weights": {"a": torch.randn(3, 4), "flags": torch.tensor([True, False])},
-        "count": torch.tensor(7, dtype=torch.float64),
-        "rng": torch.get_rng_state(),
+        "weights": {"a": torch.randn(3, 4), "count": torch.tensor(7, dtype=torch.float64)},
         "update": 12,
-        "wall_time": 3.25,
         "nothing": None,
         "groups": [{"lr": 1e-3, "betas": (0.9, 0.999)}],
     }
     run.save(state)
     checkpoint = Run.open(run.folder).checkpoint()
     assert checkpoint.config == VALUES
-    loaded = checkpoint.state
-    for name, value in state["weights"].items():
-        assert loaded["weights"][name].dtype == value.dtype
-        assert torch.equal(loaded["weights"][name], value)
-    assert torch.equal(loaded["count"], state["count"])
-    assert torch.equal(loaded["rng"], state["rng"])
-    plain = ("update", "wall_time", "nothing", "groups")
-    assert {key: loaded[key] for key in plain} == {key: state[key] for key in plain}
+    for name, value in state.pop("weights").items():
+        assert checkpoint.state["weights"][name].dtype == value.dtype
+        assert torch.equal(checkpoint.state["weights"][name], value)
+    assert {key: checkpoint.state[key] for key in state} == state
 
 
 def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
@@ -205,11 +194,6 @@ def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
     assert torch.equal(run.checkpoint().state["weights"], torch.ones(3))
     assert run.manifest()["steps"] == 0
     assert [path.name for path in run.folder.iterdir() if path.suffix == ".partial"] == []
-
-
-def test_a_run_without_a_checkpoint_says_so(run):
-    with pytest.raises(ValueError, match=r"has no checkpoint\.pt.*nothing can go on from there"):
-        run.checkpoint()
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"a,b\n1,2\n"])
