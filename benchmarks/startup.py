@@ -21,7 +21,7 @@ BAD = "bad.txt"
 CALLS = {
     "import torch": (("-c", "import torch"), 0),
     "--help": ((*COMMAND, "--help"), 0),
-    "signals": ((*COMMAND, "signals"), 0),
+    "tasks": ((*COMMAND, "tasks"), 0),
     "status": ((*COMMAND, "status", "study", "experiment=table2"), 0),
     "vlm check of a program that does not compile": ((*COMMAND, "vlm", "check", BAD), 1),
     "train --help": ((*COMMAND, "train", "--help"), 0),

@@ -1,4 +1,6 @@
-"""A reward of your own: a function of the signals (``needlehoop signals``) to named terms.
+"""A reward of your own: a function of the signals to named terms.
+
+``needlehoop tasks task=standard`` prints the signals.
 
 From the command line, the same function:
 ``python train.py cams=seg_side reward=python reward.function=examples/own_reward.py:reward``

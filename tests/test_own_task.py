@@ -136,7 +136,7 @@ def test_commands_take_it(capsys, tmp_path):
     assert main(["tasks", own]) == 0
     assert "cube_on_spot: A gantry" in capsys.readouterr().out
     assert main(["snapshot", own, "size=32", f"out={tmp_path}/a.png"]) == 0
-    assert main(["signals", own]) == 0
+    assert main(["tasks", own, "task=cube_on_spot"]) == 0
     assert "grip_command" in capsys.readouterr().out
     assert main(["export", own, f"out={tmp_path}/arm"]) == 2
     assert "cube_on_spot has no PSM" in capsys.readouterr().err

@@ -28,8 +28,15 @@ from needlehoop.cli.main import main
 from needlehoop.learning.job import typed_job
 from needlehoop.runs.shipped import AGENT, RECORDINGS, agent_of
 
-with contextlib.redirect_stdout(io.StringIO()) as out:
-    main(["signals"])
+said = []
+ASKED = (["tasks", "task=standard"], ["--help"], ["train", "--help"])
+for words in (*ASKED, ["train", "cams=dep_front", "stpes=9"]):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        try:
+            main(words)
+        except SystemExit as end:
+            print(end.code)
+    said.append(out.getvalue())
 values = composing.compose(["cams=dep_front,seg_side", "reward=vlm_img"], "config")
 job = typed_job(values)
 print(json.dumps({

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import argparse
 import os
-import select
 import sys
 from collections.abc import Sequence
 
 import needlehoop
-from needlehoop.cli import fly, look, measure, study, vlm
+from needlehoop.cli import demonstrations, evaluate, probe, scenes, study, vlm
 from needlehoop.cli.command import COMMANDS
 from needlehoop.runs.reading import printable
 
-_FILES = [file.__name__ for file in (look, fly, measure, vlm, study)]
+_FILES = [one.__name__ for one in (scenes, evaluate, demonstrations, probe, vlm, study)]
 """Where commands are, in the order of the help."""
 
 
@@ -48,27 +47,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         more = "; the same command goes on" if command.goes_on else ""
         print(f"needlehoop {options.command}: stopped{more}", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # As `needlehoop tasks | head` ends: the reader has gone, and nothing more is printed.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except (ValueError, RuntimeError, OSError, MemoryError) as error:
-        if isinstance(error, BrokenPipeError) and _is_read_no_more():
-            # As of a program that SIGPIPE ends.
-            return 141
         print(printable(f"needlehoop {options.command}: {error}"), file=sys.stderr)
         return 2
     return status or 0
-
-
-def _is_read_no_more() -> bool:
-    """Whether it is standard output that is broken; if so, it goes nowhere from here on.
-
-    Another pipe may be as well: that to the program that writes films.
-    """
-    output = sys.stdout.fileno()
-    poll = select.poll()
-    poll.register(output, select.POLLOUT)
-    if not any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0)):
-        return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
-    return True
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 
 PAPER = "paper"
 
-_LONGEST = 100
-"""Letters of a folder's name."""
-
 _STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
 _OUT = "where to write (the study's folder; of the paper's numbers, results/paper; of several"
 _OUT += " folders, one beside the first that has all their names, as a_vs_b)"
@@ -55,7 +52,7 @@ def report(options: argparse.Namespace) -> None:
     from needlehoop.study.render.figures import draw
     from needlehoop.study.report.page import write_report
 
-    opened = [_open(study, options.out) for study in _named(options)]
+    opened = [_open(study, options.out) for study in options.study]
     if len(opened) == 1:
         out = opened[0][1]
     else:
@@ -96,8 +93,7 @@ def _draw_cameras(findings: StudyFindings) -> None:
             recall_task(values, trust=False)
             images = tiles(replace(checked_job(values).env, reward=NONE), cams)
         except (ValueError, RuntimeError, KeyError) as error:
-            why = f"{folder} has settings without {error}" if type(error) is KeyError else error
-            print(f"no picture of {', '.join(cams)}: {why}")
+            print(f"no picture of {', '.join(cams)}: {folder}: {error}")
             continue
         for name, image in images.items():
             path = study.folder / CAMERAS / f"{name}.png"
@@ -120,7 +116,7 @@ def compare(options: argparse.Namespace) -> None:
     from needlehoop.study.report import comparison
     from needlehoop.study.report.page import films_of, write_page
 
-    folders = [Path(study) for study in _named(options)]
+    folders = [Path(study) for study in options.study]
     runs = [folder for folder in folders if (folder / CONFIG).is_file()]
     if runs and len(runs) < len(folders):
         raise ValueError(f"{runs[0]} is a run, and others are studies; name one kind of them")
@@ -156,17 +152,9 @@ def compare(options: argparse.Namespace) -> None:
 
 
 def _joint(names: list[str], word: str) -> str:
-    """A folder's name from several."""
+    """A folder's name from several, which a file system takes."""
     joint = word.join(names)
-    return joint if len(joint) <= _LONGEST else f"{names[0]}{word}{len(names) - 1}_others"
-
-
-def _named(options: argparse.Namespace) -> list[str]:
-    """The studies that are named; a setting is none."""
-    for study in options.study:
-        if "=" in study:
-            raise ValueError(f"{study!r} is not understood; it takes studies")
-    return options.study
+    return joint if len(joint) <= 100 else f"{names[0]}{word}{len(names) - 1}_others"
 
 
 @command(_one_study("a study's folder", type=Path))
@@ -184,21 +172,6 @@ def status(options: argparse.Namespace) -> None:
     study = read_study(options.study) if begun else Study(options.study, (), ())
     study = replace(study, left_out=(*study.left_out, *unread))
     print(describe(standings(study, ends), study))
-
-
-@command(
-    _one_study(),
-    argument("--count", type=int, metavar="N", help="how many (3, or all where there are fewer)"),
-)
-def top(options: argparse.Namespace) -> None:
-    """Print a study's best camera sets by measured return, as cams= takes them."""
-    findings, _ = _open(options.study, None)
-    ranked = findings.ranked
-    # The paper gave three camera sets other rewards.
-    count = min(3, len(ranked)) if options.count is None else options.count
-    if not 1 <= count <= len(ranked):
-        raise ValueError(f"count: {count}; {options.study} has {len(ranked)} camera sets")
-    print(",".join(f"[{one.cameras.replace('+', ',')}]" for one in ranked[:count]))
 
 
 def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import re
 import sys
@@ -28,16 +29,10 @@ def vlm_question(options: argparse.Namespace) -> None:
 
     questions = strict.as_type(values, Questions)
     with _open(values) as inquiry:
-        found = inquiry.question(questions)
-    answers = found["answers"]
-    for part in ("first", "second"):
-        suits, subtask = answers["suits"][part], answers["subtasks"][part]
-        said = f"{part} subtask: {subtask['name']}; {suits['rendering']}, {suits['view']} view"
-        print(printable(said))
-    for what, shown in answers.items():
-        if "rendering" in shown:
-            print(f"{what}: best shown by {shown['rendering']}, {shown['view']} view")
-    print(f"layouts: {' > '.join(entry['name'] for entry in answers['layouts'])}")
+        inquiry.question(questions)
+    with (inquiry.folder / "questions.csv").open(newline="", encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            print(printable(f"{row['question']}: {row['answer']}"))
     _report(inquiry, "questions.csv")
 
 
@@ -141,11 +136,12 @@ def _sets(words: list[str]) -> list[list[str]]:
 
     given = next((word for word in words if word.startswith("cams=")), "")
     value = given.removeprefix("cams=")
-    sets = [f"[{name.replace('+', ',')}]" for name in paper.measured()]
-    if value != "all":
+    if value == "all":
+        sets = [f"[{name.replace('+', ',')}]" for name in paper.measured()]
+    else:
         sets = re.findall(r"\[[^\[\]]*\]", value)
-        if len(sets) < 2 or ",".join(sets) != value:
-            return [words]
+    if len(sets) < 2:
+        return [words]
     return [[f"cams={one}" if word == given else word for word in words] for one in sets]
 
 
@@ -193,15 +189,7 @@ def vlm_check(options: argparse.Namespace) -> int:
     from needlehoop.vlm.config import Gates
 
     files = [word for word in options.overrides if "=" not in word]
-    if len(files) > 1:
-        raise ValueError(f"one file at a time; got {' '.join(files)}")
     options.overrides = [word for word in options.overrides if "=" in word]
-    for word in options.overrides:
-        if re.match(r"reward\b", word):
-            raise ValueError(
-                f"{word}: the program is judged, no other reward; choose from its FILE, flavour,"
-                " study, recording, sample, unit"
-            )
     place: dict[str, Any] = {"study": str, "results": str, "recording": str | None, "sample": Count}
     settings, own = environment(
         options, "check", gates=Gates, flavour=Flavour, unit=Positive | None, **place

@@ -26,7 +26,7 @@ from needlehoop.config.strict import Range
 from needlehoop.learning.agent import Actor, build_actor
 from needlehoop.learning.policy_spec import PolicySpec
 from needlehoop.runs.files import write_whole
-from needlehoop.runs.reading import check_plain, named, parse_json
+from needlehoop.runs.reading import parse_json
 
 Steps = Annotated[int, Range(0, 10**15)]
 
@@ -133,8 +133,6 @@ def _note(path: Path, name: str) -> Any:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     try:
-        with named(path):
-            check_plain(path)
         with safe_open(path, framework="pt") as file:
             yield file
     except FileNotFoundError as error:

@@ -40,8 +40,7 @@ SIGNALS = "signals"
 _NAME = re.compile(r"\w([\w.+ -]*[\w.+-])?")
 _LONGEST_NAME = 100
 _LONGEST_LABEL = 90
-_LONGEST_PART, _LONGEST_PATH = 255, 1_000
-"""Bytes of a folder's name and of a path, at most; file systems take them and the files below."""
+"""Bytes, at most."""
 
 
 def listed(names: str | Iterable[Any]) -> list[str]:
@@ -91,11 +90,9 @@ def check_name(key: str, name: str) -> None:
 
 
 def check_folder(key: str, path: str) -> None:
-    """Raises ``ValueError`` for a text that cannot be the path of a folder."""
-    parts = [part.encode() for part in path.split("/")]
-    too_long = len(path.encode()) > _LONGEST_PATH or max(map(len, parts)) > _LONGEST_PART
-    if not path.strip() or too_long or path.startswith("~"):
-        raise ValueError(f"{key}: {path[:40]!r} is no path of a folder")
+    """Raises ``ValueError`` for a text that is no path: empty, or with a ``~`` of the shell's."""
+    if not path.strip() or path.startswith("~"):
+        raise ValueError(f"{key}: {path!r} is no path of a folder")
 
 
 def check_free(out: Path, overwrite: bool, key: str = "out") -> None:
@@ -108,28 +105,21 @@ def check_free(out: Path, overwrite: bool, key: str = "out") -> None:
 def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
     """A folder to write into, which becomes ``out`` when all went well and else vanishes.
 
-    With ``overwrite`` it replaces what is there, once all is written. Whenever the process is
-    killed, one of the two is whole, at the latest after the next call.
+    With ``overwrite`` it replaces what is there, once all is written.
 
     Raises:
         ValueError: there is something, and ``overwrite`` is false.
     """
-    partial = out.with_name(out.name + ".partial")
-    # A name that nobody gives a folder of their own, such as data.old.
-    old = out.with_name(f".{out.name}.replaced-by-needlehoop")
-    if old.is_dir() and not out.exists():
-        old.rename(out)
     check_free(out, overwrite)
-    # What a killed export left.
-    for left in (partial, old):
-        shutil.rmtree(left, ignore_errors=True)
+    partial = out.with_name(out.name + ".partial")
+    # What a killed process left.
+    shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
         yield partial
-        if out.is_dir():
-            out.rename(old)
+        if out.exists():
+            shutil.rmtree(out)
         partial.rename(out)
-        shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -137,26 +127,14 @@ def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
 def write_whole(path: Path, content: str | bytes) -> None:
     """Replace a file in one step, once all of it is on the disk."""
     partial = path.with_name(path.name + ".partial")
-    data = content.encode() if isinstance(content, str) else content
     try:
-        with naming(path), partial.open("wb") as file:
-            file.write(data)
+        with partial.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Adds the file to an ``OSError`` that does not name it, as on a full disk."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename is None:
-            raise OSError(error.errno, error.strerror, str(path)) from error
-        raise
 
 
 def set_aside(path: Path) -> Path | None:

@@ -16,17 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-_PACKAGES = (
-    "needlehoop",
-    "torch",
-    "torchrl",
-    "tensordict",
-    "mujoco",
-    "mujoco-warp",
-    "warp-lang",
-    "dm_control",
-    "hydra-core",
-)
+_PACKAGES = ("needlehoop", "torch", "torchrl", "tensordict", "mujoco", "mujoco-warp", "warp-lang")
+_PACKAGES += ("dm_control", "hydra-core")
 
 
 def machine() -> str:

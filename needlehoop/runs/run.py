@@ -7,8 +7,6 @@ import io
 import json
 import os
 import shutil
-import sys
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,21 +21,16 @@ from needlehoop.runs.files import (
     MANIFEST,
     METRICS,
     REWARD,
-    csv_text,
-    naming,
     set_aside,
     write_whole,
 )
 from needlehoop.runs.machine import provenance
-from needlehoop.runs.reading import TABLE, UnreadableError, named, read_bytes, read_json, read_yaml
+from needlehoop.runs.reading import UnreadableError, named, read_bytes, read_json, read_yaml
 
 _TABLES = (METRICS, EVALUATIONS)
 
 _BORN = {CONFIG, MANIFEST, REWARD}
 """The files of a run that has only begun."""
-
-_LARGEST = 8_000_000_000
-"""Bytes of a checkpoint, at most."""
 
 ADVICE = (
     "put it back, or begin the run again with overwrite=true, which keeps this one under a number"
@@ -46,28 +39,26 @@ ADVICE = (
 
 
 class Checkpoint(NamedTuple):
-    """The training's tensors and plain values, the run's settings, each table's text by file."""
+    """What a run goes on from."""
 
     state: dict[str, Any]
+    """The training's tensors and plain values."""
     config: dict[str, Any]
-    tables: dict[str, str]
+    """The run's settings."""
+    sizes: dict[str, int]
+    """Bytes of each table, by its file."""
 
 
 class Run:
-    """A run's folder. Who writes into it does so while it is ``held``.
+    """A run's folder. A process that writes into it holds its lock (``held``)."""
 
-    Args:
-        config: the composed config that the run began with; by default what its file says.
-    """
-
-    def __init__(self, folder: Path, config: Mapping[str, Any] | None = None):
+    def __init__(self, folder: Path):
         self.folder = folder
-        self._config = None if config is None else dict(config)
-        # What was written of each table, from which a damaged file is restored.
-        self._tables: dict[str, str] = dict.fromkeys(_TABLES, "")
-        self._is_settled = True
+        self._config: dict[str, Any] | None = None
         self._former: Path | None = None
         self._is_new = False
+        # The tables are cut back to these sizes before the next row.
+        self._sizes: dict[str, int] | None = None
 
     @classmethod
     def create(cls, folder: Path, config: Mapping[str, Any], reward: str, overwrite: bool) -> Run:
@@ -87,21 +78,16 @@ class Run:
             )
         if names and CONFIG not in names:
             raise ValueError(f"overwrite: {folder} holds files but no run; move them away")
-        # Made beside its place, and renamed when it is whole. One left there is of a dead process.
+        # Made beside its place and renamed when it is whole. A killed process may have left one.
         unborn = folder.with_name(f".{folder.name}.new")
         shutil.rmtree(unborn, ignore_errors=True)
         unborn.mkdir(parents=True)
-        run = cls(unborn, config)
-        try:
-            write_whole(unborn / REWARD, reward)
-            run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
-            text = yaml.dump(dict(config), Dumper=_Plain, sort_keys=False)
-            write_whole(unborn / CONFIG, text)
-            run._former = set_aside(folder) if names else None
-            unborn.rename(folder)
-        except BaseException:
-            shutil.rmtree(unborn, ignore_errors=True)
-            raise
+        run = cls(unborn)
+        write_whole(unborn / REWARD, reward)
+        write_whole(unborn / CONFIG, yaml.safe_dump(dict(config), sort_keys=False))
+        run.note(**provenance(), wall_time=0.0, steps=0, stopped=False, finished=False)
+        run._former = set_aside(folder) if names else None
+        unborn.rename(folder)
         run.folder, run._is_new = folder, True
         return run
 
@@ -158,28 +144,32 @@ class Run:
         Raises:
             RuntimeError: the row lacks a column of the table's.
         """
-        if not self._is_settled:
-            self._settle()
-        path, text = self.folder / table, self._tables[table]
-        columns = next(csv.reader(io.StringIO(text)), [*row])
-        if not set(columns) <= set(row):
-            raise RuntimeError(f"{path}: columns {columns}; the row has {list(row)}")
-        cells = [_cell(row[name]) for name in columns]
-        added = csv_text(cells, []) if text else csv_text(columns, [cells])
-        with naming(path), path.open("ab") as file:
-            file.write(added.encode())
+        self._cut_back()
+        path = self.folder / table
+        columns = _columns(path)
+        if missing := [name for name in columns if name not in row]:
+            raise RuntimeError(f"{path}: the row lacks {', '.join(missing)}")
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            if not columns:
+                writer.writerow(row)
+            writer.writerow(_cell(row[name]) for name in columns or row)
             file.flush()
+            # The checkpoint after it counts on the row.
             os.fsync(file.fileno())
-        self._tables[table] += added
 
     def rows(self, table: str) -> list[dict[str, str]]:
-        """The rows of a table that this run goes on with, and those added since."""
-        return [*csv.DictReader(io.StringIO(self._tables[table]))]
+        """The rows of a table; none where it has not begun."""
+        path = self.folder / table
+        if not path.exists():
+            return []
+        with path.open(newline="", encoding="utf-8") as file:
+            return [*csv.DictReader(file)]
 
     def save(self, state: Mapping[str, Any]) -> None:
-        """Write the checkpoint, whole or not at all, and with it the tables as they are."""
-        self._settle()
-        own = {"config": self.config(), "tables": self._tables}
+        """Write the checkpoint, whole or not at all."""
+        self._cut_back()
+        own = {"config": self.config(), "tables": {name: self._size(name) for name in _TABLES}}
         write_checkpoint(self.folder / CHECKPOINT, {**state, **own})
 
     def checkpoint(self) -> Checkpoint:
@@ -198,19 +188,32 @@ class Run:
             return _read_checkpoint(path)
 
     def go_on(self, checkpoint: Checkpoint | None) -> None:
-        """Go on with the tables as a checkpoint has them; with none where there is none.
+        """Go on from a checkpoint, or from the beginning where there is none.
 
-        Before the next row the files are cut back to it: the rows after the checkpoint are made
-        again. A file that differs otherwise is kept under a number, and a line says so.
+        The rows after it are made again. They stay until then, because a run that is refused
+        keeps what it has.
+
+        Raises:
+            ValueError: a table has lost rows since.
         """
-        texts = checkpoint.tables if checkpoint else {}
-        self._tables = {name: texts.get(name, "") for name in _TABLES}
-        self._is_settled = False
+        self._sizes = checkpoint.sizes if checkpoint else {}
+        for name, size in self._sizes.items():
+            if self._size(name) < size:
+                raise ValueError(f"{self.folder / name} has lost rows since {CHECKPOINT}; {ADVICE}")
 
-    def finish(self) -> None:
-        """Note that all is done, and see that the tables are whole."""
-        self._settle()
-        self.note(finished=True)
+    def _cut_back(self) -> None:
+        if self._sizes is None:
+            return
+        for name in _TABLES:
+            if size := self._sizes.get(name, 0):
+                os.truncate(self.folder / name, size)
+            else:
+                (self.folder / name).unlink(missing_ok=True)
+        self._sizes = None
+
+    def _size(self, name: str) -> int:
+        path = self.folder / name
+        return path.stat().st_size if path.exists() else 0
 
     def write(self, name: str, text: str) -> Path:
         """Write a small file, whole or not at all; another text of that name is kept.
@@ -223,43 +226,19 @@ class Run:
             write_whole(self.vacate(name), text)
         return path
 
-    def replace(self, name: str, text: str) -> None:
-        """Write a small file, whole or not at all, over what is there."""
-        write_whole(self.folder / name, text)
-
     def vacate(self, name: str) -> Path:
         """The path of a file to be written; ``name.ext`` that is there becomes ``name.1.ext``."""
         path = self.folder / name
         set_aside(path)
         return path
 
-    def _settle(self) -> None:
-        """Bring the tables' files to what was written of them.
 
-        Later rows are cut off: they are made again. A file that differs otherwise is kept under a
-        number and replaced, and a line says so.
-        """
-        self._is_settled = True
-        for name, text in self._tables.items():
-            path, own = self.folder / name, text.encode()
-            try:
-                found = read_bytes(path, len(own) + TABLE) if path.exists() else b""
-            except UnreadableError:
-                # A pipe in the file's place, say: it is set aside as well.
-                found = None
-            if found == own:
-                continue
-            if found is not None and found.startswith(own):
-                if own:
-                    with naming(path):
-                        os.truncate(path, len(own))
-                else:
-                    path.unlink()
-                continue
-            kept = set_aside(path)
-            write_whole(path, own)
-            where = f"; what was there is kept as {kept.name}" if kept else ""
-            print(f"{path} was damaged, and is whole again{where}", file=sys.stderr)
+def _columns(path: Path) -> list[str]:
+    """The header of a table; empty where it has not begun."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return next(csv.reader(file), [])
 
 
 def _cell(value: Any) -> Any:
@@ -270,7 +249,7 @@ def _cell(value: Any) -> Any:
 
 
 def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a file, whole or not at all; torch gives each of its parts a CRC-32."""
+    """Write a file, whole or not at all."""
     buffer = io.BytesIO()
     torch.save(content, buffer)
     write_whole(path, buffer.getvalue())
@@ -279,37 +258,18 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
 def _read_checkpoint(path: Path) -> Checkpoint:
     """What is in a file, on the CPU; a foreign one can't run anything here.
 
-    Raises ``UnreadableError`` for one that is damaged, even by a single bit, or no checkpoint.
+    Raises ``UnreadableError`` for one that is damaged or no checkpoint.
     """
-    data = io.BytesIO(read_bytes(path, _LARGEST))
+    data = io.BytesIO(read_bytes(path))
     try:
-        with zipfile.ZipFile(data) as parts:
-            # torch writes the sums and does not look at them.
-            spoilt = parts.testzip()
-        data.seek(0)
-        found = None if spoilt else torch.load(data, map_location="cpu", weights_only=True)
+        found = torch.load(data, map_location="cpu", weights_only=True)
     except Exception as error:
         # Whatever an unpickler can trip over: other bytes fail in ways of their own.
         raise UnreadableError("is damaged: cut off, or something else") from error
-    if spoilt is not None:
-        raise UnreadableError(f"is damaged: the sum of {spoilt} is another")
-    if not isinstance(found, dict):
-        raise UnreadableError("holds no keys")
-    config, tables = found.pop("config", None), found.pop("tables", None)
-    if not _texts(config, object) or not _texts(tables, str):
-        raise UnreadableError("is of another version: it has no settings or no tables")
-    return Checkpoint(found, config, tables)
-
-
-def _texts(found: Any, kind: type) -> bool:
-    """Whether it is a mapping from texts to values of a kind."""
-    return isinstance(found, Mapping) and all(
-        isinstance(key, str) and isinstance(value, kind) for key, value in found.items()
-    )
-
-
-class _Plain(yaml.SafeDumper):
-    """Writes repeated values in full: aliases are not read back."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
+    try:
+        config, tables = found.pop("config"), found.pop("tables")
+        # Until November 2026 a checkpoint held the tables' texts.
+        sizes = {k: len(v.encode()) if isinstance(v, str) else v for k, v in tables.items()}
+    except (AttributeError, KeyError) as error:
+        raise UnreadableError("is of another version: it has no settings or no tables") from error
+    return Checkpoint(found, config, sizes)

@@ -157,7 +157,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     if own.video_episodes:
         film(job.env, agent, own.video_episodes, own.final_seed, run.vacate(VIDEO))
         logger.video(run.folder / VIDEO)
-    run.finish()
+    run.note(finished=True)
     print(f"{report(job.env.definition, found)}\nrun          {run.folder}")
 
 

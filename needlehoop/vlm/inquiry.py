@@ -12,7 +12,7 @@ from typing import Any
 
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards.program_reward import FIRST, file_name
-from needlehoop.runs.files import csv_text
+from needlehoop.runs.files import csv_text, write_whole
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import QUESTIONS, RANKINGS, as_rows
 from needlehoop.vlm import description, questions, writing
@@ -59,7 +59,7 @@ class Inquiry(AbstractContextManager):
             # Also after a failure, because that cost something too.
             found = totals_of(self.record.exchanges)
             rows = [(name, *row.values()) for name, row in found.items()]
-            self._files.replace("totals.csv", csv_text(("conversation", *found["all"]), rows))
+            write_whole(self.folder / "totals.csv", csv_text(("conversation", *found["all"]), rows))
 
     def question(self, asked: Questions) -> dict[str, Any]:
         """Ask the questions on cameras, into ``questions.json`` and ``.csv``."""

@@ -41,15 +41,7 @@ RUN = "results/main/rgb_near/human/seed0"
         (["evaluate", RUN], "the same as"),
         (["evaluate", RUN, "views.near.azimuth=25"], "changed      views.near.azimuth=25"),
         (["evaluate", RUN, "reward=sparse", "policy=best"], "policy       best, after"),
-        (
-            [
-                "watch",
-                RUN,
-                "episodes=1",
-                "video_episodes=1",
-            ],
-            "watch.mp4",
-        ),
+        (["watch", RUN, "episodes=1", "video_episodes=1"], "watch.mp4"),
         (["plot", "results/main"], "results.csv"),
         (["report", "results/main"], "report.html"),
         (["export", "what=policy", f"run={RUN}"], "MB, last, after 64 steps"),
@@ -87,7 +79,6 @@ def test_python_takes_it(place, monkeypatch):
     ("words", "said"),
     [
         (["episodes=1"], "out: give a folder for the dataset, such as out=demos/smooth-v0"),
-        (["out=f-v0", "seed=0"], "seed: the run was trained on 0; choose another"),
         (["out=f-v0", "cams=[rgb_front]"], "cams: the agent's networks take what the run sees"),
         (["out=f-v0", "epsodes=1"], "epsodes: unknown key; choose from"),
     ],
@@ -99,28 +90,3 @@ def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, wo
     assert said in told
     assert told.count("\n") == 1
     assert not Path("f-v0").exists()
-
-
-@pytest.mark.full
-def test_the_command_that_trains_a_finished_run_on_is_one(place, monkeypatch, capsys):
-    monkeypatch.chdir(place)
-    with pytest.raises(SystemExit) as refused:
-        run_train(f"resume={RUN}", "steps=96")
-    command = str(refused.value).partition("python train.py ")[2].split()
-    assert command[-3:] == ["steps=96", f"init={RUN}", "label=more"]
-    assert "until=32" not in command
-    assert command[0] == "conf_dir=conf"
-    run_train(*command)
-    more = Path(RUN.replace("human", "human+more"))
-    manifest, config = (
-        yaml.safe_load((more / name).read_text()) for name in ("manifest.json", "config.yaml")
-    )
-    assert (manifest["steps"], config["init"], config["label"]) == (96, RUN, "more")
-    # A schedule of its own: a third of the way down after each buffer; gently, once it moves.
-    rates = [float(line.split(",")[i]) for line, i in _column(more, "learning_rate")]
-    assert rates == pytest.approx([3e-4, 2e-4, 1e-4])
-
-
-def _column(run: Path, name: str) -> list[tuple[str, int]]:
-    header, *rows = (run / "metrics.csv").read_text().splitlines()
-    return [(row, header.split(",").index(name)) for row in rows]

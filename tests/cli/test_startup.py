@@ -19,7 +19,7 @@ HEAVY = (
 WITHOUT_TORCH = [
     ["--help"],
     ["status", "study", "experiment=table2"],
-    *([name, "--help"] for name in ("snapshot", "probe", "plot")),
+    *([name, "--help"] for name in ("snapshot", "evaluate", "probe", "plot")),
     ["vlm", "check", "--help"],
     ["train", "--help"],
 ]

@@ -22,6 +22,7 @@ def run(tiny_run, tmp_path_factory) -> Path:
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
+    """An empty folder."""
     monkeypatch.chdir(tmp_path)
 
 

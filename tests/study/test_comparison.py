@@ -129,7 +129,7 @@ def test_what_cannot_be_compared_is_said(two, capsys, monkeypatch):
         (["a", "a"], "a, a are not different names"),
         (["a", "nowhere"], "nowhere: no such folder"),
         (["a", "other"], "no cameras and reward that two of them have\n  rgb_default/human: a"),
-        (["a", "seed=1"], "'seed=1' is not understood"),
+        (["a", "seed=1"], "seed=1: no such folder"),
         (["a/rgb_default/human/seed0"], "name two or more, each once"),
         (["a/rgb_default/human/seed0", "b"], "seed0 is a run, and others are studies"),
     ):

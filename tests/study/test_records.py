@@ -127,7 +127,6 @@ BAD_FILES = (
     ("evaluations.csv", b"update,step,wall_time\n1,2,3\n", "it has no column episodes"),
     ("evaluation.json", b'{"return": 8.1, "succ', "is no JSON, or cut off"),
     ("evaluation.json", b"[]", "holds no keys"),
-    ("evaluation.json", b'{"return": NaN}', "has NaN, which is no JSON"),
     ("evaluation.json", b'{"return": 8.1}', "has no usable episodes, success"),
     ("config.yaml", HTML, "has no usable cams.0"),
     ("manifest.json", b"", "is empty"),

@@ -193,21 +193,3 @@ def test_a_study_without_rates_promises_nothing(tmp_path, capsys):
 def test_a_study_that_is_not_there(tmp_path, capsys):
     assert main(["status", str(tmp_path / "nowhere")]) == 2
     assert "no such folder" in capsys.readouterr().err
-
-
-def test_top_is_what_trains_cams_takes(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["top", "paper"]) == 0
-    assert capsys.readouterr().out == (
-        "[dep_front,seg_side],[dep_front,rgb_side],[rgb_front,seg_side]\n"
-    )
-    assert main(["top", "paper", "--count", "1"]) == 0
-    assert capsys.readouterr().out == "[dep_front,seg_side]\n"
-    assert main(["top", "paper", "--count", "15"]) == 2
-    assert "paper has 14 camera sets" in capsys.readouterr().err
-    for name in ("rgb_default", "dep_default"):
-        write_run(tmp_path / "main", name)
-    assert main(["top", "main"]) == 0
-    assert sorted(capsys.readouterr().out.strip().split(",")) == ["[dep_default]", "[rgb_default]"]
-    assert main(["top", "main", "--count", "3"]) == 2
-    assert "has 2 camera sets" in capsys.readouterr().err

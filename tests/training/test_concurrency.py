@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -45,7 +44,7 @@ def test_a_run_under_way_is_left_to_its_process(tmp_path, monkeypatch, capfd):
         # It works on its buffer as long as we look.
         process.send_signal(signal.SIGSTOP)
         before = files(RUN.parent)
-        holder = f"is in the hands of process {process.pid} on {platform.node()}"
+        holder = "seed0: a run is training there"
         assert holder in refusal(f"resume={RUN}")
         assert holder in refusal(*LONG, "overwrite=true")
         assert holder in refusal(*LONG, "existing=resume")

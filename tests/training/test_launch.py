@@ -12,7 +12,7 @@ LAUNCH = Path(__file__).parents[2] / "launch"
 
 @pytest.fixture
 def scripts(tmp_path: Path) -> Path:
-    """The scripts beside a program that only says what it was given."""
+    """The scripts beside a Python that only says what it was given."""
     programs = tmp_path / ".venv" / "bin"
     programs.mkdir(parents=True)
     (programs / "python").write_text('#!/bin/sh\necho "$@"\n')
@@ -29,7 +29,6 @@ def say(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     [
         ("table2.sh seed=0,1", "+experiment=table2 seed=0,1"),
         ("segdep.sh steps=9", "+experiment=segdep steps=9"),
-        ("rewards.sh seed=1", "+experiment=rewards seed=1"),
         ("slurm.sh table2 seed=1", "+experiment=table2 hydra/launcher=slurm seed=1"),
         (
             "ray.sh table2 seed=1",

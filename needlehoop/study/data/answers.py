@@ -111,7 +111,7 @@ def read_answers(
         if not (folder / name).exists():
             continue
         try:
-            said: _File = checked(_File, read_json(folder / name, within=folder))
+            said: _File = checked(_File, read_json(folder / name))
             questions += as_rows(said.answers, said.asked) if said.answers is not None else ()
             ranked += tuple(one.ranking() for one in said.lists)
             models += said.models

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, Field, StringConstraints, TypeAdapter, ValidationError
 
-from needlehoop.runs.reading import TABLE, UnreadableError, read_bytes, read_text
+from needlehoop.runs.reading import UnreadableError, read_bytes, read_text
 
 LARGEST = float(2**53)
 """No number of a run is larger: sums and axes would overflow, and whole numbers are none."""
@@ -61,7 +61,7 @@ def read_rows(path: Path, ranges: Ranges, within: Path) -> tuple[Rows, bool]:
         UnreadableError: no such table is in it.
     """
     # A row without a line's end was cut off by a kill, even if it looks whole.
-    whole, _, torn = read_text(path, TABLE, within).rpartition("\n")
+    whole, _, torn = read_text(path).rpartition("\n")
     try:
         header, *body = csv.reader(io.StringIO(whole))
         table = np.array([[float(cell or "nan") for cell in row] for row in body])
@@ -90,7 +90,7 @@ def read_entries(path: Path, kind: Any, within: Path | None = None) -> tuple[Any
         UnreadableError: no such table, or a row that makes no sense.
     """
     try:
-        rows = list(csv.DictReader(io.StringIO(read_text(path, TABLE, within))))
+        rows = list(csv.DictReader(io.StringIO(read_text(path))))
     except csv.Error as error:
         raise UnreadableError(f"is no CSV file: {error}") from error
     return checked(Annotated[tuple[kind, ...], Field(min_length=1, max_length=10_000)], rows)
@@ -103,7 +103,7 @@ def check_media(path: Path, within: Path | None = None) -> Path:
         UnreadableError: cut off, out of the folder ``within``, or something else.
     """
     what, marks = ("film", _FILM) if path.suffix == ".mp4" else ("picture", _PICTURE)
-    data = read_bytes(path, _LARGEST_FILE, within)
+    data = read_bytes(path)
     if not all(mark in data for mark in marks):
         raise UnreadableError(f"is no {what}, or cut off")
     return path

@@ -206,13 +206,13 @@ class _Reading:
             raise UnreadableError(f"is {place}, as is {others[place].folder}")
         if not os.path.lexists(folder / files.MANIFEST):
             self.leave(folder / files.MANIFEST, "is missing")
-        manifest = self.read(folder / files.MANIFEST, lambda path: read_json(path, within=root))
+        manifest = self.read(folder / files.MANIFEST, read_json)
         task = UNKNOWN
         if manifest is not None:
             task = self.read(folder / files.MANIFEST, lambda _: task_of(manifest)) or UNKNOWN
         shares = dict.fromkeys(task.columns, (0.0, 1.0))
         outcome = {"episodes": (1.0, LARGEST), **shares, "return": RETURN_RANGE}
-        self.read(folder / files.REWARD, lambda path: read_text(path, within=root))
+        self.read(folder / files.REWARD, read_text)
         return Record(
             place,
             folder,
@@ -232,7 +232,7 @@ class _Reading:
         try:
             if not path.exists():
                 raise UnreadableError("is missing")
-            config = read_yaml(path, self.root)
+            config = read_yaml(path)
             checked(_Config, config)
         except UnreadableError as error:
             raise UnreadableError(f"no run: its {files.CONFIG} {error}") from error
@@ -287,7 +287,7 @@ def read_run(folder: Path) -> Study:
 
 def _evaluation(path: Path, outcome: Ranges, root: Path) -> dict[str, Any]:
     """The long evaluation at the end of a run."""
-    found = read_json(path, within=root)
+    found = read_json(path)
     limits = {**outcome, **{key: _MORE[key] for key in _MORE if found.get(key) is not None}}
     odd = [key for key, ends in limits.items() if not _between(found.get(key), *ends)]
     if odd:

@@ -245,6 +245,6 @@ def _reward(run: Record, study: Path) -> str:
     if not os.path.lexists(path):
         return f"{files.REWARD} is not kept; {files.CONFIG} has the reward's values and program"
     try:
-        return read_text(path, within=study)
+        return read_text(path)
     except UnreadableError as error:
         return f"{files.REWARD} {error}"

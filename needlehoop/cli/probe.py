@@ -1,4 +1,4 @@
-"""The command that measures what can be read off cameras' images."""
+"""``needlehoop probe``: what can be read off cameras' images."""
 
 from __future__ import annotations
 

@@ -1,0 +1,87 @@
+"""``needlehoop demonstrations``: episodes as a dataset for other programs."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from needlehoop.cli.command import KEYS, command
+from needlehoop.config import strict
+from needlehoop.config.strict import Count, Seed
+
+if TYPE_CHECKING:
+    from needlehoop.demonstrations.episodes import Demonstration
+
+
+@command(KEYS, config="demonstrations")
+def demonstrations(options: argparse.Namespace) -> None:
+    """Write episodes of an expert or a trained run as a dataset: Minari or LeRobot."""
+    from tqdm import tqdm
+
+    from needlehoop.config import composing
+    from needlehoop.config.changing import parted
+    from needlehoop.config.options import typed
+    from needlehoop.demonstrations.episodes import demonstrate, scripted
+    from needlehoop.runs.files import new_folder
+    from needlehoop.runs.machine import provenance
+
+    words = options.overrides
+    is_run = any(Path(one).is_dir() for one in typed(words, "demonstrator")[-1:])
+    others = parted(words, "demonstrations")[1] if is_run else []
+    conditions = [word for word in others if not typed([word], "seed")]
+    values = composing.compose((w for w in words if w not in conditions), "demonstrations")
+    kinds = {"demonstrator": str | None, "out": str | None, "overwrite": bool, "trust": bool}
+    asked = strict.read(values, episodes=Count, format=str, device=str, seed=Seed, **kinds)
+    if not asked.out:
+        raise ValueError("out: give a folder for the dataset, such as out=demos/smooth-v0")
+    out = Path(asked.out)
+    write = _writer(asked.format, out.name)
+    from needlehoop.envs.settings import settings_from
+    from needlehoop.learning.job import pick_device
+    from needlehoop.learning.subject import of_run
+
+    if is_run:
+        who, device = asked.demonstrator, pick_device(asked.device)
+        seed = asked.seed if typed(words, "seed") else None
+        chosen = Path(who), conditions, seed, device, asked.trust, "demonstrations"
+        # Two after those of its evaluations and of watch.
+        settings, make = of_run(*chosen, later=2)
+    else:
+        settings = settings_from(values)
+        who = asked.demonstrator or settings.definition.teacher
+        make = scripted(who, settings.definition)
+    counts = Counter()
+
+    def shown() -> Iterator[Demonstration]:
+        found = demonstrate(settings, make, asked.episodes)
+        for one in tqdm(found, total=asked.episodes, unit="episode", dynamic_ncols=True):
+            counts.update(steps=len(one), successful=int(one.success))
+            yield one
+
+    with new_folder(out, asked.overwrite) as folder:
+        write(folder, shown(), settings, who, provenance())
+    print(
+        f"{out}: {asked.episodes} episodes (seed {settings.seed}), {counts['steps']} steps,"
+        f" {counts['successful']} successful"
+    )
+
+
+def _writer(name: str, dataset: str) -> Callable[..., None]:
+    """What writes datasets of a format; ``dataset`` is the name of the folder."""
+    strict.check_names("format", [name], ("minari", "lerobot"))
+    try:
+        found = import_module(f"needlehoop.demonstrations.{name}_layout")
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"format={name} needs {error.name}: pip install 'needlehoop[{name}]'"
+        ) from error
+    if name == "minari" and not re.fullmatch(r"[\w.-]+-v\d+", dataset):
+        raise ValueError(
+            f"out: {dataset!r} is no name for Minari, which wants a version: such as smooth-v0"
+        )
+    return found.write

@@ -1,0 +1,139 @@
+"""Commands that show tasks and their scenes, or write them down for other programs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Annotated, Any
+
+from needlehoop.cli.command import KEYS, command, environment, new_file
+from needlehoop.config.strict import Amount, OneOf, Pixels
+
+Levels = dict[str, dict[str, tuple[Amount, ...]]]
+"""Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
+
+
+@command(KEYS, config="snapshot")
+def snapshot(options: argparse.Namespace) -> None:
+    """Write a contact sheet of all views and renderings, start and goal."""
+    flags = dict.fromkeys(("overwrite", "tiles", "raw", "disturbed"), bool)
+    settings, asked = environment(options, "snapshot", out=str, size=Pixels, levels=Levels, **flags)
+    if asked.tiles and Path(asked.out).suffix:
+        raise ValueError(f"out: {asked.out!r}; tiles=true writes a folder")
+    out = new_file(asked.out, "" if asked.tiles else ".png", asked.overwrite)
+    from needlehoop.pictures import stills
+
+    if asked.tiles:
+        images = {out / f"{name}.png": one for name, one in stills.tiles(settings).items()}
+    elif asked.disturbed:
+        images = {out: stills.disturbed_sheet(settings, asked.levels, asked.size)}
+    else:
+        images = {out: stills.contact_sheet(settings, asked.size, asked.raw)}
+    for path, image in images.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image.save(path)
+        print(f"{path}: {image.width} x {image.height} px")
+
+
+@command(KEYS, config="env")
+def tasks(options: argparse.Namespace) -> None:
+    """List the tasks: their facts, phases, controllers and variants.
+
+    With task=<a variant>, the table of that task's signals as well.
+    """
+    from needlehoop.config.options import typed, variants
+    from needlehoop.config.own_folder import part
+    from needlehoop.runs.shipped import CONF
+    from needlehoop.tasks.registry import find, names
+
+    settings, _ = environment(options)
+    is_one = bool(typed(options.overrides, "task"))
+    _, folders = part(options.overrides)
+    for name in [settings.definition.name] if is_one else names():
+        task = find(name)
+        print(f"{name}: {task.summary}")
+        for fact in task.facts:
+            row = task.signals[fact.name]
+            told = " (kept from reward writers)" if row.source == "verdict" else ""
+            print(f"  fact        {fact.name}: {row.meaning}{told}")
+        print(f"  phases      {', then '.join(f'{p.name} until {p.ends}' for p in task.phases)}")
+        print(f"  controllers {', '.join(task.controllers)}; {task.teacher} is imitated")
+        print(f"  variants    {', '.join(variants(name, [CONF, *folders]))}")
+    if is_one:
+        from needlehoop.scene.signals import describe
+
+        print(f"\n{describe(settings.definition.signals)}")
+
+
+@command(KEYS, config="export")
+def export(options: argparse.Namespace) -> None:
+    """Write the arm, or the whole scene, as MJCF and meshes that MuJoCo opens by itself; or a
+    trained policy as ONNX.
+    """
+    what = Annotated[str, OneOf(*_SPECS, "policy")]
+    kinds = {"what": what, "overwrite": bool, "run": str | None, "out": str | None}
+    settings, asked = environment(options, "export", **kinds)
+    if asked.what == "policy":
+        _export_policy(asked)
+        return
+    from needlehoop.scene.export import mjcf, papers, write_folder
+
+    out = Path(asked.out or "psm")
+    name, spec = _SPECS[asked.what]
+    write_folder(out, {**mjcf(spec(settings), name), **papers()}, asked.overwrite)
+    print(f"{out / name}.xml; look at it: python -m mujoco.viewer --mjcf={out / name}.xml")
+
+
+def _export_policy(asked: Any) -> None:
+    from needlehoop.runs.files import write_whole
+    from needlehoop.runs.shipped import AGENT
+
+    out = new_file(asked.out or "policy.onnx", ".onnx", asked.overwrite)
+    from needlehoop.api.trained import actor_in
+    from needlehoop.learning.policy import PRECISION, onnx_bytes
+
+    spec, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)
+    content = onnx_bytes(spec, actor)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(out, content)
+    print(f"{out}: {len(content) / 1e6:.1f} MB, {origin}; look at it: https://netron.app")
+
+
+def _arm(settings: Any) -> Any:
+    """The arm alone, with the keyframe ``home``."""
+    import numpy as np
+
+    from needlehoop.robot.psm import HOME, poser
+    from needlehoop.tasks.layout import ArmLayout
+    from needlehoop.tasks.psm import build_arm
+
+    if not isinstance(settings.task, ArmLayout):
+        raise ValueError(f"what: {settings.task.name} has no PSM; choose scene")
+    spec = build_arm(settings.task, settings.psm)
+    model = spec.compile()
+    qpos = model.qpos0[None].copy()
+    poser(model)(qpos, np.array([HOME]), np.zeros(1))
+    spec.add_key(name="home", qpos=qpos[0], ctrl=[*HOME, 0.0])
+    return spec
+
+
+def _scene(settings: Any) -> Any:
+    """The scene with every camera; ``home`` is the nominal start of an episode."""
+    import torch
+
+    from needlehoop.engines.engine import Addresses
+    from needlehoop.envs.build import scene_spec
+    from needlehoop.tasks.start import NUMBERS, Chance
+
+    spec = scene_spec(settings)
+    task = settings.definition
+    middle = torch.full((1, NUMBERS), 0.5, dtype=torch.float64)
+    begun = task.start(settings.task, Chance(middle))
+    found = Addresses(spec.compile(), task.robot).state(begun)
+    qpos, mocap, ctrl = (found[name][0] for name in ("qpos", "mocap_pos", "ctrl"))
+    spec.add_key(name="home", qpos=qpos, ctrl=ctrl, mpos=mocap.ravel())
+    return spec
+
+
+_SPECS = {"arm": ("psm", _arm), "scene": ("scene", _scene)}
+"""What is exported as MJCF: the file's name, and what makes the spec."""
