@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import combinations, cycle
 
 import numpy as np
@@ -16,11 +15,11 @@ from needlehoop.scene.cameras import View
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, FAINT, INK, new_figure
-from needlehoop.study.render.table import Cell, Column, Estimated, Row, Table
+from needlehoop.study.render.table import Table, written
 from needlehoop.study.report.tables import agreed
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import PAPERS_MEASURED, said
-from needlehoop.study.stats.statistics import Interval
+from needlehoop.study.stats.statistics import Estimated
 
 _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 
@@ -28,23 +27,23 @@ _BASELINES = {TRUTH: "true state", CONSTANT: "constant"}
 def all_tables(results: ProbeResults) -> list[Table]:
     """Those that have rows."""
     tables = [_ranking(results), _phases(results), _agreements(results)]
-    return [table for table in tables if table.rows]
+    return [table for table in tables if not table.rows.empty]
 
 
 def _ranking(results: ProbeResults) -> Table:
     """Camera sets by score, then the baselines."""
     asked = results.asked
-    rows: list[Row] = []
+    rows = []
     for name in (*results.ranked, *_BASELINES):
-        row: Row = {
-            Column("place"): _place(*results.places[name]) if name in results.places else None,
-            Column("cameras"): _BASELINES.get(name, name),
+        row = {
+            "place": _place(*results.places[name]) if name in results.places else "",
+            "cameras": _BASELINES.get(name, name),
             **_estimated("score", results.score(name)),
         }
         for phase in asked.phases:
-            row[Column(phase, "mm", ".2f")] = results.error(name, phase, asked.needed[phase])
+            row[f"{phase}, mm"] = written(results.error(name, phase, asked.needed[phase]))
         for seed, score in enumerate(results.scores_by_seed(name)):
-            row[Column(f"seed {seed}", form=".3f")] = score
+            row[f"seed {seed}"] = written(score, ".3f")
         rows.append(row)
     note = (
         "Score: mean over phases of 1 - error / error of a constant. Camera sets whose intervals"
@@ -53,21 +52,20 @@ def _ranking(results: ProbeResults) -> Table:
     return Table.of("ranking", "Cameras by what can be read off their images", rows, note)
 
 
-def _estimated(name: str, found: Estimated) -> Row:
-    column = Column(name, form=".3f")
-    return {column: found.value, replace(column, name="95 %"): found.interval}
+def _estimated(name: str, found: Estimated) -> dict[str, str]:
+    return {name: written(found.value, ".3f"), "95 %": written(found.interval, ".3f")}
 
 
 def _phases(results: ProbeResults) -> Table:
     """Every error of every camera set, phase by phase."""
     asked = results.asked
-    rows: list[Row] = [
+    rows = [
         {
-            Column("cameras"): _BASELINES.get(name, name),
-            Column("phase"): phase,
-            Column("quantity"): quantity,
+            "cameras": _BASELINES.get(name, name),
+            "phase": phase,
+            "quantity": quantity,
             **_estimated("error", results.error(name, phase, quantity)),
-            Column("needed"): True if asked.needed[phase] == quantity else None,
+            "needed": "yes" if asked.needed[phase] == quantity else "",
         }
         for name in (*results.ranked, *_BASELINES)
         for phase in asked.phases
@@ -90,10 +88,10 @@ def _agreements(results: ProbeResults) -> Table:
         own = {name: results.scores_by_seed(name) for name in scores}
         first, second = ({name: own[name][seed] for name in own} for seed in (one, two))
         sides.append((f"seed {one}", f"seed {two}", first, second))
-    rows: list[Row] = []
+    rows = []
     for name, against, predicted, theirs in sides:
         found = agreement(predicted, theirs)
-        sizes: Row = {Column("list"): name, Column("against"): against, Column("n"): found.n}
+        sizes = {"list": name, "against": against, "n": str(found.n)}
         rows.append(sizes | agreed(found))
     note = (
         "The probe's order predicts the other one. p by permutation, two-sided; regret: by how much"
@@ -115,8 +113,8 @@ def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float
         yield LISTS[name], told.who, scores
 
 
-def _place(best: int, worst: int) -> Cell:
-    return best if best == worst else Interval(best, worst)
+def _place(best: int, worst: int) -> str:
+    return f"{best}" if best == worst else f"{best} to {worst}"
 
 
 _MARKS = ("o", "s", "^", "D", "v")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from itertools import chain
@@ -12,7 +13,7 @@ from hydra import initialize_config_dir
 from needlehoop.config import composing, strict
 from needlehoop.runs.files import listed
 from needlehoop.runs.shipped import CONF
-from needlehoop.study.data.records import Place, typed_settings
+from needlehoop.study.data.records import Place
 from needlehoop.training.sweep import identity, label_of, parted
 
 _NO_SETTINGS = {"cams", "views", "study", "results", "label"}
@@ -62,11 +63,11 @@ def planned(words: Sequence[str]) -> dict[Place, dict[str, str]]:
             own = identity(values, run)
             if not own["cameras"]:
                 raise ValueError("cams: give experiment=… or cams=…, such as cams=[dep_front]")
-            usual = typed_settings(compose(*(one for one in run if _key(one) == "algo")))
+            usual = _typed_settings(compose(*(one for one in run if _key(one) == "algo")))
             asked = {"steps", *map(_key, run)}
             settings = {
                 key: text
-                for key, text in typed_settings(values).items()
+                for key, text in _typed_settings(values).items()
                 if not _NO_SETTINGS & {*key.split(".")}
                 # Which reward it has is said by the place.
                 and (key in asked or (usual.get(key) != text and not key.startswith("reward.")))
@@ -85,3 +86,20 @@ def _cams(run: Iterable[str]) -> list[str]:
     (text,) = [word.partition("=")[2] for word in run if _key(word) == "cams"] or [""]
     names = text.strip("[]'")
     return listed(names) if names else []
+
+
+def _typed_settings(values: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Settings as they are typed on the command line, by names such as ``algo.gamma``."""
+    found: dict[str, str] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        inner = isinstance(value, Mapping)
+        found |= _typed_settings(value, f"{name}.") if inner else {name: _typed(value)}
+    return found
+
+
+def _typed(value: Any) -> str:
+    """A value as Hydra takes it."""
+    if isinstance(value, list):
+        return f"[{','.join(map(_typed, value))}]"
+    return json.dumps(value) if value is None or isinstance(value, bool) else str(value)

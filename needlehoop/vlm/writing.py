@@ -12,6 +12,7 @@ from typing import Any
 
 import imageio.v2 as imageio
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from needlehoop.envs.settings import Settings
@@ -21,7 +22,7 @@ from needlehoop.rewards.written import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.reading import named, read_json
 from needlehoop.runs.run import Run
-from needlehoop.study.data.contents import Rows, read_rows
+from needlehoop.study.data.records import read_rows
 from needlehoop.vlm import description
 from needlehoop.vlm.album import Album
 from needlehoop.vlm.card import card
@@ -200,13 +201,15 @@ def read_run(folder: Path, size: int) -> Trained:
                 f"revise: {folder} was trained on no program, so there is none to revise"
             )
     with named(f"revise: {folder / METRICS}"):
-        rows, _ = read_rows(folder / METRICS, {}, folder)
-    steps, film = int(rows["step"][-1]), folder / VIDEO
+        rows = read_rows(folder / METRICS)
+    if rows is None:
+        raise ValueError(f"revise: {folder} has trained nothing yet")
+    steps, film = int(rows["step"].iloc[-1]), folder / VIDEO
     stills = _stills(film, size) if film.is_file() else ()
     return Trained(str(folder), text, origin, _curves(rows), steps, stills)
 
 
-def _curves(rows: Rows) -> str:
+def _curves(rows: pd.DataFrame) -> str:
     """Some rows of the metrics, evenly over the training; terms by their names in the program.
 
     A dash stands where no episode ended.

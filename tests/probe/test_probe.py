@@ -346,7 +346,7 @@ def test_the_command_writes_tables_figure_and_plain_files(tmp_path, capsys):
     folder = tmp_path / "probe"
     names = {"constant.csv", "signals.csv", "rgb_default.csv", "dep_front+seg_side.csv"}
     assert {file.name for file in (folder / "seed1").iterdir()} == names
-    for name in ("ranking.png", "ranking.svg", "ranking.md", "phases.csv", "agreement.tex"):
+    for name in ("ranking.png", "ranking.md", "phases.csv", "agreement.csv"):
         assert (folder / name).stat().st_size > 100
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["memory_gb"] > 0
@@ -507,16 +507,22 @@ def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
         folder.save(0, name, _errors([value] * 3, 12, 0.0, 0), np.ones((12, 3), dtype=int))
     found = folder.results(1)
     tables = {table.name: table for table in all_tables(found)}
-    rows = [row for row in tables["agreement"].texts if row[1] == "the paper's measured"]
+    rows = [
+        row
+        for row in tables["agreement"].rows.to_numpy().tolist()
+        if row[1] == "the paper's measured"
+    ]
     assert [row[2] for row in rows] == ["5", "5", "6", "14"]
     assert {row[3] for row in rows[:3]} == {"1.00"}
-    assert {row[7:] for row in rows} == {("yes", "yes", "0.00")}
-    vlm = [row for row in tables["agreement"].texts if row[1] == "the paper's VLM"]
+    assert all(row[7:] == ["yes", "yes", "0.00"] for row in rows)
+    vlm = [
+        row for row in tables["agreement"].rows.to_numpy().tolist() if row[1] == "the paper's VLM"
+    ]
     # As the paper's VLM agrees with the paper's own measurements.
     assert [row[3] for row in vlm] == ["0.60", "0.60", "0.60"]
-    first = tables["ranking"].texts[0]
+    first = tables["ranking"].rows.to_numpy().tolist()[0]
     assert first[1] == "dep_front+seg_side"
-    assert tables["ranking"].texts[-1][1] == "constant"
+    assert tables["ranking"].rows.to_numpy().tolist()[-1][1] == "constant"
     axes = ranking_figure(found).axes
     assert axes[0].get_yticklabels()[0].get_text() == "dep_front+seg_side"
     found.asked = replace(ASKED, task="reach")
