@@ -1,13 +1,8 @@
-"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training.
-
-``python -m analysis.placements`` writes what the rules say of the 20 drawn cameras into
-results/placements/rules.csv, in half a minute; ``analysis.findings`` reads it.
-"""
+"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,25 +13,19 @@ from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from analysis.protocol import means
-from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, rollout
-from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.settings import compose_settings
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.scene.cameras import Orbit
+from needlehoop.scene.cameras import Orbit, View
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.render.style import COLOURS, FAINT, INK, new_figure
 from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.statistics import Estimated, Interval
 
 RULES = Path(__file__).parents[1] / "results" / "placements" / "rules.csv"
+"""What the rules say of the 20 drawn cameras; written once, before the runs, at 04ee7d2."""
 CAMERAS = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
-_EPISODES, _EVERY = 10, 5
-"""Episodes of the expert in which pixels are counted, and steps from one picture to the next."""
-
 _DRAWS, _RESAMPLES = 10_000, 2_000
-_FAR = 10.0
-"""Where things are put that are not to be seen, m."""
 
 ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
 MODEL = "claude"
@@ -44,23 +33,9 @@ ALONE, APART, FRONT = "success of each alone", "angle nearest 90°", "nearest th
 
 
 @cache
-def settings_of(cameras: str) -> Settings:
-    """The wide task, seen through one of the drawn cameras."""
-    return compose_settings(
-        ["+experiment=placements", "task=wide", f"cams=[{cameras}]", f"num_envs={_EPISODES}"]
-    )
-
-
-def rules(cameras: list[str]) -> pd.DataFrame:
-    """Scores of single cameras by the three rules, higher is better; a row for each camera."""
-    rows = {}
-    for name in cameras:
-        settings = settings_of(name)
-        place = _place(settings, name)
-        seen, alone = _pixels(settings)
-        level = -abs(place.elevation - 45.0)
-        rows[name] = {ELEVATION: level, PIXELS: float(seen), HIDDEN: seen / alone}
-    return pd.DataFrame.from_dict(rows, orient="index")
+def _views() -> Mapping[str, View]:
+    """The views of the experiment, the drawn cameras among them."""
+    return compose_settings(["+experiment=placements", f"cams=[{CAMERAS[0]}]"]).views
 
 
 def scores(cameras: int = 1) -> pd.DataFrame:
@@ -94,14 +69,10 @@ def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
     return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
 
 
-def _place(settings: Settings, camera: str) -> Orbit:
-    orbit = settings.views[camera.partition("_")[2]].orbit
+def _place_of(camera: str) -> Orbit:
+    orbit = _views()[camera.partition("_")[2]].orbit
     assert orbit is not None
     return orbit
-
-
-def _place_of(camera: str) -> Orbit:
-    return _place(settings_of(CAMERAS[0]), camera)
 
 
 def _apart(pair: list[str]) -> float:
@@ -109,33 +80,6 @@ def _apart(pair: list[str]) -> float:
     around, up = np.radians([(view.azimuth, view.elevation) for view in map(_place_of, pair)]).T
     toward = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
     return float(np.degrees(np.arccos(toward[:, 0] @ toward[:, 1])))
-
-
-def _pixels(settings: Settings) -> tuple[int, int]:
-    """Pixels of needle and hoop while the expert does the task: as seen, and with nothing else
-    in the scene."""
-    (view,) = {name.partition("_")[2] for name in settings.cams}
-    simulation = build(replace(settings, cams=(f"seg_{view}",)))
-    model = simulation.engine.model
-    wanted = np.array(
-        [model.geom(i).name.startswith(("needle", "hoop")) for i in range(model.ngeom)]
-    )
-
-    def alone(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        places = fields["geom_xpos"].copy()
-        places[:, ~wanted] += _FAR
-        return {**fields, "geom_xpos": places}
-
-    totals = np.zeros(2, dtype=int)
-    for number, step in enumerate(rollout(simulation, controller("expert", settings))):
-        if number % _EVERY:
-            continue
-        for k, optics in enumerate((None, alone)):
-            geoms = simulation.engine.render(optics=optics)[view].geom
-            assert geoms is not None
-            shown = geoms.numpy()[step.alive.numpy()]
-            totals[k] += int(wanted[shown[shown >= 0]].sum())
-    return int(totals[0]), int(totals[1])
 
 
 def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[dict[str, str]]:
@@ -258,13 +202,3 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
     right.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize=6)
     return figure
-
-
-def main() -> None:
-    """Write what the rules say."""
-    rules(CAMERAS).to_csv(RULES, index_label="camera", float_format="%.4f")
-    print(RULES)
-
-
-if __name__ == "__main__":
-    main()

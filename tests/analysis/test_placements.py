@@ -18,23 +18,9 @@ from analysis.placements import (
     foretold_table,
     pair_scores,
     places_table,
-    rules,
     scores,
     single_scores,
 )
-
-
-def test_a_camera_behind_the_arm_sees_less_of_needle_and_hoop():
-    behind, beside = (found for _, found in rules(["rgb_p08", "rgb_p13"]).iterrows())
-    assert behind[ELEVATION] == -22.0
-    assert behind[PIXELS] < beside[PIXELS]
-    assert 0.0 < behind[HIDDEN] < beside[HIDDEN] <= 1.0
-    kept = scores()
-    assert [*kept.index] == CAMERAS
-    assert kept.loc["rgb_p13", [PIXELS, HIDDEN]].tolist() == pytest.approx(
-        [beside[PIXELS], beside[HIDDEN]], abs=1e-4
-    )
-    assert kept[MODEL].idxmax() == "rgb_p10"
 
 
 def test_a_pair_is_scored_by_its_two_cameras():

@@ -132,7 +132,7 @@ def _sections(findings: StudyFindings, figures: Sequence[Drawn]) -> Iterator[Sec
         agents = [
             Agent(
                 f"{place}. {one.cameras}",
-                f"{findings.goal} {percent(one.success)} %, return {written(one.value)}"
+                f"{findings.goal}: {percent(one.success)} of 100, return: {written(one.value)}"
                 + (", still in training" if one.unfinished else ""),
                 [pictures[name] for name in one.cameras.split("+") if name in pictures],
                 film_of(one.runs),
