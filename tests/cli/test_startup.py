@@ -18,7 +18,7 @@ HEAVY = (
 
 WITHOUT_TORCH = [
     ["--help"],
-    ["status", "study"],
+    ["status", "."],
     *([name, "--help"] for name in ("snapshot", "bench", "probe", "plot")),
     ["vlm", "check", "--help"],
     ["train", "--help"],

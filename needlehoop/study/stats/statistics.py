@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+
+# Its ``stats`` are imported at their first use: ``needlehoop status`` does not wait for them.
+import scipy
 
 _RESAMPLES = 2_000
 
@@ -57,7 +59,7 @@ class Estimated:
 
 def iqm(values: np.ndarray, axis: int = 0) -> np.ndarray:
     """Mean of the middle half; of fewer than ``FEW`` values, the mean of all of them."""
-    return stats.trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
+    return scipy.stats.trim_mean(values, 0.0 if values.shape[axis] < FEW else 0.25, axis=axis)
 
 
 def estimate(values: Sequence[float] | np.ndarray) -> Estimated:
@@ -67,7 +69,7 @@ def estimate(values: Sequence[float] | np.ndarray) -> Estimated:
     if n < ENOUGH:
         return Estimated(value, None, n)
     if n < FEW:
-        half = float(stats.t.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
+        half = float(scipy.stats.t.ppf(0.975, n - 1) * own.std(ddof=1) / np.sqrt(n))
         return Estimated(value, Interval(value - half, value + half), n)
     return Estimated(value, _percentiles(iqm(_resample(own, np.random.default_rng(0)), axis=1)), n)
 
@@ -83,7 +85,7 @@ def rate(shares: Sequence[float], episodes: Sequence[int]) -> Estimated:
         return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
     hits = round(sum(share * n for share, n in zip(shares, episodes, strict=True)))
     total = int(sum(episodes))
-    wilson = stats.binomtest(hits, total).proportion_ci(method="wilson")
+    wilson = scipy.stats.binomtest(hits, total).proportion_ci(method="wilson")
     ends = Interval(float(wilson.low), float(wilson.high), OVER_EPISODES)
     return Estimated(hits / total, ends, found.seeds)
 
