@@ -1,33 +1,19 @@
-"""What cameras are worth: what a set shows, and the paper's ten comparisons of sets."""
+"""The paper's ten comparisons of camera sets, and who should write the reward (Q6)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import statsmodels.api as sm
+from scipy.stats import ttest_ind
 
+from analysis.protocol import share
 from needlehoop.study.data import paper
-from needlehoop.study.render.table import Estimated
+from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.findings import StudyFindings
-from needlehoop.study.stats.run import Measure
-from needlehoop.study.stats.statistics import Interval
-
-
-def is_two_sided(cameras: str) -> bool:
-    """Whether a camera set has a front and a side view."""
-    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
-
-
-def has_depth(cameras: str) -> bool:
-    """Whether a camera of the set shows depth."""
-    return any(one.startswith(("dep_", "segdep_")) for one in cameras.split("+"))
-
-
-def has_labels(cameras: str) -> bool:
-    """Whether a camera of the set shows segmentation."""
-    return any(one.startswith("seg") for one in cameras.split("+"))
-
+from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
 
 _LEAST = 2
 """Seeds of a camera set from which on they say how far its runs lie apart."""
@@ -73,7 +59,7 @@ CLAIMS = (
 """What the paper's discussion says of its camera sets (section V), in its order."""
 
 
-def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
+def claims(findings: StudyFindings, measure: str) -> dict[Claim, Estimated]:
     """The difference of each claim whose camera sets have all been trained with the main reward.
 
     By the means of each side's sets, where every set has one by its runs. How far runs of one set
@@ -82,13 +68,13 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
     """
     runs = findings.by_set(measure)
     names = [*runs]
-    values = np.concatenate([*runs.values()]) if runs else np.array([])
+    values = np.concatenate([*runs.values()])
     of_set = np.repeat(np.arange(len(names)), [len(own) for own in runs.values()])
-    fit = sm.OLS(values, np.eye(len(names))[of_set]).fit() if names else None
+    fit = sm.OLS(values, np.eye(len(names))[of_set]).fit()
     found = {}
     for claim in CLAIMS:
         sets = (*claim.better, *claim.worse)
-        if fit is None or not {*sets} <= set(names):
+        if not {*sets} <= {*names}:
             continue
         weights = np.zeros(len(names))
         weights[[names.index(name) for name in claim.better]] = 1 / len(claim.better)
@@ -99,3 +85,35 @@ def claims(findings: StudyFindings, measure: Measure) -> dict[Claim, Estimated]:
             interval = Interval(float(low), float(high))
         found[claim] = Estimated(float(weights @ fit.params), interval)
     return found
+
+
+WRITERS = {
+    paper.HUMAN: "a human",
+    "vlm_text": "claude, told by text",
+    "vlm_img": "claude, shown an image, too",
+}
+"""Rewards of the runs, and who wrote them. A run of ``claude``'s has a program of its own."""
+
+
+def writers_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Each writer's runs, and what they add to the human reward's (Welch's interval)."""
+    human = runs[runs["reward"] == paper.HUMAN]["success"].tolist()
+    rows = []
+    for name, said in WRITERS.items():
+        own = runs[runs["reward"] == name]
+        successes, added = own["success"].tolist(), None
+        if name != paper.HUMAN and len(successes) >= ENOUGH:
+            ends = ttest_ind(successes, human, equal_var=False).confidence_interval()
+            more = float(np.mean(successes) - np.mean(human))
+            added = Estimated(more, Interval(float(ends.low), float(ends.high)))
+        rows.append(
+            {
+                "who wrote it": said,
+                "threaded by run, %": percent(successes),
+                "mean (95 %), %": percent(share(successes)),
+                "more than human, points (95 %)": written(added, "+.0f", 100.0),
+                "sampled, %": percent(float(np.mean(own["sampled"]))),
+                "cheat, %": percent(float(np.mean(own["cheat"]))),
+            }
+        )
+    return pd.DataFrame(rows)

@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis import placements, survival
-from analysis.comparisons import claims
+from analysis.comparisons import claims, writers_table
 from analysis.protocol import (
     BLIND,
     RULE,
@@ -30,13 +30,12 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import runs_of, stress_of
-from analysis.writers import writers_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
-from needlehoop.study.data.paper import reward_label
+from needlehoop.study.data.paper import reward_label, reward_order
 from needlehoop.study.render.style import save, styled
-from needlehoop.study.render.table import Cell, Column, Table
-from needlehoop.study.report.tables import TO_SOON, soon
+from needlehoop.study.render.table import Table, p_value, percent, written
+from needlehoop.study.report.tables import TO_SOON, result_row
 from needlehoop.study.stats.findings import StudyFindings, study_findings
 from needlehoop.study.stats.predictions import (
     MEASURED,
@@ -76,7 +75,7 @@ _PROTOCOLS = {"0.5 M": "fast", "1.5 M": "table2"}
 _MEASURED = {
     f"{steps}{said}": (study, truth)
     for steps, study in _PROTOCOLS.items()
-    for truth, said in ((MEASURED, ""), (TRAINING.name, ", over training"))
+    for truth, said in ((MEASURED, ""), (TRAINING, ", over training"))
 } | {"the paper's": ("table2", PAPERS_MEASURED)}
 """What predictions are held against: a column's name, the study, and what of it was measured."""
 
@@ -99,13 +98,8 @@ def refilled(page: str) -> str:
         if not found:
             raise ValueError(f"{PAGE.name}: no table {marker}")
         _, end, after = after.partition("\n\n")
-        page = before + head + "\n".join(_lines(table())) + end + after
+        page = before + head + Table(marker, "", table()).markdown() + end[1:] + after
     return page
-
-
-def _lines(table: Table) -> list[str]:
-    head, *rows = (f"| {' | '.join(row)} |" for row in (table.header, *table.texts))
-    return [head, "|" + "---|" * len(table.columns), *rows]
 
 
 @cache
@@ -121,21 +115,19 @@ def runs(name: str) -> pd.DataFrame:
 
 
 @cache
-def foretellers() -> tuple[Prediction, ...]:
+def foretellers() -> list[Prediction]:
     """Who predicted the protocol's camera sets."""
-    found, left_out = predictions(None, ROOT / "results", [*paper.lists().values()], "protocol")
-    assert not left_out, left_out
-    return found
+    return predictions(None, PROTOCOL, [*paper.lists().values()], papers=True)
 
 
-def peg_foretellers() -> tuple[Prediction, ...]:
+def peg_foretellers() -> list[Prediction]:
     """Who predicted the same camera sets for the peg transfer: a model, and the needle's runs."""
     ranked = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
     orders = [
         dict(zip(own["cameras"], -own["place"], strict=True)) for _, own in ranked.groupby("list")
     ]
     needle = scored(NEEDLE, means(runs("protocol")), paper.lists().values())
-    return Prediction("claude", {frozenset(order): order for order in orders}), needle
+    return [Prediction("claude", {frozenset(order): order for order in orders}), needle]
 
 
 def survived() -> pd.DataFrame:
@@ -143,7 +135,7 @@ def survived() -> pd.DataFrame:
     return survival.survival(stress_of(PROTOCOL))
 
 
-def _results() -> Table:
+def _results() -> pd.DataFrame:
     """The fast protocol's camera sets, the best first, with what else was measured of them.
 
     That is the paper's protocol as far as it has been run, and the paper's own returns. Success is
@@ -152,71 +144,78 @@ def _results() -> Table:
     longer, theirs = {one.cameras: one for one in study("table2").ranked}, paper.measured()
     rows = []
     for one in study("fast").ranked:
+        row = {
+            "cameras": one.cameras,
+            "threaded, %": percent(one.middle(SUCCESS)),
+            "by seed": percent(one.values(SUCCESS)),
+            "return": written(one.middle(RETURN)),
+            "over training": written(one.middle(TRAINING)),
+            "cheat, %": percent(one.middle(CHEAT)),
+        }
         end = longer.get(one.cameras)
-        own = [one.middle(measure) for measure in (RETURN, TRAINING, CHEAT)]
-        later = [end and end.middle(measure) for measure in (SUCCESS, RETURN, TRAINING)]
-        success = (one.middle(SUCCESS), one.values(SUCCESS))
-        rows.append((one.cameras, *success, *own, *later, theirs.get(one.cameras)))
-    columns = (
-        Column("cameras"), Column.share("threaded"), Column("by seed", form=".0f", scale=100.0),
-        Column("return", form=".2f"), Column("over training", form=".2f"), Column.share("cheat"),
-        Column.share("1.5 M: threaded"), Column("1.5 M: return", form=".2f"),
-        Column("1.5 M: over training", form=".2f"), Column("the paper's return", form=".2f"),
-    )  # fmt: skip
-    return Table("results", "", columns, tuple(rows))
+        row["1.5 M: threaded, %"] = percent(end and end.middle(SUCCESS))
+        row["1.5 M: return"] = written(end and end.middle(RETURN))
+        row["1.5 M: over training"] = written(end and end.middle(TRAINING))
+        row["the paper's return"] = written(theirs.get(one.cameras))
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def _claims() -> Table:
-    found = [claims(study(name), one) for name in _PROTOCOLS.values() for one in _OVER_TRAINING]
-    rows = tuple(
-        (claim.text, "{:.2f} / {:.2f}".format(*claim.published), *(own.get(claim) for own in found))
-        for claim in found[0]
-    )
-    columns = (
-        Column(f"{steps}: {said} (95 %)", form="+.2f")
-        for steps in _PROTOCOLS
-        for said in _OVER_TRAINING.values()
-    )
-    said = (Column("the paper says"), Column("its returns"))
-    return Table("claims", "", (*said, *columns), rows)
+def _claims() -> pd.DataFrame:
+    found = {
+        f"{steps}: {said} (95 %)": claims(study(name), measure)
+        for steps, name in _PROTOCOLS.items()
+        for measure, said in _OVER_TRAINING.items()
+    }
+    rows = [
+        {
+            "the paper says": claim.text,
+            "its returns": "{:.2f} / {:.2f}".format(*claim.published),
+            **{column: written(own.get(claim), "+.2f") for column, own in found.items()},
+        }
+        for claim in next(iter(found.values()))
+    ]
+    return pd.DataFrame(rows)
 
 
-def _foretold() -> Table:
+def _foretold() -> pd.DataFrame:
     """Each prediction against the earlier studies: tau-b, p beyond the rule, regret.
 
     The protocol's runs predict them, too.
     """
-    found: dict[str, dict[str, Cell]] = {}
+    found: dict[str, dict[str, str]] = {}
     imitated = scored(IMITATED, means(runs("protocol")), paper.lists().values())
     for column, (name, truth) in _MEASURED.items():
         measured = study(name).truths[truth]
         foretold = [*study(name).predictions_of(truth), imitated]
         for who, lists in predicted(foretold).items():
             tau, p, lost = held(who, lists, measured)
-            cell: list[Cell] = [] if tau is None else [tau]
-            cell += [] if p is None else [f"p {Column('p', form='p').text(p)}"]
-            cell += [f"loses {lost:.2f}"]
-            found.setdefault(who, {})[column] = cell
+            told = (written(tau), "" if p is None else f"p {p_value(p)}", f"loses {lost:.2f}")
+            found.setdefault(who, {})[column] = ", ".join(filter(None, told))
     ordered = [who for who in found if who not in (RULE, BLIND)] + [RULE, BLIND]
-    rows = tuple((who, *(found[who].get(column) for column in _MEASURED)) for who in ordered)
-    columns = (Column(name, form=".2f") for name in _MEASURED)
-    return Table("foretold", "", (Column("prediction"), *columns), rows)
+    rows = [
+        {"prediction": who} | {column: found[who].get(column, "") for column in _MEASURED}
+        for who in ordered
+    ]
+    return pd.DataFrame(rows)
 
 
-def _rewards() -> Table:
+def _rewards() -> pd.DataFrame:
     """Each reward's runs, in the order of ``_REWARDED``, by what compares across rewards."""
-    measures = (SUCCESS, BEST, HUMAN_POINTS, CHEAT, SUCCESS_OVER_TRAINING)
+    results = {(one.reward, one.cameras): one for one in study("rewards").results}
+    shares = (SUCCESS, BEST, CHEAT, SUCCESS_OVER_TRAINING)
     rows = []
-    for reward, results in study("rewards").by_reward.items():
-        by_cameras = {one.cameras: one for one in results}
-        own = [by_cameras[cameras] for cameras in _REWARDED]
-        numbers = ([one.middle(measure) for one in own] for measure in measures)
-        rows.append((reward_label(reward), *numbers, [soon(one) for one in own]))
-    columns = (Column("reward"), *map(Column.of, measures), TO_SOON)
-    return Table("rewards", "", columns, tuple(rows))
+    for reward in sorted({reward for reward, _ in results}, key=reward_order):
+        own = [results[reward, cameras] for cameras in _REWARDED]
+        row = {f"{name}, %": percent([one.middle(name) for one in own]) for name in shares}
+        row[HUMAN_POINTS] = written([one.middle(HUMAN_POINTS) for one in own])
+        row[TO_SOON] = ", ".join(result_row(one)[TO_SOON] for one in own)
+        order = [*map("{}, %".format, shares[:2]), HUMAN_POINTS, *map("{}, %".format, shares[2:])]
+        rows.append({"reward": reward_label(reward)} | {key: row[key] for key in (*order, TO_SOON)})
+    return pd.DataFrame(rows)
 
 
-TABLES: Mapping[str, Callable[[], Table]] = {
+TABLES: Mapping[str, Callable[[], pd.DataFrame]] = {
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
     "protocol_changes": lambda: changes_table(runs("protocol")),
@@ -256,8 +255,7 @@ def main() -> None:
     PAGE.write_text(refilled(PAGE.read_text()))
     for name, figure in FIGURES.items():
         with styled():
-            _, vector = save(figure(), ROOT / "docs" / name)
-        vector.unlink()
+            save(figure(), ROOT / "docs" / name)
     print(f"refilled {PAGE.name}")
 
 

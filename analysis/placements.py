@@ -1,13 +1,8 @@
-"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training.
-
-``python -m analysis.placements`` writes what the rules say of the 20 drawn cameras into
-results/placements/rules.csv, in half a minute; ``analysis.findings`` reads it.
-"""
+"""Q3 of docs/protocol.md: where to put a camera. Rules and rankings against training."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,25 +13,19 @@ from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from analysis.protocol import means
-from needlehoop.envs.build import build
-from needlehoop.envs.controllers import controller, rollout
-from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.envs.settings import compose_settings
 from needlehoop.runs.shipped import RECORDINGS
-from needlehoop.scene.cameras import Orbit
+from needlehoop.scene.cameras import Orbit, View
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.render.style import COLOURS, FAINT, INK, new_figure
-from needlehoop.study.render.table import Cell, Column, Estimated, Table
-from needlehoop.study.stats.statistics import Interval
+from needlehoop.study.render.table import p_value, percent, written
+from needlehoop.study.stats.statistics import Estimated, Interval
 
 RULES = Path(__file__).parents[1] / "results" / "placements" / "rules.csv"
+"""What the rules say of the 20 drawn cameras; written once, before the runs, at 04ee7d2."""
 CAMERAS = [f"rgb_p{number:02d}" for number in range(1, 21)]
 
-_EPISODES, _EVERY = 10, 5
-"""Episodes of the expert in which pixels are counted, and steps from one picture to the next."""
-
 _DRAWS, _RESAMPLES = 10_000, 2_000
-_FAR = 10.0
-"""Where things are put that are not to be seen, m."""
 
 ELEVATION, PIXELS, HIDDEN = "elevation nearest 45°", "most pixels", "least hidden"
 MODEL = "claude"
@@ -44,29 +33,15 @@ ALONE, APART, FRONT = "success of each alone", "angle nearest 90°", "nearest th
 
 
 @cache
-def settings_of(cameras: str) -> Settings:
-    """The wide task, seen through one of the drawn cameras."""
-    return compose_settings(
-        ["+experiment=placements", "task=wide", f"cams=[{cameras}]", f"num_envs={_EPISODES}"]
-    )
-
-
-def rules(cameras: list[str]) -> pd.DataFrame:
-    """Scores of single cameras by the three rules, higher is better; a row for each camera."""
-    rows = {}
-    for name in cameras:
-        settings = settings_of(name)
-        place = _place(settings, name)
-        seen, alone = _pixels(settings)
-        level = -abs(place.elevation - 45.0)
-        rows[name] = {ELEVATION: level, PIXELS: float(seen), HIDDEN: seen / alone}
-    return pd.DataFrame.from_dict(rows, orient="index")
+def _views() -> Mapping[str, View]:
+    """The views of the experiment, the drawn cameras among them."""
+    return compose_settings(["+experiment=placements", f"cams=[{CAMERAS[0]}]"]).views
 
 
 def scores(cameras: int = 1) -> pd.DataFrame:
     """Of the sets of so many cameras: by the rules, and by the model that ranked them; higher is
     better. A rule's score of a pair is the mean of its cameras'."""
-    answers, _ = read_answers(RECORDINGS / "claude_placements", ".", "rankings_sets.json")
+    answers = read_answers(RECORDINGS / "claude_placements", "rankings_sets.json")
     assert answers is not None
     single = pd.read_csv(RULES, index_col="camera")
     (places,) = (one.places for one in answers.rankings if _size(one.places) == cameras)
@@ -94,14 +69,10 @@ def pair_scores(singles: pd.DataFrame) -> pd.DataFrame:
     return found.assign(**{ALONE: alone, APART: [-abs(_apart(pair) - 90.0) for pair in pairs]})
 
 
-def _place(settings: Settings, camera: str) -> Orbit:
-    orbit = settings.views[camera.partition("_")[2]].orbit
+def _place_of(camera: str) -> Orbit:
+    orbit = _views()[camera.partition("_")[2]].orbit
     assert orbit is not None
     return orbit
-
-
-def _place_of(camera: str) -> Orbit:
-    return _place(settings_of(CAMERAS[0]), camera)
 
 
 def _apart(pair: list[str]) -> float:
@@ -111,91 +82,66 @@ def _apart(pair: list[str]) -> float:
     return float(np.degrees(np.arccos(toward[:, 0] @ toward[:, 1])))
 
 
-def _pixels(settings: Settings) -> tuple[int, int]:
-    """Pixels of needle and hoop while the expert does the task: as seen, and with nothing else
-    in the scene."""
-    (view,) = {name.partition("_")[2] for name in settings.cams}
-    simulation = build(replace(settings, cams=(f"seg_{view}",)))
-    model = simulation.engine.model
-    wanted = np.array(
-        [model.geom(i).name.startswith(("needle", "hoop")) for i in range(model.ngeom)]
-    )
-
-    def alone(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        places = fields["geom_xpos"].copy()
-        places[:, ~wanted] += _FAR
-        return {**fields, "geom_xpos": places}
-
-    totals = np.zeros(2, dtype=int)
-    for number, step in enumerate(rollout(simulation, controller("expert", settings))):
-        if number % _EVERY:
-            continue
-        for k, optics in enumerate((None, alone)):
-            geoms = simulation.engine.render(optics=optics)[view].geom
-            assert geoms is not None
-            shown = geoms.numpy()[step.alive.numpy()]
-            totals[k] += int(wanted[shown[shown >= 0]].sum())
-    return int(totals[0]), int(totals[1])
-
-
-CORRELATIONS = (
-    Column("prediction"), Column("ρ (95 %)", form=".2f"), Column("p", form="p"),
-    Column("regret", "points", ".0f", 100.0),
-)  # fmt: skip
-"""Columns of ``correlations``."""
-
-
-def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[tuple[Cell, ...]]:
+def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[dict[str, str]]:
     """Of each prediction (a column of ``scores``): who, Spearman's ρ with mean success by camera
     set, how often a shuffled order agrees as well, and regret."""
     measured = pd.Series(means(runs))
     truth = measured.to_numpy()
     draw = np.random.default_rng(0)
-    rows: list[tuple[Cell, ...]] = []
-    for who in scores:
+    rows = []
+    for who in map(str, scores):
         own = scores.loc[measured.index, who].to_numpy(float)
         shuffled = draw.permuted(np.tile(own, (_DRAWS, 1)), axis=1)
         (rho,) = _rho(own[None], truth[None])
         chance = (1 + np.sum(_rho(shuffled, truth[None]) >= rho - 1e-9)) / (1 + _DRAWS)
-        low, high = np.nanpercentile(_drawn(scores, str(who), runs), (2.5, 97.5))
+        ends = Interval(*np.nanpercentile(_drawn(scores, who, runs), (2.5, 97.5)))
         lost = float(truth.max() - truth[own == own.max()].mean())
-        found = Estimated(float(rho), Interval(float(low), float(high)))
-        rows.append((str(who), found, float(chance), lost))
+        rows.append(
+            {
+                "prediction": who,
+                "ρ (95 %)": written(Estimated(float(rho), ends)),
+                "p": p_value(float(chance)),
+                "regret, points": percent(lost),
+            }
+        )
     return rows
 
 
-def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> Table:
+def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
     """Each prediction of these camera sets beside a blind choice; of the model, in how many of the
     bootstrap's draws its ρ is above that of the best rule."""
-    rows = correlations(scores, runs)
-    rho = {who: found.value for who, found, *_ in rows if isinstance(found, Estimated)}
-    best = max((PIXELS, HIDDEN, ELEVATION), key=rho.__getitem__)
-    above = float(np.mean(_drawn(scores, MODEL, runs) > _drawn(scores, best, runs)))
-    success = [*means(runs).values()]
-    rows.append(("drawn blindly", None, None, max(success) - float(np.mean(success))))
-    columns = (*CORRELATIONS, Column.share("above the best rule"))
-    told = tuple((*row, above if row[0] == MODEL else None) for row in rows)
-    return Table("placements", "", columns, told)
+    success = pd.Series(means(runs))
+    rules = (PIXELS, HIDDEN, ELEVATION)
+    rho = scores.loc[success.index, [*rules]].corrwith(success, method="spearman")
+    above = _drawn(scores, MODEL, runs) > _drawn(scores, str(rho.idxmax()), runs)
+    blind = {"prediction": "drawn blindly",
+             "regret, points": percent(float(success.max() - success.mean()))}  # fmt: skip
+    rows = pd.DataFrame([*correlations(scores, runs), blind]).fillna("")
+    told = percent(float(np.mean(above)))
+    rows["above the best rule, %"] = [told if who == MODEL else "" for who in rows["prediction"]]
+    return rows
 
 
-def places_table(runs: pd.DataFrame) -> Table:
+def places_table(runs: pd.DataFrame) -> pd.DataFrame:
     """Place and success of each single camera or pair, the best first, and what was foretold."""
     cameras = _size(runs["cameras"])
     places = (-scores(cameras)).rank(method="min").astype(int)
-    told = (MODEL, PIXELS, HIDDEN, ELEVATION)
     rows = []
     for name in means(runs):
         own, views = runs[runs["cameras"] == name], [_place_of(one) for one in name.split("+")]
-        seen = [[view.azimuth for view in views], [view.elevation for view in views]]
-        success, sampled = own["success"].tolist(), float(np.mean(own["sampled"]))
-        rows.append((name, *seen, success, sampled, *(int(places.loc[name, who]) for who in told)))
-    columns = (
-        Column("camera" if cameras == 1 else "cameras"),
-        Column("azimuth", "°", ".0f"), Column("elevation", "°", ".0f"),
-        Column("threaded by seed", "%", ".0f", 100.0), Column.share("sampled"),
-        *(Column(f"place by {who}") for who in told),
-    )  # fmt: skip
-    return Table("places", "", columns, tuple(rows))
+        told = {f"place by {who}": str(places.loc[name, who])
+                for who in (MODEL, PIXELS, HIDDEN, ELEVATION)}  # fmt: skip
+        rows.append(
+            {
+                "camera" if cameras == 1 else "cameras": name,
+                "azimuth, °": written([view.azimuth for view in views], ".0f"),
+                "elevation, °": written([view.elevation for view in views], ".0f"),
+                "threaded by seed, %": percent(own["success"].tolist()),
+                "sampled, %": percent(float(np.mean(own["sampled"]))),
+                **told,
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def _rho(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -256,13 +202,3 @@ def places_figure(singles: pd.DataFrame, pairs: pd.DataFrame) -> Figure:
     right.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     figure.legend(loc="outside lower right", ncols=2, frameon=False, fontsize=6)
     return figure
-
-
-def main() -> None:
-    """Write what the rules say."""
-    rules(CAMERAS).to_csv(RULES, index_label="camera", float_format="%.4f")
-    print(RULES)
-
-
-if __name__ == "__main__":
-    main()

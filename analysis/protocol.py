@@ -14,13 +14,13 @@ import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau
 
-from analysis.comparisons import is_two_sided
+from analysis.runs import is_two_sided
 from needlehoop.study.data import paper
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
-from needlehoop.study.render.table import Column, Estimated, Table
+from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import Prediction
-from needlehoop.study.stats.statistics import ENOUGH, Interval, improvement, rate
+from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, improvement, rate
 
 TRAITS = {
     "two_views": "a front and a side view",
@@ -52,10 +52,10 @@ def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[
 def share(successes: Sequence[float]) -> Estimated:
     """The mean success of runs; no interval of fewer than three."""
     mean = rate(successes, [EPISODES] * len(successes))
-    return Estimated(mean.value, mean.interval if mean.seeds >= ENOUGH else None)
+    return mean if mean.seeds >= ENOUGH else Estimated(mean.value)
 
 
-def sets_table(runs: pd.DataFrame, done: str = "threaded") -> Table:
+def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     """Each camera set's runs, their mean, and the chance that one of the best set beats one.
 
     Args:
@@ -66,56 +66,55 @@ def sets_table(runs: pd.DataFrame, done: str = "threaded") -> Table:
     best = groups[order[0]]["success"].tolist()
     rows = []
     for name in order:
-        own, successes = groups[name], groups[name]["success"].tolist()
-        sampled, beaten = float(np.mean(own["sampled"])), improvement(best, successes)
-        chance = beaten.interval and Estimated(beaten.value, beaten.interval)
-        rows.append((name, successes, share(successes), sampled, chance))
-    columns = (
-        Column("cameras"), Column(f"{done} by seed", "%", ".0f", 100.0),
-        Column.share("mean (95 %)"), Column.share("sampled"),
-        Column("chance of a run of the best set to beat it (95 %)", "", ".2f"),
-    )  # fmt: skip
-    return Table("protocol", "", columns, tuple(rows))
+        successes = groups[name]["success"].tolist()
+        beaten = improvement(best, successes)
+        rows.append(
+            {
+                "cameras": name,
+                f"{done} by seed, %": percent(successes),
+                "mean (95 %), %": percent(share(successes)),
+                "sampled, %": percent(float(np.mean(groups[name]["sampled"]))),
+                "chance of a run of the best set to beat it (95 %)": written(
+                    beaten if beaten.interval else None
+                ),
+            }
+        )
+    return pd.DataFrame(rows)
 
 
-def traits_table(runs: pd.DataFrame) -> Table:
+def traits_table(runs: pd.DataFrame) -> pd.DataFrame:
     """What traits add to success over the paper's 14 sets: OLS on their means, HC3 errors."""
     ours = runs[runs["cameras"].isin(paper.measured())]
     sets = ours.groupby("cameras").mean(numeric_only=True).astype(float)
-    rows = []
-    for outcome in ("success", "sampled"):
+    table = {"what is added": [*TRAITS.values()]}
+    for outcome, said in (("success", "success"), ("sampled", "success of the sampled policy")):
         fit = smf.ols(f"{outcome} ~ {' + '.join(TRAITS)}", sets).fit(cov_type="HC3", use_t=True)
-        found = fit.conf_int().assign(value=fit.params)
-        rows.append(
-            [
-                Estimated(float(value), Interval(float(low), float(high)))
-                for low, high, value in found.loc[[*TRAITS]].to_numpy()
-            ]
-        )
-    columns = (
-        Column("what is added"), Column("success, points (95 %)", "", "+.0f", 100.0),
-        Column("success of the sampled policy, points (95 %)", "", "+.0f", 100.0),
-    )  # fmt: skip
-    cells = tuple(zip(TRAITS.values(), *rows, strict=True))
-    return Table("protocol_traits", "", columns, cells)
+        found = fit.conf_int().assign(value=fit.params).loc[[*TRAITS]].to_numpy()
+        table[f"{said}, points (95 %)"] = [
+            written(Estimated(value, Interval(low, high)), "+.0f", 100.0)
+            for low, high, value in found
+        ]
+    return pd.DataFrame(table)
 
 
-def changes_table(runs: pd.DataFrame) -> Table:
+def changes_table(runs: pd.DataFrame) -> pd.DataFrame:
     """What other renderings do in the views of a set of colour alone, and whether they differ."""
     own = {str(name): one["success"].tolist() for name, one in runs.groupby("cameras")}
     mean = {name: one for name, one in means(runs).items() if name in paper.measured()}
-    rows = []
-    for colour in COLOUR:
-        views = is_two_sided(colour)
-        for name in [one for one in mean if is_two_sided(one) is views and one != colour]:
-            better = improvement(own[name], own[colour])
-            chance = Estimated(better.value, better.interval)
-            rows.append((colour, name, mean[name] - mean[colour], chance))
-    columns = (
-        Column("colour alone"), Column("instead"), Column("adds, points", "", "+.0f", 100.0),
-        Column("chance of one of its runs to beat one of colour (95 %)", "", ".2f"),
-    )  # fmt: skip
-    return Table("protocol_changes", "", columns, tuple(rows))
+    rows = [
+        {
+            "colour alone": colour,
+            "instead": name,
+            "adds, points": written(mean[name] - mean[colour], "+.0f", 100.0),
+            "chance of one of its runs to beat one of colour (95 %)": written(
+                improvement(own[name], own[colour])
+            ),
+        }
+        for colour in COLOUR
+        for name in mean
+        if name != colour and is_two_sided(name) is is_two_sided(colour)
+    ]
+    return pd.DataFrame(rows)
 
 
 def mean_tau(lists: Sequence[Scores], measured: Scores) -> float:
@@ -148,14 +147,13 @@ def _within_classes(scores: Scores) -> Iterator[dict[str, float]]:
 
 def regret(lists: Sequence[Scores], measured: Scores) -> float:
     """Success that choosing a list's first loses, mean over lists and over ties for first."""
-    lost = [agreement(own, {name: measured[name] for name in own}).regret for own in lists]
-    return sum(lost) / len(lost)
+    return float(np.mean([agreement(own, {n: measured[n] for n in own}).regret for own in lists]))
 
 
 def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
     """Scores by who predicts, list by list; of the rule and of no knowledge at all, too."""
     lists = [*paper.lists().values()]
-    found = {
+    found: dict[str, list[Scores]] = {
         one.who: scores
         for one in predictions
         if all(scores := [one.lists.get(frozenset(names), {}) for names in lists])
@@ -174,30 +172,34 @@ def held(
     return tau, p, regret(lists, measured)
 
 
-def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> Table:
+def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> pd.DataFrame:
     """Each prediction of the paper's three lists beside the rule and a blind choice."""
     rows = []
     for who, lists in predicted(predictions).items():
+        tau, p, lost = held(who, lists, measured)
         kind = "preregistered" if who in PREREGISTERED else "exploratory"
-        kind = "" if who in (RULE, BLIND) else kind
-        rows.append((who, *held(who, lists, measured), kind))
-    columns = (
-        Column("prediction"), Column("τ-b", form=".2f"), Column("p beyond the rule", form="p"),
-        Column("regret", "points", ".1f", 100.0), Column("test"),
-    )  # fmt: skip
-    return Table("protocol_foretold", "", columns, tuple(rows))
+        rows.append(
+            {
+                "prediction": who,
+                "τ-b": written(tau),
+                "p beyond the rule": p_value(p),
+                "regret, points": written(lost, ".1f", 100.0),
+                "test": "" if who in (RULE, BLIND) else kind,
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def sets_figure(runs: pd.DataFrame) -> Figure:
     """A row of dots for each camera set, one a run, the best set on top."""
-    order = [*means(runs)]
+    order = [*means(runs)][::-1]
     figure, ((axes,),) = new_figure(4.6 * len(order) + 14)
-    for row, name in enumerate(reversed(order)):
+    for row, name in enumerate(order):
         own = 100 * runs[runs["cameras"] == name]["success"].to_numpy()
         colour = COLOURS[0 if is_two_sided(name) else 1]
         axes.plot(own, [row] * len(own), "o", markersize=3, color=colour, alpha=0.6)
         axes.plot([own.mean()], [row], "|", markersize=9, color=colour, markeredgewidth=1.6)
-    axes.set_yticks(range(len(order)), [*reversed(order)])
+    axes.set_yticks(range(len(order)), order)
     axes.set_xlim(-2, 102)
     axes.set_xlabel("threaded, of 100\n(dot: a training, bar: the mean)")
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)

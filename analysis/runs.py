@@ -15,11 +15,9 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from analysis.comparisons import has_depth, has_labels, is_two_sided
 from needlehoop.runs.shipped import CONF
-from needlehoop.study.data.contents import NONE
-from needlehoop.study.data.records import Record, read_study
-from needlehoop.study.stats.run import final
+from needlehoop.study.data.records import NONE, Record, read_study
+from needlehoop.study.stats.run import TRAINING, final
 
 RUN = ["disturb", "cameras", "reward", "seed"]
 """What tells runs apart: what they were trained under, see and were paid for, and their seed."""
@@ -31,6 +29,11 @@ _SHARES = ("success", "grasped", "lifted", "touched", "cheat", "return", "return
 """Of an evaluation, those that its task has."""
 
 RUNS, STRESS = "runs.csv", "stress.csv"
+
+
+def is_two_sided(cameras: str) -> bool:
+    """Whether a camera set has a front and a side view."""
+    return {"front", "side"} <= {one.partition("_")[2] for one in cameras.split("+")}
 
 
 def add(to: Path, studies: Sequence[Path]) -> None:
@@ -71,12 +74,15 @@ def _run(run: Record) -> list[dict[str, Any]]:
         _key(run)
         | {"commit": run.manifest["commit"], "minutes": run.manifest["wall_time"] / 60}
         | {"steps": found["steps_trained"], "sampled": found["success_sampled"], **shares}
-        | {"over_training": end.area}
+        | {"over_training": end.measures.get(TRAINING)}
     ]
 
 
 def _stress(run: Record) -> list[dict[str, Any]]:
-    return [_key(run) | asdict(row) for row in run.stress]
+    if run.stress is None:
+        return []
+    conditions = run.stress[["axis", "severity", "episodes", "success"]].itertuples(index=False)
+    return [_key(run) | row._asdict() for row in conditions]
 
 
 def runs_of(folder: Path) -> pd.DataFrame:
@@ -87,8 +93,10 @@ def runs_of(folder: Path) -> pd.DataFrame:
     """
     runs = pd.read_csv(folder / RUNS)
     runs = _complete(runs.query(f"disturb == '{NONE}'"), len({*_compared(runs)}))
-    for name, of in (("two_views", is_two_sided), ("depth", has_depth), ("labels", has_labels)):
-        runs[name] = [of(cameras) for cameras in runs["cameras"]]
+    sets = runs["cameras"]
+    runs["two_views"] = sets.map(is_two_sided)
+    runs["depth"] = sets.str.contains(r"(?:^|\+)(?:seg)?dep_")
+    runs["labels"] = sets.str.contains(r"(?:^|\+)seg")
     return runs
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis.placements import CORRELATIONS, correlations
+from analysis.placements import correlations
 from analysis.protocol import means
 from analysis.runs import RUN
-from needlehoop.study.data.contents import ALL, NONE
+from needlehoop.study.data.records import ALL, NONE
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
-from needlehoop.study.render.table import Column, Table
+from needlehoop.study.render.table import percent
 
 MODERATE = "moderate"
 """What agents were trained under, beside none."""
@@ -31,37 +31,42 @@ def survival(stress: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(found).reset_index()
 
 
-def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> Table:
+def sets_table(runs: pd.DataFrame, survived: pd.DataFrame) -> pd.DataFrame:
     """The camera sets, the best survivor first: trained undisturbed, and under ``moderate``."""
-    undisturbed = means(runs)
     plain = survived.query("disturb == @NONE")
     trained = survived.query("disturb == @MODERATE")
-    together = means(plain, ALL)
-    told = [means(trained, column) for column in (NONE, "success", ALL)]
+    columns = {
+        "threaded in Q1": means(runs),
+        "mean over axes": means(plain),
+        "all axes at once": means(plain, ALL),
+        "trained under moderate: undisturbed": means(trained, NONE),
+        "trained under moderate: mean over axes": means(trained),
+        "trained under moderate: all at once": means(trained, ALL),
+    }
     rows = [
-        (name, undisturbed[name], value, together[name], *(own.get(name) for own in told))
-        for name, value in means(plain).items()
+        {"cameras": name} | {f"{said}, %": percent(own.get(name)) for said, own in columns.items()}
+        for name in means(plain)
     ]
-    columns = (
-        Column("cameras"), Column.share("threaded in Q1"), Column.share("mean over axes"),
-        Column.share("all axes at once"),
-        *(Column.share(f"trained under moderate: {one}")
-          for one in ("undisturbed", "mean over axes", "all at once")),
-    )  # fmt: skip
-    return Table("survival", "", columns, tuple(rows))
+    return pd.DataFrame(rows)
 
 
-def axes_table(stress: pd.DataFrame) -> Table:
+def axes_table(stress: pd.DataFrame) -> pd.DataFrame:
     """Mean success over camera sets by axis, the worst for agents trained undisturbed first."""
     plain, trained = (
         means(stress.query(f"disturb == '{one}'"), by="axis") for one in (NONE, MODERATE)
     )
-    rows = [(axis, plain[axis], trained.get(axis)) for axis in sorted(plain, key=plain.__getitem__)]
-    columns = (Column.share("trained undisturbed"), Column.share("trained under moderate"))
-    return Table("survival_axes", "", (Column("axis"), *columns), tuple(rows))
+    rows = [
+        {
+            "axis": axis,
+            "trained undisturbed, %": percent(plain[axis]),
+            "trained under moderate, %": percent(trained.get(axis)),
+        }
+        for axis in sorted(plain, key=plain.__getitem__)
+    ]
+    return pd.DataFrame(rows)
 
 
-def foretold_table(runs: pd.DataFrame, stress: pd.DataFrame) -> Table:
+def foretold_table(runs: pd.DataFrame, stress: pd.DataFrame) -> pd.DataFrame:
     """Whether success without disturbances foretells that under them: Spearman's ρ over sets.
 
     The other seeds are those that were not tested: with them no run foretells itself. What costs
@@ -77,9 +82,12 @@ def foretold_table(runs: pd.DataFrame, stress: pd.DataFrame) -> Table:
     left = means(plain, by="axis")
     for axis in sorted(left, key=left.__getitem__)[:3]:
         outcomes["undisturbed", axis] = plain.query("axis == @axis")
-    rows = [(*said, *row) for said, own in outcomes.items() for row in correlations(scores, own)]
-    columns = (Column("trained"), Column("tested under"), *CORRELATIONS)
-    return Table("survival_foretold", "", columns, tuple(rows))
+    rows = [
+        {"trained": said, "tested under": under} | row
+        for (said, under), own in outcomes.items()
+        for row in correlations(scores, own)
+    ]
+    return pd.DataFrame(rows)
 
 
 def survival_figure(survived: pd.DataFrame) -> Figure:

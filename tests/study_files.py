@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import yaml
 
 from needlehoop.runs import files
@@ -164,14 +165,18 @@ def write_answers(folder: Path) -> None:
         (folder / "vlm" / f"{name}.json").write_text(json.dumps(whole))
 
 
-def cells_of(table: Table) -> list[dict[str, Any]]:
+def rows_of(table: Table | pd.DataFrame) -> list[dict[str, str]]:
     """A table's rows, by heading."""
-    return [dict(zip(table.header, row, strict=True)) for row in table.rows]
+    frame = table.rows if isinstance(table, Table) else table
+    return frame.to_dict("records")
 
 
-def texts_of(table: Table) -> list[dict[str, str]]:
-    """The same as they are written."""
-    return [dict(zip(table.header, row, strict=True)) for row in table.texts]
+def change(path: Path, **values: Any) -> None:
+    """Give a run's ``config.yaml`` or a JSON file of it other values."""
+    read, write = (
+        (yaml.safe_load, yaml.safe_dump) if path.suffix == ".yaml" else (json.loads, json.dumps)
+    )
+    path.write_text(write(read(path.read_text()) | values))
 
 
 def _csv(path: Path, rows: list[dict[str, float | str]]) -> None:

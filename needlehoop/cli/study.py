@@ -1,4 +1,4 @@
-"""Commands that read the files of a study's runs: its figures, tables, pages and best agents."""
+"""Commands that read the files of a study's runs: its figures, tables and pages."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ from needlehoop.runs.files import CONFIG
 if TYPE_CHECKING:
     from needlehoop.study.stats.findings import StudyFindings
 
-PAPER = "paper"
-
-_STUDY = "a study's folder, such as results/main; or the word paper: the paper's published numbers"
-_OUT = "where to write (the study's folder; of the paper's numbers, results/paper; of several"
-_OUT += " folders, one beside the first that has all their names, as a_vs_b)"
+_STUDY = "a study's folder, such as results/main"
+_OUT = "where to write (the study's folder; of several, a folder beside the first, as a_vs_b)"
 
 
 def _one_study(help_: str = _STUDY, **more: Any) -> Any:
@@ -37,16 +34,13 @@ def plot(options: argparse.Namespace) -> None:
 
     findings, out = _open(options.study, options.out)
     for drawn in draw(findings, out / "figures"):
-        for path in drawn.files:
-            print(path)
-        if drawn.missing:
-            print(f"{drawn.name}: not drawn, {drawn.missing}")
+        print(drawn.file or f"{drawn.name}: not drawn, {drawn.missing}")
     for path in write_tables(findings, out / "tables"):
         print(path)
     _say_left_out(findings)
 
 
-@command(_one_study(f"{_STUDY}; of several, one page with a switch", nargs="+"), _out())
+@command(_one_study(f"{_STUDY}; of several, one page", nargs="+"), _out())
 def report(options: argparse.Namespace) -> None:
     """Write a study's report: one HTML page with everything in it."""
     from needlehoop.study.render.figures import draw
@@ -77,7 +71,7 @@ def _draw_cameras(findings: StudyFindings) -> None:
     from needlehoop.study.report.page import CAMERAS, undrawn
 
     study = findings.study
-    if study is None or not (missing := undrawn(study)):
+    if not (missing := undrawn(study)):
         return
 
     # They import torch.
@@ -111,10 +105,7 @@ def compare(options: argparse.Namespace) -> None:
     Studies are compared where they have runs of the same cameras and reward.
     """
     from needlehoop.study.data.records import read_run, read_study
-    from needlehoop.study.render.figures import Drawn
-    from needlehoop.study.render.style import save, styled
     from needlehoop.study.report import comparison
-    from needlehoop.study.report.page import films_of, write_page
 
     folders = [Path(study) for study in options.study]
     runs = [folder for folder in folders if (folder / CONFIG).is_file()]
@@ -127,24 +118,12 @@ def compare(options: argparse.Namespace) -> None:
         beside = Path(os.path.relpath(os.path.commonpath([*map(os.path.abspath, folders)])))
     else:
         of, found, beside = "study", comparison.comparisons(studies), folders[0].parent
-    names = [*dict.fromkeys(name for one in found for name in one.runs)]
+    names = [*dict.fromkeys(name for one in found for name in one)]
     out = options.out or beside / _joint([name.replace("/", "-") for name in names], "_vs_")
-    tables = [comparison.differences(found, of), comparison.outcomes(found, of),
-              comparison.progress(found, of)]  # fmt: skip
-    for table in tables:
-        print(table.text())
-        table.write(out)
-    shown = []
-    for one in found:
-        with styled():
-            files = save(comparison.comparison_chart(one), out / one.file)
-        chart = Drawn(one.file, f"{one.title}: learning curves.", tuple(files), None)
-        shown.append((one, chart))
-    page = out / "comparison.html"
     typed = f"needlehoop compare {' '.join(options.study)}"
-    films = [films_of(one.runs.values()) for one in found]
-    title = " and ".join(names)
-    write_page("comparison.html", page, films, title=title, tables=tables, shown=shown, made=typed)
+    for table in comparison.write_comparison(found, of, out, typed):
+        print(table.text())
+    page = out / "comparison.html"
     print(f"{page}; its tables and charts are beside it")
     for study in studies:
         for one in study.left_out:
@@ -161,25 +140,21 @@ def _joint(names: list[str], word: str) -> str:
 def status(options: argparse.Namespace) -> None:
     """Show what of a study is done, running, stopped, failed or missing.
 
-    Missing are the runs that a sweep has tried, and every seed of one run for all others.
+    Expected is every pair of cameras and reward that is there with every seed that any has, and
+    what sweeps have tried.
     """
-    from needlehoop.study.data.records import Study, read_study
+    from needlehoop.study.data.records import read_study
     from needlehoop.study.report.status import describe, read_job_ends, standings
 
-    ends, unread = read_job_ends(options.study)
-    # Before its first run a sweep's study has no folder.
-    begun = options.study.exists() or not ends
-    study = read_study(options.study) if begun else Study(options.study, (), ())
-    study = replace(study, left_out=(*study.left_out, *unread))
+    ends = read_job_ends(options.study)
+    study = read_study(options.study)
     print(describe(standings(study, ends), study))
 
 
 def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:
     """What is to be shown, and the folder for it."""
-    from needlehoop.study.stats.findings import paper_findings, study_findings
+    from needlehoop.study.stats.findings import study_findings
 
-    if study == PAPER:
-        return paper_findings(Path("results")), out or Path("results") / PAPER
     folder = Path(study)
     findings = study_findings(folder)
     if not findings.results:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
+from study_files import rows_of
 
 from analysis.survival import MODERATE, axes_table, foretold_table, sets_table, survival
 from needlehoop.study.data import paper
@@ -37,31 +38,30 @@ def test_survival_is_the_mean_over_axes_by_themselves():
 
 
 def test_the_best_survivor_comes_first_and_what_was_not_trained_stays_empty():
-    (first, *_, last) = sets_table(_runs(), survival(_stress())).rows
+    (first, *_, last) = rows_of(sets_table(_runs(), survival(_stress())))
     in_order = sorted(UNDISTURBED, key=UNDISTURBED.__getitem__)
-    assert (last[0], first[0]) == (in_order[0], in_order[-1])
-    assert first[-3:] == (None, None, None)
-    assert first[1] == pytest.approx(UNDISTURBED[first[0]])
-    assert first[2] == pytest.approx(0.6 * UNDISTURBED[first[0]])
+    assert (last["cameras"], first["cameras"]) == (in_order[0], in_order[-1])
+    assert [*first.values()][-3:] == ["", "", ""]
+    assert first["threaded in Q1, %"] == f"{100 * UNDISTURBED[in_order[-1]]:.0f}"
+    assert first["mean over axes, %"] == f"{60 * UNDISTURBED[in_order[-1]]:.0f}"
 
 
 def test_the_axis_that_costs_most_comes_first():
-    both = pd.concat([_stress(), _stress(MODERATE)])
-    rows = axes_table(both).rows
-    assert [row[0] for row in rows] == ["all", "camera.shift", "none", "robot.late"]
-    assert all(row[1] == row[2] for row in rows)
+    rows = rows_of(axes_table(pd.concat([_stress(), _stress(MODERATE)])))
+    assert [row["axis"] for row in rows] == ["all", "camera.shift", "none", "robot.late"]
+    assert all(row["trained undisturbed, %"] == row["trained under moderate, %"] for row in rows)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_success_foretells_survival_where_it_does(sign):
     both = pd.concat([_stress(sign=sign), _stress(MODERATE, sign)])
-    rows = foretold_table(_runs(), both).rows
-    assert [row[2] for row in rows] == ["Q1", "Q1, other seeds"] * 5
-    for _, _, _, rho, p, _ in rows[:4]:
-        assert rho.value == pytest.approx(sign)
-        assert (p < 0.01) == (sign > 0)
+    rows = rows_of(foretold_table(_runs(), both))
+    assert [row["prediction"] for row in rows] == ["Q1", "Q1, other seeds"] * 5
+    for row in rows[:4]:
+        assert float(row["ρ (95 %)"].split()[0]) == sign
+        assert (float(row["p"]) < 0.01) == (sign > 0)
 
 
 def test_what_costs_most_is_foretold_by_itself():
-    rows = foretold_table(_runs(), pd.concat([_stress(), _stress(MODERATE)])).rows
-    assert [row[1] for row in rows[4:8:2]] == ["all", "camera.shift"]
+    rows = rows_of(foretold_table(_runs(), pd.concat([_stress(), _stress(MODERATE)])))
+    assert [row["tested under"] for row in rows[4:8:2]] == ["all", "camera.shift"]

@@ -18,7 +18,7 @@ HEAVY = (
 
 WITHOUT_TORCH = [
     ["--help"],
-    ["status", "study", "experiment=table2"],
+    ["status", "."],
     *([name, "--help"] for name in ("snapshot", "evaluate", "probe", "plot")),
     ["vlm", "check", "--help"],
     ["train", "--help"],

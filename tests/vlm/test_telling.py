@@ -114,7 +114,8 @@ def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch)
     asked = [row["question"] for row in rows if " to see that " in row["question"]]
     wanted = ["the goal is reached", *(["the block is lifted"] if pegs else [])]
     assert asked == [f"Best {w} to see that {so}" for so in wanted for w in ("view", "rendering")]
-    answers, _ = read_answers(opened.folder.parent)
+    answers = read_answers(opened.folder)
+    assert answers is not None
     assert [one.question for one in answers.questions] == [row["question"] for row in rows]
     noted = json.loads((opened.folder / EDITION).read_text())
     assert noted["sha256"] == description.edition_of(s.definition)

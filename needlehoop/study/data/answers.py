@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BaseModel, Field
-
-from needlehoop.runs.reading import UnreadableError, read_json
-from needlehoop.study.data.contents import checked
-from needlehoop.study.data.records import LeftOut
+from typing import Any
 
 QUESTIONS, RANKINGS = "questions.json", "rankings.json"
 LESS = {
@@ -40,9 +36,7 @@ class Ranking:
 
     places: Mapping[str, float]
     """Place by camera set, the best (lowest) first; a mean where the model was asked repeatedly."""
-    reasons: Mapping[str, str]
-    """By camera set; empty where none were given."""
-    sure: tuple[tuple[str, str, float], ...] = ()
+    sure: Sequence[tuple[str, str, float]] = ()
     """Of neighbours in an order, the better one, the other, and the stated probability of that."""
 
 
@@ -51,75 +45,30 @@ class Answers:
     """All that a model said about cameras."""
 
     source: str
-    questions: tuple[Answer, ...] = ()
-    rankings: tuple[Ranking, ...] = ()
+    questions: Sequence[Answer] = ()
+    rankings: Sequence[Ranking] = ()
 
 
-class _Reasoned(BaseModel, strict=True):
-    name: str
-    reason: str
+def read_answers(folder: Path, rankings: str = RANKINGS) -> Answers | None:
+    """A model's answers, as ``needlehoop vlm question`` and ``rank`` write them, if any."""
+    said = [json.loads(path.read_text(encoding="utf-8"))
+            for name in (QUESTIONS, rankings) if (path := folder / name).exists()]  # fmt: skip
+    rows = [as_rows(one["answers"], one["asked"]) for one in said if "answers" in one]
+    lists = [_ranking(one) for own in said for one in own.get("lists", ())]
+    models = dict.fromkeys(model for one in said for model in one["models"])
+    return Answers(", ".join(models), [*chain(*rows)], lists) if said else None
 
 
-class _List(BaseModel, strict=True):
-    """A list of ``rankings.json``: each sample is an order, the best first."""
-
-    rankings: Annotated[list[list[_Reasoned]], Field(min_length=1)]
-    sure: list[list[Annotated[float, Field(ge=0, le=1)]]] = []
-    """Of each sample that states them, the probabilities of its neighbours."""
-
-    def ranking(self) -> Ranking:
-        """The places are means over the samples, the reasons those of the first."""
-        orders = [[place.name for place in sample] for sample in self.rankings]
-        names = [*dict.fromkeys(orders[0])]
-        if not names or any(sorted(order) != sorted(names) for order in orders):
-            raise UnreadableError("has rankings of one list that differ in what they rank")
-        if self.sure and len(self.sure) != len(orders):
-            raise UnreadableError("has no usable sure: not one for each ranking")
-        means = {name: sum(own.index(name) + 1 for own in orders) / len(orders) for name in names}
-        sure = tuple(
-            pair
-            for order, stated in zip(orders, self.sure, strict=False)
-            for pair in zip(order, order[1:], stated, strict=False)
-        )
-        # Equal means stay in the order of the first sample.
-        places = dict(sorted(means.items(), key=lambda item: item[1]))
-        return Ranking(places, {one.name: one.reason for one in self.rankings[0]}, sure)
-
-
-class _File(BaseModel):
-    """Questions or rankings."""
-
-    models: list[str]
-    answers: dict[str, Any] | None = None
-    asked: dict[str, str] = {}
-    lists: list[_List] = []
-
-
-def read_answers(
-    folder: Path, within: str = VLM, rankings: str = RANKINGS
-) -> tuple[Answers | None, list[LeftOut]]:
-    """A study's answers, as ``needlehoop vlm question`` and ``rank`` write them.
-
-    Returns:
-        The answers, or ``None`` where there are none that can be read; what was left out.
-    """
-    left_out: list[LeftOut] = []
-    questions: tuple[Answer, ...] = ()
-    ranked: tuple[Ranking, ...] = ()
-    models: list[str] = []
-    for name in (Path(within) / QUESTIONS, Path(within) / rankings):
-        if not (folder / name).exists():
-            continue
-        try:
-            said: _File = checked(_File, read_json(folder / name))
-            questions += as_rows(said.answers, said.asked) if said.answers is not None else ()
-            ranked += tuple(one.ranking() for one in said.lists)
-            models += said.models
-        except UnreadableError as error:
-            left_out.append(LeftOut(name, str(error)))
-    if not questions and not ranked:
-        return None, left_out
-    return Answers(", ".join(dict.fromkeys(models)), questions, ranked), left_out
+def _ranking(one: Mapping[str, Any]) -> Ranking:
+    """A list of ``rankings.json``: each of its samples is an order, the best first."""
+    orders = [[place["name"] for place in sample] for sample in one["rankings"]]
+    places = {name: sum(own.index(name) + 1 for own in orders) / len(orders) for name in orders[0]}
+    pairs = (
+        zip(order, order[1:], stated, strict=False)
+        for order, stated in zip(orders, one.get("sure", ()), strict=False)
+    )
+    # Equal means stay in the order of the first sample.
+    return Ranking(dict(sorted(places.items(), key=lambda item: item[1])), [*chain(*pairs)])
 
 
 def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> tuple[Answer, ...]:
@@ -128,14 +77,8 @@ def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> tuple[Answe
     Args:
         answers: as in ``questions.json``.
         asked: facts in words: cameras were asked for that show them.
-
-    Raises:
-        UnreadableError: one is missing or of another form.
     """
-    try:
-        return checked(tuple[Answer, ...], [*_rows({**answers}, asked)])
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
-        raise UnreadableError(f"has no usable answers: {error!r}") from error
+    return tuple(_rows({**answers}, asked))
 
 
 def _rows(answers: dict[str, Any], asked: Mapping[str, str]) -> Iterator[Answer]:

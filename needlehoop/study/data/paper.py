@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 
+import yaml
+
 from needlehoop.runs.files import EXPERT
-from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.study.data.answers import Answer, Answers, Ranking
 
@@ -46,7 +47,7 @@ def reward_order(reward: str) -> tuple[int, str]:
 
 def task() -> str:
     """The name of its task, which is the one that is chosen where none is named."""
-    return read_yaml(CONF / "task/standard.yaml")["name"]
+    return yaml.safe_load((CONF / "task/standard.yaml").read_text())["name"]
 
 
 def measured() -> dict[str, float]:
@@ -54,38 +55,21 @@ def measured() -> dict[str, float]:
     return {row["cameras"]: float(row["measured_return"]) for row in rows("table_2.csv")}
 
 
-def lists() -> dict[str, tuple[str, ...]]:
+def lists() -> dict[str, list[str]]:
     """The camera sets of each of the three lists, the best measured first."""
-    found: dict[str, tuple[str, ...]] = {}
-    for row in rows("table_2.csv"):
-        found[row["list"]] = (*found.get(row["list"], ()), row["cameras"])
-    return found
+    table = rows("table_2.csv")
+    return {name: [row["cameras"] for row in table if row["list"] == name] for name in LISTS}
 
 
 def answers() -> Answers:
     """Table I, and the predicted orders of Table II."""
-    predicted = rows("table_2.csv")
-    rankings = []
-    for name in lists():
-        own = [row for row in predicted if row["list"] == name]
-        places = {row["cameras"]: float(row["predicted_rank"]) for row in own}
-        rankings.append(Ranking(dict(sorted(places.items(), key=lambda item: item[1])), {}))
+    predicted = sorted(rows("table_2.csv"), key=lambda row: float(row["predicted_rank"]))
+    orders = (
+        {row["cameras"]: float(row["predicted_rank"]) for row in predicted if row["list"] == name}
+        for name in LISTS
+    )
     questions = [Answer(row["question"], row["answer"], "") for row in rows("table_1.csv")]
-    return Answers(SOURCE, tuple(questions), tuple(rankings))
-
-
-def rewards() -> dict[tuple[str, str], tuple[float | None, str]]:
-    """What is said of Figure 7 by camera set and reward; its curves were never published.
-
-    That is the return of one run, ``None`` where there are words alone, and a remark.
-    """
-    return {
-        (row["cameras"], row["reward"]): (
-            float(row["measured_return"]) if row["measured_return"] else None,
-            row["remark"],
-        )
-        for row in rows("figure_7.csv")
-    }
+    return Answers(SOURCE, questions, [*map(Ranking, orders)])
 
 
 def rows(name: str) -> list[dict[str, str]]:

@@ -43,9 +43,6 @@ _SETTINGS: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "figure.dpi": 100,
     "savefig.dpi": 300,
-    # Names of an SVG's parts come from this, not from a random number.
-    "svg.hashsalt": "needlehoop",
-    "svg.fonttype": "path",
 }
 
 
@@ -71,11 +68,10 @@ def short(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and SVG, the same bytes every time; returns their paths."""
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    png, svg = stem.with_suffix(".png"), stem.with_suffix(".svg")
+def save(figure: Figure, stem: Path) -> Path:
+    """Write a figure as PNG; returns its path."""
+    png = stem.with_suffix(".png")
+    png.parent.mkdir(parents=True, exist_ok=True)
     with styled():
         figure.savefig(png, metadata={"Software": None})
-        figure.savefig(svg, metadata={"Date": None, "Creator": None})
-    return [png, svg]
+    return png

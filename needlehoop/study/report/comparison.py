@@ -4,102 +4,54 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
-import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.data.records import Record, Study
-from needlehoop.study.render.curves import count_steps, draw_panels
-from needlehoop.study.render.style import in_percent, new_figure, short
-from needlehoop.study.render.table import Column, Row, Table
+from needlehoop.study.render.figures import Drawn, draw_panels
+from needlehoop.study.render.style import new_figure, save, short, styled
+from needlehoop.study.render.table import Table, written
+from needlehoop.study.report.page import Agent, Section, film_of, write_page
+from needlehoop.study.report.tables import RESULTS_NOTE, TO_SOON, result_row
 from needlehoop.study.stats.findings import Result, result_of
-from needlehoop.study.stats.run import (
-    BUFFERS,
-    CHEAT,
-    RETURN,
-    SUCCESS,
-    Measure,
-    has_curve,
-    share_at,
-    smooth,
-    steps_to_share,
-)
-from needlehoop.study.stats.statistics import (
-    OVER_EPISODES,
-    OVER_SEEDS,
-    Estimated,
-    Interval,
-    SeedEstimate,
-    difference,
-)
+from needlehoop.study.stats.run import TRAINING, has_curve, smooth
+from needlehoop.study.stats.statistics import Estimated, Interval, difference
 
-_HALF = {"half": 0.5}
-_MILESTONES = {"a tenth": 0.1, **_HALF, "95 %": 0.95}
-"""Shares of training episodes in which the task is done."""
+Comparison = Mapping[str, Sequence[Record]]
+"""What stands beside each other: runs by their study's name, or each by a name of its own."""
 
 _WHICH = ("study", "results", "until", "existing", "overwrite", "resume", "engine.threads")
 """Settings that say which run it is and how it was run, not what was trained."""
 
-_MILLIONS = Column("", "M steps", ".2f", 1e-6)
 
-
-@dataclass(frozen=True)
-class Comparison:
-    """Studies' runs with the same cameras and reward; or single runs with any."""
-
-    runs: Mapping[str, tuple[Record, ...]]
-    """By study or run, in the order in which they were named."""
-
-    @property
-    def every(self) -> list[Record]:
-        return [run for runs in self.runs.values() for run in runs]
-
-    @property
-    def title(self) -> str:
-        """Their cameras and rewards."""
-        cameras = dict.fromkeys(run.place.cameras for run in self.every)
-        rewards = dict.fromkeys(reward_label(run.place.reward) for run in self.every)
-        return f"{' / '.join(cameras)}, {' / '.join(rewards)}"
-
-    @property
-    def file(self) -> str:
-        """The same, for the name of a file."""
-        cameras = dict.fromkeys(run.place.cameras for run in self.every)
-        rewards = dict.fromkeys(run.place.reward for run in self.every)
-        return f"{'_vs_'.join(cameras)}_{'_vs_'.join(rewards)}"
-
-    @property
-    def steps(self) -> int:
-        """Environment steps that all runs have."""
-        return min(run.steps for run in self.every)
+_SHOWN = ("cameras", "reward", "seeds", "success, %", "success, 95 %", "cheat, %", "return",
+          TRAINING, TO_SOON)  # fmt: skip
+"""Of a result's columns."""
 
 
 def comparisons(studies: Sequence[Study]) -> list[Comparison]:
     """Each camera set and reward that two of the studies or more have been trained with.
 
     Raises:
-        ValueError: fewer than two studies, two of one name, or nothing in common.
+        ValueError: two studies of one name, or nothing in common.
     """
     names = [study.folder.resolve().name for study in studies]
-    if len(studies) < 2:
-        raise ValueError(f"studies: {', '.join(names)} alone; name two or more")
-    if len({*names}) < len(names):
-        raise ValueError(f"studies: {', '.join(names)} are not different names")
-    found: dict[tuple[str, str], dict[str, tuple[Record, ...]]] = {}
+    if len({*names}) < max(len(names), 2):
+        raise ValueError(f"studies: {', '.join(names)}; name two or more, of different names")
+    found: dict[tuple[str, str], dict[str, list[Record]]] = {}
     for name, study in zip(names, studies, strict=True):
-        for run in study.runs:
-            if has_curve(run):
-                own = found.setdefault((run.place.cameras, run.place.reward), {})
-                own[name] = (*own.get(name, ()), run)
-    shared = [Comparison(found[place]) for place in sorted(found) if len(found[place]) > 1]
+        for run in filter(has_curve, study.runs):
+            place = (run.place.cameras, run.place.reward)
+            found.setdefault(place, {}).setdefault(name, []).append(run)
+    shared: list[Comparison] = [found[place] for place in sorted(found) if len(found[place]) > 1]
     if not shared:
-        trained = "".join(
-            f"\n  {'/'.join(place)}: {', '.join(own)}" for place, own in found.items()
-        )
-        raise ValueError(f"studies: no cameras and reward that two of them have{trained}")
+        trained = (f"\n  {'/'.join(place)}: {', '.join(own)}" for place, own in found.items())
+        raise ValueError(f"studies: no cameras and reward that two of them have{''.join(trained)}")
     return shared
 
 
@@ -109,170 +61,104 @@ def compared_runs(runs: Sequence[Record]) -> Comparison:
     Raises:
         ValueError: fewer than two, one twice, or one without a learning curve.
     """
-    places = [run.folder.resolve() for run in runs]
-    if len({*places}) < max(len(places), 2):
-        raise ValueError(f"runs: {', '.join(map(str, places))}; name two or more, each once")
-    for run in runs:
-        if not has_curve(run):
-            raise ValueError(f"{run.folder}: no episode has ended yet")
-    rows = [place.parts for place in places]
-    if len({*map(len, rows)}) == 1:
-        odd = [i for i, parts in enumerate(zip(*rows, strict=True)) if len({*parts}) > 1]
-        rows = [tuple(row[i] for i in odd) for row in rows]
-    names = ("/".join(row) for row in rows)
-    return Comparison({name: (run,) for name, run in zip(names, runs, strict=True)})
+    folders = [run.folder.resolve() for run in runs]
+    if len({*folders}) < max(len(folders), 2):
+        raise ValueError(f"runs: {', '.join(map(str, folders))}; name two or more, each once")
+    if empty := [str(run.folder) for run in runs if not has_curve(run)]:
+        raise ValueError(f"{empty[0]}: no episode has ended yet")
+    parts = [folder.parts for folder in folders]
+    odd = [i for i, own in enumerate(zip(*parts, strict=False)) if len({*own}) > 1]
+    names = ("/".join(own[i] for i in odd) for own in parts)
+    return {name: [run] for name, run in zip(names, runs, strict=True)}
 
 
 def outcomes(found: Sequence[Comparison], of: str) -> Table:
-    """Final values, and how far each ``study`` or ``run`` (``of``) is from the first named."""
-    rows: list[Row] = []
+    """Results, and how far each ``study`` or ``run`` (``of``) is from the first named."""
+    rows = []
     for one in found:
-        first: dict[Measure, SeedEstimate] = {}
-        for name, runs in one.runs.items():
-            result = result_of(runs)
-            own = _measured(result) if result else {}
-            first = first or own
-            # Points of another reward are not compared.
-            same = runs[0].place.reward == one.every[0].place.reward
-            success = own.get(SUCCESS)
-            rows.append(
-                {
-                    **_place_of(runs[0]),
-                    Column(of): name,
-                    Column("runs"): result and len(result.runs),
-                    Column("episodes"): result and sum(end.episodes for end in result.finals),
-                    **_beside(SUCCESS, success, first.get(SUCCESS)),
-                    Column.of(CHEAT): result and result.cheat and result.cheat.value,
-                    **_beside(RETURN, own.get(RETURN), first.get(RETURN) if same else None),
-                    Column("intervals"): success and success.interval and success.interval.over,
-                }
-            )
+        results = {name: result for name, runs in one.items() if (result := result_of(runs))}
+        first = next(iter(results.values()), None)
+        for name, result in results.items():
+            row = {of: name, "difference of success, %": "", "difference of return": ""}
+            if first is not None and result is not first:
+                less = difference(first.success, result.success)
+                row["difference of success, %"] = written(less, "+.0f", 100.0)
+                # Points of another reward are not compared.
+                if result.reward == first.reward:
+                    less = difference(_value(first), _value(result))
+                    row["difference of return"] = written(less, "+.2f")
+            own = result_row(result)
+            rows.append(row | {key: own[key] for key in _SHOWN})
     note = (
         f"Differences are from the {of} that stands first for these cameras and this reward, in"
-        " points of percent and of return, with 95 % intervals; returns of another reward are not"
-        " compared. An interval without 0 is a difference. One over episodes says nothing of"
-        " what another seed would give."
+        " points of percent and of return, with 95 % intervals. " + RESULTS_NOTE
     )
     return Table.of("evaluations", "Evaluations", rows, note)
 
 
-def _place_of(run: Record) -> Row:
-    return {
-        Column("cameras"): run.place.cameras,
-        Column("reward"): reward_label(run.place.reward),
-    }
+def _value(result: Result) -> Estimated:
+    """The final return; that of one run has an interval over its episodes."""
+    value, told = result.value, result.runs[0].evaluation or {}
+    if len(result.runs) > 1 or result.unfinished or "return_sd" not in told:
+        return value
+    half = 1.96 * float(told["return_sd"]) / math.sqrt(told["episodes"])
+    return replace(value, interval=Interval(value.value - half, value.value + half))
 
 
-def _beside(measure: Measure, own: SeedEstimate | None, first: SeedEstimate | None) -> Row:
-    """A value, and how far it is from the first named's."""
-    column, beyond = Column.of(measure), None
-    if own is not None and first is not None and own is not first:
-        beyond = _shown(own.value - first.value, difference(first, own))
-    less = replace(column, name=f"difference of {column.name}", form=f"+{column.form}")
-    return {column: own and _shown(own.value, own.interval), less: beyond}
-
-
-def progress(found: Sequence[Comparison], of: str = "study") -> Table:
-    """How soon each run got how far, and where all were after the same steps."""
-    every = [run for one in found for run in one.every]
-    goals, facts = {run.task.goal for run in every}, _facts(every)
-    milestones = {
-        replace(_MILLIONS, name=f"{said} {fact}"): (fact, share)
-        for fact in facts
-        for said, share in (_MILESTONES if fact in goals else _HALF).items()
-    }
-    rows: list[Row] = [
-        {
-            **_place_of(run),
-            Column(of): study,
-            Column("seed"): run.place.seed,
-            **{column: steps_to_share(run, *stone) for column, stone in milestones.items()},
-            replace(_MILLIONS, name="compared after"): one.steps,
-            **{Column.share(fact): _at(run, fact, one.steps) for fact in facts},
-            Column.of(RETURN): _at(run, "return", one.steps),
-        }
-        for one in found
-        for study, runs in one.runs.items()
-        for run in runs
-    ]
-    note = (
-        f"Of training episodes, over {BUFFERS} buffers. Milestones: millions of steps until they"
-        " were reached; empty where they were not. The last columns: after as many steps as all"
-        " runs of the same cameras and reward have. A return is in its own reward's points."
-    )
-    return Table.of("progress", "Progress in training", rows, note)
-
-
-def differences(found: Sequence[Comparison], of: str = "study") -> Table:
-    """Settings and commits in which the studies or runs differ; seeds where they are runs."""
-    hidden = {*_WHICH, *(["seed"] if of == "study" else [])}
-    names = dict.fromkeys(name for one in found for name in one.runs)
-    rows: list[Row] = []
-    settings = {
-        name: [
-            {**run.settings, "commit": str(run.manifest.get("commit", ""))}
-            for one in found
-            for run in one.runs.get(name, ())
-        ]
-        for name in names
-    }
-    every = {key for own in settings.values() for one in own for key in one}
-    for key in sorted(every - hidden):
+def differences(found: Sequence[Comparison]) -> Table:
+    """Settings and commits in which the studies or runs differ."""
+    values: dict[str, dict[str, list[str]]] = {}
+    for name, run in ((who, run) for one in found for who, runs in one.items() for run in runs):
+        own = pd.json_normalize({**run.config, "commit": run.manifest.get("commit")}).iloc[0]
+        for key, value in own.drop([*_WHICH], errors="ignore").items():
+            # A program is shown by its length.
+            lines = str(value).count("\n")
+            text = f"{lines} lines" if lines else str(value)
+            values.setdefault(str(key), {}).setdefault(name, []).append(text)
+    names = dict.fromkeys(name for one in found for name in one)
+    rows = []
+    for key in sorted(values):
         # Where runs of a study differ among themselves, all its values.
-        told = [dict.fromkeys(one[key] for one in own if key in one) for own in settings.values()]
-        line = [" / ".join(values) if values else None for values in told]
-        if len({*line}) > 1:
-            cells = map(_brief, (key, *line))
-            rows.append(dict(zip(map(Column, ("setting", *names)), cells, strict=True)))
+        told = {name: " / ".join(dict.fromkeys(values[key].get(name, [""]))) for name in names}
+        if len({*told.values()}) > 1:
+            rows.append({"setting": key} | told)
     note = "Empty: a setting that did not exist when the run was made."
     return Table.of("settings", "What differs", rows, note)
 
 
 def comparison_chart(one: Comparison) -> Figure:
     """How far episodes come, and the return, over training; a line for each study."""
-    runs = one.every
+    every = [run for runs in one.values() for run in runs]
     # The facts that end the last two phases.
-    shown = {fact: f"share {fact}" for fact in _facts(runs)[-2:]} | {"return": "return"}
-    drawn = [column for column in shown if all(column in (run.metrics or ()) for run in runs)]
-    figure, grid = new_figure(12 + 40 * len(drawn), len(drawn), sharex=True)
-    lines = [(short(name), own, number) for number, (name, own) in enumerate(one.runs.items())]
-    for axes, column in zip(grid[:, 0], drawn, strict=True):
-        if column != "return":
-            in_percent(axes, room=0.03)
-        words = f"{shown[column]} in training"
+    columns = [*(fact for _, fact in every[0].task.phases[-2:]), "return"]
+    figure, grid = new_figure(12 + 40 * len(columns), len(columns), sharex=True)
+    lines = [(short(name), own, number) for number, (name, own) in enumerate(one.items())]
+    for axes, column in zip(grid[:, 0], columns, strict=True):
+        words = f"{column} in training"
         draw_panels([axes], [("", lines)], partial(smooth, column=column), words, named=True)
-    grid[0, 0].set_title(short(one.title))
-    count_steps(grid[-1, 0])
     return figure
 
 
-def _shown(value: float, interval: Interval | None) -> Estimated:
-    """What an interval is over stands in a column of its own."""
-    return Estimated(value, interval and replace(interval, over=OVER_SEEDS))
+def write_comparison(found: Sequence[Comparison], of: str, out: Path, command: str) -> list[Table]:
+    """Write tables, charts and ``comparison.html`` into a folder; returns the tables.
 
-
-def _measured(result: Result) -> dict[Measure, SeedEstimate]:
-    """Final success and return; the return of one run has an interval over its episodes."""
-    success, value, (run, *others) = result.success, result.value, result.runs
-    spread = (run.evaluation or {}).get("return_sd")
-    if not others and run.finished and isinstance(spread, int | float):
-        half = 1.96 * float(spread) / math.sqrt(result.finals[0].episodes)
-        ends = Interval(value.value - half, value.value + half, OVER_EPISODES)
-        value = replace(value, interval=ends)
-    return {RETURN: value} | ({SUCCESS: success} if success else {})
-
-
-def _brief(value: str | None) -> str | None:
-    """A setting, or of a program how long it is."""
-    return f"{value.count(chr(10))} lines" if value and "\n" in value else value
-
-
-def _facts(runs: Sequence[Record]) -> list[str]:
-    """Those that end the runs' phases, and the tasks' goals."""
-    ends = [fact for run in runs for _, fact in run.task.phases]
-    return [*dict.fromkeys([*ends, *(run.task.goal for run in runs)])]
-
-
-def _at(run: Record, column: str, steps: int) -> float | None:
-    value = float(share_at(run, np.array([float(steps)]), column)[0])
-    return None if np.isnan(value) else value
+    Args:
+        of: what stands beside each other, ``study`` or ``run``.
+        command: that makes the page.
+    """
+    tables = [differences(found), outcomes(found, of)]
+    for table in tables:
+        table.write(out)
+    sections = [Section("Tables", tables=tables)]
+    for one in found:
+        places = [run.place for runs in one.values() for run in runs]
+        name = "_vs_".join(dict.fromkeys(f"{own.cameras}_{own.reward}" for own in places))
+        title = " / ".join(dict.fromkeys(f"{p.cameras}, {reward_label(p.reward)}" for p in places))
+        with styled():
+            chart = Drawn(name, "Learning curves.", save(comparison_chart(one), out / name))
+        films = [Agent(who, film=film) for who, runs in one.items() if (film := film_of(runs))]
+        commands = "\n".join(run.command for runs in one.values() for run in runs)
+        sections.append(Section(title, figures=[chart], agents=films, text=commands))
+    names = dict.fromkeys(name for one in found for name in one)
+    write_page(out / "comparison.html", " and ".join(names), sections, command)
+    return tables

@@ -42,21 +42,9 @@ class Agreement:
     """Best measured value less the predicted best's (their mean, if tied); in its unit. Over
     several lists, the mean."""
 
-    @property
-    def top_hit(self) -> bool:
-        return self.top_hits == self.lists
-
-    @property
-    def bottom_hit(self) -> bool:
-        return self.bottom_hits == self.lists
-
 
 def agreement(predicted: Mapping[str, float], measured: Mapping[str, float]) -> Agreement:
-    """Compare two mappings of scores over the same names; higher is better in both.
-
-    Raises:
-        ValueError: other names on one side.
-    """
+    """Compare two mappings of scores over the same names; higher is better in both."""
     return pooled([(predicted, measured)])
 
 
@@ -65,44 +53,24 @@ def pooled(sides: Sequence[tuple[Mapping[str, float], Mapping[str, float]]]) -> 
 
     A few sets have few orders, so a list alone seldom says that a prediction is better than
     chance; several lists together can. Draws keep each list's sets in it.
-
-    Raises:
-        ValueError: other names on one side of a list.
     """
-    arrays = [_in_one_order(*both) for both in sides]
+    arrays = []
+    for predicted, measured in sides:
+        # In one order, or the draws would differ from run to run.
+        names = sorted(predicted)
+        both = (np.array([own[name] for name in names], float) for own in (predicted, measured))
+        arrays.append((*both,))
     # Differences whose correlations are Kendall's tau-b and Spearman's rho (Daniels 1944).
     signs = [(np.sign(_differences(a)), np.sign(_differences(b))) for a, b in arrays]
     ranks = [(_differences(rankdata(a)), _differences(rankdata(b))) for a, b in arrays]
-    top, bottom, regrets = zip(*(_hits_and_regret(*both) for both in arrays), strict=True)
     return Agreement(
         sum(len(a) for a, _ in arrays),
         len(arrays),
         *_correlate(signs),
         *_correlate(ranks),
-        sum(top),
-        sum(bottom),
-        sum(regrets) / len(arrays),
-    )
-
-
-def _in_one_order(
-    predicted: Mapping[str, float], measured: Mapping[str, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Both sides' scores as arrays ``(n,)``; errors as in ``agreement``."""
-    if odd := sorted(set(predicted) ^ set(measured)):
-        raise ValueError(f"agreement: {', '.join(odd)} on one side only; both must rank the same")
-    names = sorted(predicted)
-    a, b = (np.array([side[name] for name in names], float) for side in (predicted, measured))
-    return a, b
-
-
-def _hits_and_regret(a: np.ndarray, b: np.ndarray) -> tuple[bool, bool, float]:
-    """Whether best and worst were found, and the regret; ``a`` predicted, ``b`` measured."""
-    chosen = a == a.max()
-    return (
-        bool((b[chosen] == b.max()).all()),
-        bool((b[a == a.min()] == b.min()).all()),
-        float(b.max() - b[chosen].mean()),
+        sum(bool((b[a == a.max()] == b.max()).all()) for a, b in arrays),
+        sum(bool((b[a == a.min()] == b.min()).all()) for a, b in arrays),
+        float(np.mean([b.max() - b[a == a.max()].mean() for a, b in arrays])),
     )
 
 
@@ -115,17 +83,14 @@ def _correlate(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, f
 
     Lists without a correlation are left out; NaN where none has one.
     """
-    kept = [both for both in sides if _size(*both) > 0]
+    kept = [(a, b / size) for a, b in sides if (size := np.sqrt((a**2).sum() * (b**2).sum()))]
     if not kept:
         return math.nan, math.nan
-    value = sum(float((a * b).sum() / _size(a, b)) for a, b in kept) / len(kept)
-    sizes = [len(a) for a, _ in kept]
-    every = len(kept) == 1 and math.factorial(sizes[0]) <= _RESAMPLES
-    if every:
-        orders = [np.array([*permutations(range(sizes[0]))])]
-    else:
-        orders = [_some_orders(n, seed) for seed, n in enumerate(sizes)]
-    drawn = np.mean([_drawn(*both, own) for both, own in zip(kept, orders, strict=True)], axis=0)
+    # Rounded, or nothing would be written as -0.00.
+    value = round(float(np.mean([(a * b).sum() for a, b in kept])), 12) + 0.0
+    every = len(kept) == 1 and math.factorial(len(kept[0][0])) <= _RESAMPLES
+    drawn = np.mean([_drawn(*both, _orders(len(both[0]), None if every else seed))
+                     for seed, both in enumerate(kept)], axis=0)  # fmt: skip
     # A hair's slack: equal correlations may differ in the last bit.
     extreme = int((np.abs(drawn) >= abs(value) - 1e-9).sum())
     # The order found counts as one of a sample, so its p is never zero.
@@ -133,18 +98,18 @@ def _correlate(sides: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, f
     return value, (extreme + own) / (len(drawn) + own)
 
 
-def _size(a: np.ndarray, b: np.ndarray) -> float:
-    return math.sqrt((a**2).sum() * (b**2).sum())
-
-
 @cache
-def _some_orders(n: int, seed: int) -> np.ndarray:
+def _orders(n: int, seed: int | None) -> np.ndarray:
+    """Orders of ``n`` camera sets, ``(k, n)``: random ones, or without a seed all of them."""
+    if seed is None:
+        return np.array([*permutations(range(n))])
     generator = np.random.default_rng(seed)
     return generator.permuted(np.tile(np.arange(n), (_RESAMPLES, 1)), axis=1)
 
 
 def _drawn(a: np.ndarray, b: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """The correlation of each of the orders ``(k, n)`` of ``a`` with ``b``."""
+    """The correlation of each of the orders ``(k, n)`` of ``a`` with ``b``, ``(k,)``."""
+    # In parts, for the memory's sake.
     parts = np.array_split(orders, max(1, orders.size * len(a) // 1_000_000))
     moved = (a[part[:, :, None], part[:, None, :]] for part in parts)
-    return np.concatenate([np.einsum("kij,ij->k", one, b) / _size(a, b) for one in moved])
+    return np.concatenate([np.einsum("kij,ij->k", one, b) for one in moved])
