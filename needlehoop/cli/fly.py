@@ -180,11 +180,8 @@ def watch(options: argparse.Namespace) -> None:
     del found["steps_trained"]
     found = {"run": str(run.folder), **found}
     print(json.dumps(found) if options.json else lines, flush=True)
-    from needlehoop.learning.evaluate import film, show
+    from needlehoop.learning.evaluate import film
 
-    if window:
-        show(job.env, agent, own.video_episodes, found["seed"])
-        return
     set_aside(out)
     film(job.env, agent, own.video_episodes, found["seed"], out)
     if not options.json:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -10,9 +10,9 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
+from needlehoop.learning.agent import Agent
 from needlehoop.learning.encoder import Fold
 from needlehoop.learning.networks import Normalizer
-from needlehoop.learning.policy_spec import PolicySpec
 
 
 class Algorithm:
@@ -24,6 +24,7 @@ class Algorithm:
         seed: decides the minibatches.
     """
 
+    agent_class: ClassVar[type[Agent]]
     policy: TensorDictModuleBase
     """Acts in the environments."""
 
@@ -33,11 +34,6 @@ class Algorithm:
         self.done_updates = 0
         self._optimizers: dict[str, torch.optim.Optimizer] = {}
         self._generator = torch.Generator().manual_seed(seed)
-
-    @staticmethod
-    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> nn.Module:
-        """An untrained agent; its ``actor`` is the policy."""
-        raise NotImplementedError
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
         """Learn from a buffer ``(num_envs, horizon)``; returns what is reported, as means."""
@@ -55,7 +51,7 @@ class Algorithm:
     def _end_update(self, buffer: TensorDictBase) -> None:
         """After the last minibatch of a buffer."""
         for path, module in self.agent.named_modules():
-            # Each trunk has one of its own for each vector, by its name.
+            # The path of a normaliser ends in the name of its vector.
             if isinstance(module, Normalizer):
                 module.learn(buffer[path.rpartition(".")[2]])
         self.done_updates += 1
@@ -89,7 +85,7 @@ class Memory:
 
     def __init__(self, most: int, minibatch: int, device: torch.device, generator: torch.Generator):
         storage = LazyTensorStorage(most, device=device)
-        self._frames = TensorDictReplayBuffer(storage=storage, batch_size=minibatch)
+        self._frames = TensorDictReplayBuffer(storage=storage)
         self._minibatch, self._device, self._generator = minibatch, device, generator
 
     def __len__(self) -> int:

@@ -12,10 +12,9 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torch.nn import functional
 
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm import Algorithm, Memory, step
 from needlehoop.learning.algorithm_config import DaggerConfig
-from needlehoop.learning.policy_spec import PolicySpec
 from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
 _RAMP = 30
@@ -25,10 +24,10 @@ _RAMP = 30
 class Pupil(TensorDictModuleBase):
     """Acts as the expert does or, in the learner's episodes, as the policy would on average."""
 
-    def __init__(self, agent: Agent):
+    def __init__(self, agent: ValueAgent):
         super().__init__()
         self.in_keys, self.out_keys = [*agent.seen_keys, EXPERT, LEARNER], ["action"]
-        self.trunk, self.head = agent.trunks[0], agent.gaussian
+        self.trunk, self.head = agent.trunk, agent.gaussian
         self._seen = agent.seen_keys
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -42,23 +41,20 @@ class Pupil(TensorDictModuleBase):
 class Dagger(Algorithm):
     """Learns from all frames so far, after each new buffer of them.
 
-    The mean action is fitted by a smooth L1 loss: the few frames in which the expert switches then
-    count for less. The deviation is fitted to the error that is left. The policy becomes the
-    Gaussian that explains the expert best. The value function does not change.
+    The mean action is fitted by a smooth L1 loss, in which the few frames where the expert
+    switches count for less. The deviation is fitted to the error that is left. The value function
+    does not change.
     """
 
+    agent_class = ValueAgent
     config: DaggerConfig
 
-    def __init__(self, agent: Agent, config: DaggerConfig, updates: int, seed: int):
+    def __init__(self, agent: ValueAgent, config: DaggerConfig, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
         self.policy = Pupil(agent)
-        self._adam([*agent.actor.parameters()])
-        own = (config.memory, config.minibatch, self.device, self._generator)
-        self._memory = Memory(*own)
-
-    @staticmethod
-    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> Agent:
-        return Agent(spec, dtype)
+        self._actor = agent.actor
+        self._adam([*self._actor.parameters()])
+        self._memory = Memory(config.memory, config.minibatch, self.device, self._generator)
 
     def remember(self, buffer: TensorDictBase) -> None:
         self._memory.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
@@ -70,9 +66,9 @@ class Dagger(Algorithm):
         for number in range(self.config.minibatches):
             rate = self._schedule(number)
             frames = self._memory.sample(self.agent.fold, self.config.picture_shift)
-            loss, told = self._judge(frames)
+            loss, reported = self._judge(frames)
             step(self._optimizers["all"], loss)
-            totals.update(told)
+            totals.update(reported)
         self._end_update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]
         return {
@@ -83,9 +79,9 @@ class Dagger(Algorithm):
         }
 
     def _judge(self, frames: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss, and what it reports."""
+        """The loss, and what is reported of it."""
         label: Any = frames[LABEL]
-        actor = self.agent.actor
+        actor = self._actor
         loc, scale = actor.head(actor.trunk(*(frames[key] for key in self.agent.seen_keys)))
         error = functional.smooth_l1_loss(loc, label, reduction="none", beta=self.config.bend)
         weights = torch.ones_like(label[0])
@@ -93,13 +89,13 @@ class Dagger(Algorithm):
         imitation = (error * weights).mean()
         left = (loc.detach() - label) ** 2
         likelihood = (scale.log() + left / (2 * scale**2)).mean()
-        told = {
+        reported = {
             "loss_imitation": imitation,
             "error": (loc - label).abs().mean(),
             "error_jaw": (loc - label)[:, -1].abs().mean(),
             "sigma": scale.mean(),
         }
-        return imitation + likelihood, {name: one.detach() for name, one in told.items()}
+        return imitation + likelihood, {name: one.detach() for name, one in reported.items()}
 
     def _schedule(self, number: int) -> float:
         """Set the learning rate for a minibatch of this buffer; returns it."""

@@ -25,7 +25,6 @@ from needlehoop.probe.frames import Frames, collect
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.scores import constant, errors
 from needlehoop.runs.files import seen
-from needlehoop.runs.machine import available_cpus
 
 
 def probe(plan: Plan, folder: Folder) -> None:
@@ -99,7 +98,7 @@ def _probe_seed(
         reader.learn(updated)
         save(name, *reader.read(held_out))
 
-    with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
+    with ThreadPoolExecutor(plan.env.engine.cpus) as pool:
         try:
             jobs = [
                 pool.submit(measure, name, Reader(plan, learnt, own, seed))

@@ -9,11 +9,10 @@ from torch.nn.functional import pixel_unshuffle
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from needlehoop.config import composing, strict
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold, convolution_dtype
 from needlehoop.learning.job import typed_job
-from needlehoop.learning.networks import HeadConfig, Normalizer, Trunk
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, Trunk
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
@@ -39,16 +38,16 @@ def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> Compos
     return spec
 
 
-def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> Agent:
+def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> ValueAgent:
     torch.manual_seed(0)
     seen = dict(spec.items())
     channels = {name: one.shape[1] for name, one in seen.get("pixels", {}).items()}
     vectors = {name: seen[name].shape[-1] for name in ("proprio", "signals") if name in seen}
     own = PolicySpec(channels, 16, vectors, encoder, replace(HEADS, **heads), "tool", 5, "fp32")
-    return Agent(own, torch.float32)
+    return ValueAgent(own, torch.float32)
 
 
-def said(agent: Agent, seen: TensorDictBase) -> tuple[torch.Tensor, ...]:
+def said(agent: ValueAgent, seen: TensorDictBase) -> tuple[torch.Tensor, ...]:
     """Mean, deviation and value of an observation."""
     folded = seen.clone()
     for name, image in seen["pixels"].items() if "pixels" in seen else ():
@@ -274,7 +273,7 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
         assert all(grad is None for grad in grads[1 - moved])
 
 
-def told(spec: Composite) -> Agent:
+def told(spec: Composite) -> ValueAgent:
     spec["facts"] = Composite(
         {name: Binary(1, shape=(2, 1), dtype=torch.bool) for name in ("grasped", "lifted")},
         shape=(2,),

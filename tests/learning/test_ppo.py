@@ -11,11 +11,10 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from needlehoop.config import strict
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm_config import PpoConfig
 from needlehoop.learning.encoder import EncoderConfig
-from needlehoop.learning.networks import HeadConfig, Normalizer
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec
 from needlehoop.learning.ppo import Ppo
 
 ENCODER = EncoderConfig(name="small", stem=2, channels=(2, 2), blocks=1)
@@ -50,14 +49,16 @@ GIVEN = {**VALUES, "network": {**asdict(HEADS), "told": list(HEADS.told)}}
 """As a config has them."""
 
 
-def make_agent(seen: str = "signals", seed: int = 0, heads: HeadConfig = HEADS) -> Agent:
+def make_agent(seen: str = "signals", seed: int = 0, heads: HeadConfig = HEADS) -> ValueAgent:
     torch.manual_seed(seed)
     channels = {"seg_a": 3} if seen == "pixels" else {}
     vectors = {"signals": 4} if seen == "signals" else {}
-    return Agent(PolicySpec(channels, 8, vectors, ENCODER, heads, "tool", 2, "fp32"), torch.float32)
+    return ValueAgent(
+        PolicySpec(channels, 8, vectors, ENCODER, heads, "tool", 2, "fp32"), torch.float32
+    )
 
 
-def make_ppo(agent: Agent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
+def make_ppo(agent: ValueAgent, updates: int = 4, seed: int = 0, **changed) -> Ppo:
     return Ppo(agent, PpoConfig(**{**VALUES, **changed}), updates, seed)
 
 
@@ -69,7 +70,7 @@ def flags(*places: tuple[int, int]) -> torch.Tensor:
 
 
 def make_buffer(
-    agent: Agent,
+    agent: ValueAgent,
     seed: int = 0,
     terminated: torch.Tensor | None = None,
     truncated: torch.Tensor | None = None,
@@ -100,12 +101,12 @@ def make_buffer(
     return buffer
 
 
-def outputs(agent: Agent, seen: TensorDictBase) -> TensorDictBase:
+def outputs(agent: ValueAgent, seen: TensorDictBase) -> TensorDictBase:
     common, head, value = agent.torchrl()
     return value(head(common(seen.select(*agent.in_keys))))
 
 
-def values_of(agent: Agent, seen: TensorDictBase) -> torch.Tensor:
+def values_of(agent: ValueAgent, seen: TensorDictBase) -> torch.Tensor:
     return outputs(agent, seen)["state_value"]
 
 
@@ -114,7 +115,7 @@ def learn(ppo: Ppo, buffer: TensorDict) -> dict[str, float]:
 
 
 def plain_advantages(
-    agent: Agent, buffer: TensorDict, gamma: float, lam: float, horizon: int = STEPS
+    agent: ValueAgent, buffer: TensorDict, gamma: float, lam: float, horizon: int = STEPS
 ) -> torch.Tensor:
     """Generalised advantages, one step after the other; every successor is looked at anew."""
     with torch.no_grad():
