@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from typing import Any
 
 import torch
@@ -13,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from needlehoop.learning.agent import ValueAgent
-from needlehoop.learning.algorithm import Algorithm, Memory, step
+from needlehoop.learning.algorithm import ReplayAlgorithm, step
 from needlehoop.learning.algorithm_config import DaggerConfig
 from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
@@ -38,8 +37,8 @@ class Pupil(TensorDictModuleBase):
         return tensordict.set("action", action)
 
 
-class Dagger(Algorithm):
-    """Learns from all frames so far, after each new buffer of them.
+class Dagger(ReplayAlgorithm):
+    """Fits the policy to the expert's actions in all frames so far.
 
     The mean action is fitted by a smooth L1 loss, in which the few frames where the expert
     switches count for less. The deviation is fitted to the error that is left. The value function
@@ -51,37 +50,22 @@ class Dagger(Algorithm):
 
     def __init__(self, agent: ValueAgent, config: DaggerConfig, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
-        self.policy = Pupil(agent)
-        self._actor = agent.actor
+        self.policy, self._actor = Pupil(agent), agent.actor
         self._adam([*self._actor.parameters()])
-        self._memory = Memory(config.memory, config.minibatch, self.device, self._generator)
 
-    def remember(self, buffer: TensorDictBase) -> None:
-        self._memory.extend(buffer.select(*self.agent.seen_keys, LABEL).reshape(-1))
+    def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
+        return buffer.select(*self.agent.seen_keys, LABEL)
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
         """As ``Algorithm.update``. Episodes of the expert do not count as ended afterwards."""
-        self.remember(buffer)
-        totals, rate = Counter[str](), 0.0
-        for number in range(self.config.minibatches):
-            rate = self._schedule(number)
-            frames = self._memory.sample(self.agent.fold, self.config.picture_shift)
-            loss, reported = self._judge(frames)
-            step(self._optimizers["all"], loss)
-            totals.update(reported)
-        self._end_update(buffer)
+        found = super().update(buffer)
         buffer["next", "done"] &= buffer[LEARNER]
-        return {
-            **{name: float(value) / self.config.minibatches for name, value in totals.items()},
-            "frames": float(len(self._memory)),
-            "learning_rate": rate,
-            "share": float(buffer[LEARNER].float().mean()),
-        }
+        return {**found, "share": float(buffer[LEARNER].float().mean())}
 
-    def _judge(self, frames: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss, and what is reported of it."""
+    def _learn(self, number: int) -> dict[str, Tensor]:
+        self._schedule(number)
+        frames, actor = self._minibatch(), self._actor
         label: Any = frames[LABEL]
-        actor = self._actor
         loc, scale = actor.head(actor.trunk(*(frames[key] for key in self.agent.seen_keys)))
         error = functional.smooth_l1_loss(loc, label, reduction="none", beta=self.config.bend)
         weights = torch.ones_like(label[0])
@@ -95,13 +79,13 @@ class Dagger(Algorithm):
             "error_jaw": (loc - label)[:, -1].abs().mean(),
             "sigma": scale.mean(),
         }
-        return imitation + likelihood, {name: one.detach() for name, one in reported.items()}
+        step(self._optimizers["all"], imitation + likelihood)
+        return {name: one.detach() for name, one in reported.items()}
 
-    def _schedule(self, number: int) -> float:
-        """Set the learning rate for a minibatch of this buffer; returns it."""
+    def _schedule(self, number: int) -> None:
+        """Set the learning rate for a minibatch of this update: a ramp, then half a cosine."""
         done = self.done_updates * self.config.minibatches + number
         share = done / (self.updates * self.config.minibatches)
         rate = self.config.learning_rate * (1 + math.cos(math.pi * share)) / 2
         rate *= min(1.0, (done + 1) / _RAMP)
         self._optimizers["all"].param_groups[0]["lr"] = rate
-        return rate

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from needlehoop.config.strict import OneOf, Range
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
-"""What convolutions compute in, by name."""
+"""Types of convolutions, by name."""
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,10 @@ def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
     """
     if precision == "auto":
         if device.type == "cuda":
-            has_bfloat16 = torch.cuda.is_bf16_supported(including_emulation=False)
+            is_fast = torch.cuda.is_bf16_supported(including_emulation=False)
         else:
-            has_bfloat16 = torch.cpu._is_avx512_bf16_supported()
-        return torch.bfloat16 if has_bfloat16 else torch.float32
+            is_fast = torch.cpu._is_avx512_bf16_supported()
+        return torch.bfloat16 if is_fast else torch.float32
     if precision not in DTYPES:
         raise ValueError(
             f"precision: {precision!r} is unknown; choose from auto, {', '.join(DTYPES)}"

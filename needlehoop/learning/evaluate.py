@@ -19,8 +19,8 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import build_agent, load_weights
-from needlehoop.learning.weights import read_step, read_weights
+from needlehoop.learning.learner import build_agent
+from needlehoop.learning.weights import fitting, read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.rewards import reference_reward
 from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
@@ -29,15 +29,11 @@ from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
 SAMPLED = "success_sampled"
-"""Success of the same agent on the same episodes, its actions drawn at random as in training."""
+"""Success on the same episodes with actions drawn at random, as in training."""
 
 
 def acting(actor: Actor, sampled: bool = False) -> MakeController:
-    """Makes a policy the controller of any simulation it was made for.
-
-    Args:
-        sampled: whether its actions are drawn, as in training; they are its mean otherwise.
-    """
+    """Makes controllers of a policy; its actions are drawn if ``sampled``, or else its mean."""
     device = next(actor.parameters()).device
 
     def make(simulation: Simulation) -> Controller:
@@ -64,10 +60,7 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
 
 
 def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = False) -> Outcome:
-    """Run the first episode of ``episodes`` environments of the settings' seed.
-
-    Episode ``i`` is the same however many there are.
-    """
+    """Run the first episode of ``episodes`` environments of the settings' seed."""
     return run_batches(settings, episodes, size=50, make=acting(agent.actor, sampled))
 
 
@@ -87,11 +80,7 @@ def on_the_way(job: Job, agent: Agent) -> dict[str, float | int]:
 
 
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
-    """Evaluate an agent at length.
-
-    Raises:
-        ValueError: no episodes, or the seed of the training.
-    """
+    """Evaluate an agent at length; ``ValueError`` for no episodes or the training's seed."""
     check_seed(job, seed)
     mean, drawn = _both_ways(job, agent, episodes, seed)
     return {"seed": seed, **with_intervals(job.env.definition, mean), **drawn}
@@ -104,11 +93,7 @@ def check_seed(job: Job, seed: int) -> None:
 
 
 def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
-    """A video of the agent, with its own cameras' images beside the scene.
-
-    Args:
-        out: an ``.mp4`` file; written whole or not at all.
-    """
+    """Write a video of the agent, an ``.mp4``, with its cameras' images beside the scene."""
     simulation = build(replace(job_env, num_envs=1, seed=seed))
     record(simulation, acting(agent.actor)(simulation), episodes, out)
 
@@ -116,11 +101,8 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
     """Which of a run's policies is meant, and how many steps it was trained for.
 
-    Args:
-        asked: ``last`` or ``best``; ``None``: the last, or else the best.
-
-    Raises:
-        ValueError: another word, or the run has no such policy.
+    ``asked``: ``last`` or ``best``; ``None``: the last, or else the best. ``ValueError`` for
+    another word, or where the run has no such policy.
     """
     if asked not in (None, *POLICIES):
         raise ValueError(f"policy: {asked!r} is unknown; choose from {', '.join(POLICIES)}")
@@ -143,36 +125,33 @@ def told_policy(which: str, steps: int | None) -> str:
 def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -> Agent:
     """One of a run's agents.
 
-    Args:
-        policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
-            ``best``, that of ``best.safetensors``. The value function of a file is untrained.
+    ``policy``: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
+    ``best``, that of ``best.safetensors``. The value function of such a file is untrained.
 
     Raises:
-        ValueError: neither of them, or one that is damaged or of another run.
+        ValueError: there is none, or it is damaged or of another run.
     """
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
     agent = build_agent(job, device)
-    is_last = policy == "last"
     # Also before the checkpoint is read, so that a damaged file is noticed.
-    if weights.exists() or not is_last:
+    if weights.exists() or policy == "best":
         read_weights(weights, agent.actor)
-    if is_last and (checkpoint.exists() or not weights.exists()):
-        load_weights(checkpoint, run.checkpoint().state, job, agent)
+    if policy == "last" and (checkpoint.exists() or not weights.exists()):
+        state = run.checkpoint().state
+        with fitting(str(checkpoint)):
+            agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
     return agent
 
 
 def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
-    summary = outcome.summary()
-    n = int(summary["episodes"])
-    intervals = {
-        f"{name}_95": wilson(round(summary[name] * n), n)
-        for name in ("success", "cheat")
-        if name in summary
-    }
+    n, found = len(outcome.steps), dict[str, Any](outcome.summary())
+    for name in ("success", "cheat"):
+        if name in outcome.facts:
+            found[f"{name}_95"] = wilson(int(outcome.facts[name].sum()), n)
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
-    return {**summary, **intervals, "return_sd": spread, "human_unit": unit}
+    return {**found, "return_sd": spread, "human_unit": unit}
 
 
 def wilson(count: int, n: int) -> list[float]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from torch import nn
 
 from needlehoop.learning.agent import Agent
 from needlehoop.learning.algorithm import Algorithm
@@ -21,8 +18,8 @@ from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.learning.job import Job
 from needlehoop.learning.ppo import Ppo
 from needlehoop.learning.sac import Sac
+from needlehoop.learning.weights import fitting
 from needlehoop.runs.files import DAGGER, PPO, SAC
-from needlehoop.runs.run import ADVICE
 
 ALGORITHMS: dict[str, type[Algorithm]] = {PPO: Ppo, DAGGER: Dagger, SAC: Sac}
 """By ``algo.kind``; each has its settings in a file of ``conf/algo``."""
@@ -35,7 +32,7 @@ class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        state: of an earlier learner of the job.
+        state: of an earlier learner of the job, to go on from.
         weights: of another run's agent, to begin with.
 
     Raises:
@@ -56,18 +53,18 @@ class Learner:
             self.agent.load_state_dict(weights)
         algo = job.algo if job.init is not None else job.algo.of_new_agent()
         kind = ALGORITHMS[algo.kind]
-        self.algorithm = kind(self.agent, algo, job.updates, job.env.seed)
+        self.algorithm: Any = kind(self.agent, algo, job.updates, job.env.seed)
         self._flown: list[torch.Tensor] = []
         self._ended = self._diverged = 0
         if state is not None:
-            with _fitting("checkpoint"):
+            with fitting("checkpoint"):
                 self.algorithm.load_state_dict(state[algo.kind])
                 # As many as before, because each goes on from its own state.
                 workers = sum(key.startswith("worker") for key in state["collector"]) or 1
                 job = replace(job, collector=replace(job.collector, workers=workers))
         self._collector = collector_of(job, self.algorithm.policy, self.device)
         if state is not None:
-            with _fitting("checkpoint"):
+            with fitting("checkpoint"):
                 self._go_on(state)
 
     @property
@@ -159,38 +156,6 @@ def _by_worker(
     """A collector's state, changed in each worker's part, or as a whole where it has none."""
     workers = {key: change(one) for key, one in state.items() if key.startswith("worker")}
     return {**state, **workers} if workers else change(state)
-
-
-def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
-    """Raises ``ValueError`` for a checkpoint that a job did not make.
-
-    Args:
-        state: its ``update``, ``wall_time`` and ``learner``.
-    """
-    method, update = job.algo.kind, state.get("update")
-    done = state.get("learner", {}).get(method, {}).get("done_updates")
-    if "wall_time" not in state or done is None or done != update or not 0 < done <= job.updates:
-        raise ValueError(
-            f"{path} does not fit its run of {job.updates} updates: update: {update}, that of"
-            f" learner.{method}: {done}; {ADVICE}"
-        )
-
-
-def load_weights(path: Path, state: Mapping[str, Any], job: Job, agent: nn.Module) -> None:
-    """Put a checkpoint's weights into an agent of its job; errors as in ``check_state``."""
-    check_state(path, state, job)
-    with _fitting(str(path)):
-        agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
-
-
-@contextmanager
-def _fitting(what: str) -> Iterator[None]:
-    """Raises ``ValueError`` in one line where a state does not fit."""
-    try:
-        yield
-    except (LookupError, RuntimeError, TypeError, ValueError) as error:
-        said = str(error).splitlines()[-1].strip()
-        raise ValueError(f"{what}: of another run, or another version: {said}") from error
 
 
 def build_agent(job: Job, device: torch.device) -> Agent:

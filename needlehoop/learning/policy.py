@@ -48,25 +48,23 @@ class Policy:
         Raises:
             ValueError: something is missing, or of another shape or type; says what.
         """
-        keys = set(observation.keys())
-        pixels = observation["pixels"] if "pixels" in keys else observation
-        given = {name: pixels[name] for name in self._images if name in pixels.keys()}  # noqa: SIM118
-        given |= {name: observation[name] for name in self._vectors if name in keys}
+        given = dict(observation.items())
+        given |= given.pop("pixels", {}).items()
         needed = (*self._images, *self._vectors)
-        if missing := {*needed} - {*given}:
+        if missing := sorted({*needed} - {*given}):
             raise ValueError(
-                f"observation: {', '.join(sorted(missing))} missing; the policy sees"
-                f" {', '.join(needed)}"
+                f"observation: {', '.join(missing)} missing; the policy sees {', '.join(needed)}"
             )
+        first = given[needed[0]]
         # A copy, because torch warns of arrays that may not be written to.
         seen = {
             name: one if isinstance(one, Tensor) else torch.from_numpy(np.array(one))
             for name, one in given.items()
+            if name in needed
         }
         images = [_image(name, seen[name], shape) for name, shape in self._images.items()]
         vectors = [_vector(name, seen[name], n) for name, n in self._vectors.items()]
         found = self._actor(*(one.to(self._device) for one in (*images, *vectors))).clamp(-1.0, 1.0)
-        first = next(iter(given.values()))
         return found.to(first.device) if isinstance(first, Tensor) else found.cpu().numpy()
 
 
@@ -97,21 +95,17 @@ class _Clamped(nn.Module):
 
 
 def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
-    """The content of an ONNX file of a policy. Extra ``onnx``.
+    """The content of an ONNX file of a policy on the CPU, in ``PRECISION``. Extra ``onnx``.
 
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
     and ``told`` where it had them, float32 ``(n, length)``; its output is ``action``, float32
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
 
-    Args:
-        actor: its policy, on the CPU, in ``PRECISION``.
-
     Raises:
-        RuntimeError: the exporter is not installed, or does not take the policy.
+        RuntimeError: the exporter is not installed.
     """
     try:
-        for package in ("onnx", "onnxscript"):
-            import_module(package)
+        import_module("onnxscript")
     except ImportError as error:
         raise RuntimeError(
             f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"

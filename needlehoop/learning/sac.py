@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import torch
@@ -13,7 +12,7 @@ from torchrl.modules import ProbabilisticActor, TanhNormal
 from torchrl.objectives import SACLoss, SoftUpdate
 
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.algorithm import Algorithm, Memory, step
+from needlehoop.learning.algorithm import ReplayAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
 from needlehoop.learning.encoder import linear
 from needlehoop.learning.networks import HeadConfig, PolicySpec, dense
@@ -44,7 +43,7 @@ class SacAgent(Agent):
         self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
 
 
-class Sac(Algorithm):
+class Sac(ReplayAlgorithm):
     """Learns from all steps so far, after each new buffer of them.
 
     The critics train the encoders; the policy reads their features as they are.
@@ -83,29 +82,15 @@ class Sac(Algorithm):
         self._adam([*weights, *trunk.encoders.parameters()], "critics")
         self._adam([*trunk.layers.parameters(), *agent.gaussian.parameters()], "actor")
         self._adam([self._loss.log_alpha], "alpha")
-        self._memory = Memory(config.memory, config.minibatch, self.device, self._generator)
 
-    def remember(self, buffer: TensorDictBase) -> None:
+    def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
         keys, following = self.agent.in_keys, buffer.get("next")
         kept = buffer.select(*keys, "action")
         kept["next"] = following.select(*keys, "reward", "done", "terminated")
-        self._memory.extend(kept.reshape(-1))
+        return kept
 
-    def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        self.remember(buffer)
-        totals = Counter[str]()
-        for _ in range(self.config.minibatches):
-            totals.update(self._learn())
-        self._end_update(buffer)
-        return {
-            **{name: float(value) / self.config.minibatches for name, value in totals.items()},
-            "frames": float(len(self._memory)),
-            "learning_rate": self.config.learning_rate,
-        }
-
-    def _learn(self) -> dict[str, Tensor]:
-        """Learn from a minibatch; returns what is reported of it."""
-        frames = self._memory.sample(self.agent.fold, self.config.picture_shift)
+    def _learn(self, number: int) -> dict[str, Tensor]:
+        frames = self._minibatch()
         with torch.no_grad():
             self._see(frames["next"])
         value, _ = self._loss.qvalue_v2_loss(self._see(frames))

@@ -23,7 +23,7 @@ NONE, ALL = "none", "all"
 
 @dataclass(frozen=True)
 class Condition:
-    """Amounts by axis, under a name."""
+    """Amounts by axis, under the name of one axis or of all."""
 
     axis: str
     severity: int
@@ -31,10 +31,10 @@ class Condition:
 
 
 def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
-    """Axes by their names or their groups'; all by default.
+    """Axes by their names or their groups', such as ``camera.shift`` and ``scene``.
 
     Args:
-        words: names of axes or groups, such as ``camera.shift`` and ``scene``.
+        words: none: all axes.
         blind: whether there are no cameras, so that only the robot can be disturbed.
 
     Raises:
@@ -58,7 +58,6 @@ def conditions(
 
     Args:
         levels: amounts at severities 1, 2, … by axis, by group: ``conf/levels``.
-        axes: as from ``chosen_axes``.
         together: severity of all at once.
 
     Raises:
@@ -77,23 +76,19 @@ def conditions(
 
 
 def stress(
-    settings: Settings,
-    make: MakeController,
-    tried: list[Condition],
-    episodes: int,
-    size: int,
+    settings: Settings, make: MakeController, tried: list[Condition], episodes: int, size: int
 ) -> list[dict[str, Any]]:
     """A controller's results under each condition, a row each.
 
-    Episode ``i`` begins in the same way under all of them. All share one batch: an environment
-    that is done takes the next episode that waits, of any condition. Most episodes end long before
-    the time limit, so a batch for each condition would take three times as long.
+    Episode ``i`` begins in the same way under all of them. All share one batch of ``size``
+    environments: one that is done takes the next episode that waits, of any condition. Most
+    episodes end long before the time limit, so a batch for each condition would take three times
+    as long.
 
     Args:
         settings: environment with the seed of the episodes, undisturbed.
         make: makes the controller, which has no memory of its own.
         episodes: of each condition.
-        size: environments side by side.
     """
     total, task = episodes * len(tried), settings.definition
     amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
@@ -159,6 +154,5 @@ def summary(rows: list[dict[str, Any]]) -> str:
         worst = sorted(own.values(), key=lambda row: row["success"])[:3]
         axes = ", ".join(f"{row['axis']} {row['success']:.0%}" for row in worst)
         lines.append(f"worst        {axes}")
-    together = next(row for row in rows if row["axis"] == ALL)
-    lines.append(f"all at once  {together['success']:.1%} (severity {together['severity']})")
+    lines.append(f"all at once  {rows[-1]['success']:.1%} (severity {rows[-1]['severity']})")
     return "\n".join(lines)

@@ -11,6 +11,7 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
+from needlehoop.config.strict import check_names, shown
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import MakeController, by_name, controllers
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
@@ -61,20 +62,14 @@ def subject(
         spec = read_spec(path)
         seen = [f"cams=[{','.join(spec.channels)}]", f"image_size={spec.image_size}"]
         settings = compose_settings([*seen, f"episode.control={spec.control}", *chosen])
-        for name, channels in settings.image_channels.items():
-            if spec.channels.get(name) != channels:
-                raise ValueError(
-                    f"{path}: {name} has {spec.channels.get(name)} channels there, {channels}"
-                    " here; give the settings that it was trained with (obs.frame_stack=…)"
-                )
+        if settings.image_channels != spec.channels:
+            raise ValueError(
+                f"{path}: its images have channels {shown(spec.channels)}, and these"
+                f" {shown(settings.image_channels)}; give its own settings (obs.frame_stack=…)"
+            )
         return Subject(settings, acting(read_actor(path, spec, device)))
     settings = compose_settings(chosen)
-    valid = controllers(settings)
-    if who not in valid:
-        raise ValueError(
-            f"{who!r} is no run's folder, no policy.safetensors and no controller; controllers"
-            f" of {settings.task.name}: {', '.join(valid)}"
-        )
+    check_names("a run's folder, policy.safetensors or controller", [who], controllers(settings))
     return Subject(replace(settings, cams=()), by_name(who))
 
 

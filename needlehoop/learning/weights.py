@@ -87,11 +87,18 @@ def read_weights(path: Path, actor: Actor) -> None:
     """Put a file's weights into a policy of its run; errors as in ``read_spec``."""
     with _opened(path):
         state = load_file(path)
-    try:
+    with fitting(str(path)):
         actor.load_state_dict(state)
-    except RuntimeError as error:
+
+
+@contextmanager
+def fitting(what: str) -> Iterator[None]:
+    """Raises ``ValueError`` in one line where a state does not fit what it is loaded into."""
+    try:
+        yield
+    except (LookupError, RuntimeError, TypeError, ValueError) as error:
         said = str(error).splitlines()[-1].strip()
-        raise ValueError(f"{path} does not fit its config: {said}") from error
+        raise ValueError(f"{what} does not fit its config: {said}") from error
 
 
 def _note(path: Path, name: str) -> Any:

@@ -34,13 +34,6 @@ def test_unknown_axes_are_refused(words, blind, said):
         chosen_axes(words, blind=blind)
 
 
-def test_axes_are_named_by_group_or_alone():
-    assert chosen_axes(["camera", "robot.late"], blind=False) == [
-        "camera.shift", "camera.turn", "camera.focal", "camera.drift", "robot.late",
-    ]  # fmt: skip
-    assert all(key.startswith("robot.") for key in chosen_axes([], blind=True))
-
-
 def test_the_result_does_not_depend_on_the_batch():
     settings = compose_settings(["seed=3", "task=near"])
     tried = [
