@@ -15,8 +15,9 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file
 
-from needlehoop.cli.train import begin, run
+from needlehoop.cli.train import run
 from needlehoop.config import composing
+from needlehoop.training.loop import start
 
 TINY = [
     "obs=signals",
@@ -64,7 +65,7 @@ def composed(*words: str) -> dict[str, Any]:
 
 def run_composed(values: dict[str, Any]) -> None:
     """``python train.py``, below Hydra."""
-    begin(copy.deepcopy(values), [], "python train.py")
+    start(copy.deepcopy(values), [], "python train.py")
 
 
 def refusal(*words: str) -> str:

@@ -206,7 +206,7 @@ def stress(options: argparse.Namespace) -> None:
     from needlehoop.runs.files import STRESS, csv_text, set_aside, write_whole
 
     who = Path(options.who)
-    kinds = {"axes": tuple[str, ...], "levels": Levels, "threads": Number, "out": str | None}
+    kinds = {"axes": strict.Names, "levels": Levels, "threads": Number, "out": str | None}
     kinds |= {"severities": tuple[Count, ...]}
     counts = dict.fromkeys(("together", "episodes", "num_envs"), Count)
     asked, conditions = _asked(options, "stress", **kinds, **counts)

@@ -59,7 +59,7 @@ def _save(image: Any, out: Path) -> None:
 )
 def expert(options: argparse.Namespace) -> None:
     """Run a scripted controller and print what came of it."""
-    kinds = {"controller": str, "grasps": tuple[str, ...] | None, "overwrite": bool}
+    kinds = {"controller": str, "grasps": strict.Names | None, "overwrite": bool}
     settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
     who, grasps = asked.controller, _grasps(asked.grasps, options)
     if options.video is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from needlehoop.cli.command import KEYS, argument, command
+from needlehoop.cli.command import argument, command
 from needlehoop.runs.files import CONFIG
 
 if TYPE_CHECKING:
@@ -169,29 +169,21 @@ def _named(options: argparse.Namespace) -> list[str]:
     return options.study
 
 
-@command(_one_study("a study's folder", type=Path), KEYS)
+@command(_one_study("a study's folder", type=Path))
 def status(options: argparse.Namespace) -> None:
     """Show what of a study is done, running, stopped, failed or missing.
 
-    With the words of a sweep (experiment=table2 seed=0,1,2; or cams=… reward=… seed=…), its runs,
-    those included that nobody has started. Without, the runs that are there or that sweeps have
-    tried, and every seed of one for all others.
+    Missing are the runs that a sweep has tried, and every seed of one run for all others.
     """
     from needlehoop.study.data.records import Study, read_study
     from needlehoop.study.report.status import describe, read_job_ends, standings
 
-    expected = None
-    if options.overrides:
-        # It needs Hydra, and reading files does not.
-        from needlehoop.training.planned import planned
-
-        expected = planned(options.overrides)
     ends, unread = read_job_ends(options.study)
-    # Before its first run a planned study has no folder.
-    begun = options.study.exists() or not (expected or ends)
+    # Before its first run a sweep's study has no folder.
+    begun = options.study.exists() or not ends
     study = read_study(options.study) if begun else Study(options.study, (), ())
     study = replace(study, left_out=(*study.left_out, *unread))
-    print(describe(standings(study, ends, expected), study))
+    print(describe(standings(study, ends), study))
 
 
 @command(

@@ -1,8 +1,4 @@
-"""``python train.py`` and ``needlehoop train``: Hydra's command line.
-
-It has Hydra's own flags (``-m``, ``--cfg``, ``--help``, …), and knows itself what is wrong with
-most command lines before the simulator and the agent are imported.
-"""
+"""``python train.py`` and ``needlehoop train``: Hydra's command line, with its own flags."""
 
 from __future__ import annotations
 
@@ -12,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -20,7 +15,7 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from needlehoop.config import composing, options, own_folder
+from needlehoop.config import composing, own_folder
 from needlehoop.runs.machine import terminable
 from needlehoop.runs.reading import printable
 from needlehoop.training import sweep
@@ -39,34 +34,29 @@ def run(words: Sequence[str], command: str) -> None:
         SystemExit: with one line that names the mistake; or a sweep's run has failed.
     """
     name = command.removeprefix("python ")
-    words = [composing.quoted(word) for word in words]
     with _in_a_line(name):
+        for word in words:
+            sweep.check_plugin(word)
         given, _ = composing.prepare(words)
-        _check(given, words)
-    if said := sweep.reminder(given):
-        print(f"{name}: {said}", file=sys.stderr)
 
     # A closure: the process of a launcher has another command line.
     def job(composed: DictConfig) -> float:
-        composing.allow_variables(given)
         # Hydra has folders of one's own in its search path, and not among a run's words.
         own = [word for word in words if word.startswith(f"{own_folder.KEY}=")]
         return _run_one(composed, command, given, own)
 
-    # Hydra's parser takes settings in one piece, with nothing between them.
+    # Hydra's parser takes settings in one piece, after its flags.
     asked = [*given, *sweep.direction(given)]
-    sys.argv[1:] = sorted(asked, key=lambda word: word not in sweep.MULTIRUN)
+    sys.argv[1:] = sorted(asked, key=lambda word: "=" in word and not word.startswith("-"))
     # Hydra raises errors instead of printing them.
     os.environ["HYDRA_FULL_ERROR"] = "1"
     main = hydra.main(config_path=str(composing.CONF), config_name="config", version_base="1.3")
     try:
         # A scheduler's SIGTERM stops a sweep as Ctrl-C does.
-        with _in_a_line(name), terminable(), composing.guarded():
+        with _in_a_line(name), terminable(), composing.explained("config"):
             main(job)()
     except KeyboardInterrupt:
-        sweeps = sweep.MULTIRUN & set(given) or options.typed(given, "experiment")
-        more = "; the same command goes on with the sweep" if sweeps else ""
-        sys.exit(f"{name}: stopped{more}")
+        sys.exit(f"{name}: stopped; the same command goes on with a sweep")
 
 
 @contextmanager
@@ -87,17 +77,6 @@ def in_a_line(error: BaseException) -> str:
     return printable(first)
 
 
-def _check(words: Sequence[str], typed: Sequence[str]) -> None:
-    """Raises ``ValueError`` for a mistake that Hydra would tell in ten lines or not at all."""
-    for word in words:
-        sweep.check_plugin(word)
-    flags = {word for word in words if word.startswith("-")}
-    if flags and flags <= sweep.MULTIRUN:
-        options.check_choice((word for word in words if word not in flags), composing.CONF)
-    elif not flags and not options.typed(words, "experiment"):
-        composing.compose(typed, "config")
-
-
 def _run_one(
     composed: DictConfig, command: str, typed: Sequence[str], folders: Sequence[str]
 ) -> float:
@@ -106,29 +85,17 @@ def _run_one(
     Returns:
         Its objective, for a sweeper that searches; NaN where the run failed or is not done.
     """
+    from needlehoop.training.loop import start
+
     values, own = composing.plain(composed), HydraConfig.get()
     overrides = [*folders, *own.overrides.task]
     if own.mode != RunMode.MULTIRUN:
         # Hydra would print all settings before it passed an error on.
         with _in_a_line(command.removeprefix("python ")):
-            return begin(values, overrides, command)[1]
+            return start(values, overrides, command)[1]
     words = [word for word in typed if not word.startswith("-")]
     values["label"] = sweep.label_of(values, words, own.sweeper.params or {}, own.overrides.task)
     values["engine"]["threads"] = values["engine"]["threads"] or sweep.threads(own.launcher)
     values["existing"] = "resume" if values["existing"] == "auto" else values["existing"]
-    share = partial(begin, values, overrides, command)
+    share = partial(start, values, overrides, command)
     return sweep.attempt(share, Path(own.runtime.output_dir), sweep.identity(values, overrides))
-
-
-def begin(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
-    """Do one run; how it ended, and its objective.
-
-    Raises:
-        ValueError: before anything heavy is imported, for what is wrong with its settings.
-    """
-    from needlehoop.training.options import check_options
-
-    check_options(values)
-    from needlehoop.training.loop import start
-
-    return start(values, overrides, command)

@@ -49,9 +49,9 @@ def vlm_rank(options: argparse.Namespace) -> None:
     chosen = [word.lstrip("+") for word in options.overrides if word.startswith("+experiment=")]
     named, words = [], options.overrides
     if chosen:
-        from needlehoop.training.planned import planned
+        from needlehoop.training.sweep import camera_sets
 
-        named = list(dict.fromkeys(place.cameras for place in planned(chosen)))
+        named = camera_sets(chosen[0].partition("=")[2])
         # Typed, so that all their views are among the settings.
         words = [*words, f"sets=[{','.join(named)}]"]
     values = composing.compose(words, "vlm_rank")
@@ -98,7 +98,7 @@ def vlm_reward(options: argparse.Namespace) -> None:
     for values in several:
         strict.value(values, "gates", Gates)
         _understood(values)
-    from needlehoop.training.which_run import rules_of
+    from needlehoop.training.session import rules_of
     from needlehoop.vlm.conversation import NoAnswerError
     from needlehoop.vlm.record import RefusalError
     from needlehoop.vlm.writing import read_run
@@ -152,7 +152,7 @@ def _sets(words: list[str]) -> list[list[str]]:
 def _understood(values: dict[str, Any]) -> tuple[Any, Any, Any]:
     """The scene, the inquiry's settings and the provider's, checked."""
     from needlehoop.config import strict
-    from needlehoop.training.options import provider_config
+    from needlehoop.training.session import provider_config
     from needlehoop.vlm.config import InquiryConfig
 
     asked, provider = strict.as_type(values, InquiryConfig), provider_config(values["vlm"])

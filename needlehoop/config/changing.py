@@ -1,4 +1,4 @@
-"""A run's settings with some of them changed: what is typed beside a run, composed onto its config.
+"""A run's settings with some of them changed by words such as ``task=wide episode.max_steps=80``.
 
 Any key of an environment may be changed, and any option of its groups chosen, except what the
 agent's networks were made for.
@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from copy import deepcopy
 from typing import Any
 
 from hydra import initialize_config_dir
-from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from needlehoop.config import composing, options, own_folder
 from needlehoop.config.strict import shown
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF
-
-RECORDED = "recorded"
-"""The name under which Hydra knows the run's settings."""
 
 _SEEN = ("cams", "image_size", "obs")
 _NO_CONDITIONS = {*_SEEN, "cameras", "num_envs", "seed", "task_dir"}
@@ -67,6 +64,8 @@ def changed(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """A run's settings after the words, and those among them that are no longer the run's.
 
+    A group's option replaces the group; another word sets one value.
+
     Args:
         words: as on the command line: ``task=wide``, ``episode.grasp=friction``.
         command: whose keys are named beside the others where one is unknown.
@@ -79,38 +78,56 @@ def changed(
     """
     given = list(words)
     tops = check(given, recorded, command)
+    before = deepcopy(dict(recorded))
     if not tops:
-        return dict(recorded), {}
+        return before, {}
     task = recorded["task"]["name"]
-    rest, folders = composing.prepare(given, task, recorded.get("task_dir"))
+    prepared, folders = composing.prepare(given, task, recorded.get("task_dir"))
+    place = [word for word in prepared if word.startswith("hydra.searchpath=")]
+    rest = [word for word in prepared if word not in place]
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
-    chosen = {_top(word): word for word in rest if re.split("=", word.lstrip("+"))[0] in groups}
-    base = dict(recorded)
+    chosen = [word for word in rest if re.split("=", word.lstrip("+"))[0] in groups]
     if newer := tops - {*recorded}:
         # A run from before there was such a setting has it as it is by default.
         default = composing.compose((), "env")
-        base |= {top: default[top] for top in newer}
-    # Beside what is changed, only what options' files refer to, such as ${cams}: no text of the
-    # run's is read as a reference.
-    plain = {k: v for k, v in base.items() if not isinstance(v, Mapping) and "${" not in str(v)}
-    kept = {**plain, **{top: base[top] for top in tops}}
-    node = {key: value for key, value in kept.items() if key not in chosen}
-    defaults = [*({group: None} for group in chosen), "_self_"]
-    ConfigStore.instance().store(name=RECORDED, node={"defaults": defaults, **node})
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        found = composing.compose_here(rest, RECORDED)
-    if "task" in chosen and found["task"].get("name") != task:
+        before |= {top: default[top] for top in newer}
+    values = deepcopy(before)
+    if chosen:
+        # A reward's file refers to the cameras.
+        seen = [f"cams=[{','.join(recorded['cams'])}]"] if "reward" in tops else []
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            found = composing.compose_here([*place, *chosen, *seen], "env")
+        values |= {_top(word): found[_top(word)] for word in chosen}
+    if values["task"].get("name") != task:
         valid = ", ".join(options.variants(task, [CONF, *folders]))
-        raise ValueError(
-            f"{chosen['task']} is another task than the run's, {task}; choose from {valid}"
-        )
-    values = {**recorded, **{top: found[top] for top in tops}}
-    before = dict(_leaves(base))
+        raise ValueError(f"task: the run's is {task}; choose from {valid}")
+    for word in rest:
+        if word not in chosen:
+            _set(values, word)
+    old = dict(_leaves(before))
     return values, {
         key: new
         for key, new in _leaves({top: values[top] for top in tops})
-        if not key.startswith(_NO_EFFECT) and (key not in before or before[key] != new)
+        if not key.startswith(_NO_EFFECT) and (key not in old or old[key] != new)
     }
+
+
+def _set(values: dict[str, Any], word: str) -> None:
+    """Set one value by a word, in place; errors as in ``changed``."""
+    with composing.explained("env"):
+        (one,) = OverridesParser.create().parse_overrides([word])
+    if one.is_sweep_override() or one.is_delete():
+        raise ValueError(f"{word}: give one value")
+    *above, last = one.key_or_group.split(".")
+    here: dict[str, Any] = values
+    for depth, key in enumerate((*above, last)):
+        if not isinstance(here, dict) or (key not in here and not one.is_add()):
+            valid = f"; choose from {', '.join(here)}" if isinstance(here, dict) else ""
+            raise ValueError(f"{one.key_or_group}: unknown key {key!r}{valid}")
+        if depth < len(above):
+            here = here[key]
+    new, old = one.value(), here.get(last)
+    here[last] = {**old, **new} if isinstance(old, dict) and isinstance(new, dict) else new
 
 
 def check(words: Iterable[str], recorded: Mapping[str, Any], command: str | None) -> set[str]:

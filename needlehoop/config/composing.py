@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,47 +13,12 @@ from hydra import initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.basecontainer import BaseContainer
 from omegaconf.errors import OmegaConfBaseException
 
 from needlehoop.config import options, own_folder
 from needlehoop.runs.shipped import CONF
 
-_typed: set[str] | None = None
-"""Environment variables that were typed; ``None`` where a launcher's process does not know yet."""
-
-
-def allow_variables(words: Iterable[str]) -> None:
-    """From now on ``${oc.env:NAME}`` is read where these words name it, and nowhere else.
-
-    A config file of somebody else's could otherwise carry a secret into a run's files.
-    """
-    global _typed
-    _typed = {name for word in words for name in re.findall(r"\$\{oc\.env:\s*(\w+)", word)}
-
-
-def _variable(name: str, *default: Any) -> Any:
-    """OmegaConf's ``oc.env``, for variables that were typed."""
-    if _typed is not None and name not in _typed:
-        raise ValueError(f"environment variables are read only where you type them: {name}")
-    if name not in os.environ and not default:
-        raise ValueError(f"the environment variable {name} is not set")
-    return os.environ.get(name, *default)
-
-
-@contextmanager
-def guarded() -> Iterator[None]:
-    """Within it ``${oc.env:NAME}`` is read as ``allow_variables`` says; elsewhere as ever.
-
-    A host program may well use OmegaConf, too.
-    """
-    known = BaseContainer._resolvers
-    theirs = known["oc.env"]
-    OmegaConf.register_new_resolver("oc.env", _variable, replace=True)
-    try:
-        yield
-    finally:
-        known["oc.env"] = theirs
+MULTIRUN = {"-m", "--multirun"}
 
 
 def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any]:
@@ -66,49 +30,16 @@ def compose(overrides: Iterable[str] = (), config: str = "env") -> dict[str, Any
 
 def compose_here(overrides: Sequence[str], config: str) -> dict[str, Any]:
     """The same, where Hydra is set up and knows the options already."""
-    with _explained(overrides, config):
+    with explained(config):
         return plain(hydra_compose(config, overrides=list(overrides)))
 
 
-def swept(overrides: Sequence[str]) -> dict[str, Any]:
-    """What an experiment that is among these words sweeps over, where Hydra is set up."""
-    with _explained(overrides, "config"):
-        whole = hydra_compose("config", overrides=list(overrides), return_hydra_config=True)
+def swept(overrides: Iterable[str]) -> dict[str, Any]:
+    """What an experiment that is among these words sweeps over, by key."""
+    words, _ = prepare(overrides)
+    with initialize_config_dir(str(CONF), version_base="1.3"), explained("config"):
+        whole = hydra_compose("config", overrides=words, return_hydra_config=True)
         return dict(whole.hydra.sweeper.params or {})
-
-
-@contextmanager
-def _explained(overrides: Sequence[str], config: str) -> Iterator[None]:
-    options.check_choice(overrides, CONF)
-    try:
-        with guarded():
-            yield
-    except (HydraException, OmegaConfBaseException) as error:
-        raise ValueError(options.of_words(_explain(error, config), overrides)) from error
-
-
-def in_brackets(words: Iterable[str]) -> list[str]:
-    """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
-
-    So is a single one of ``axes`` and ``severities``. Under ``-m`` a comma list stays a sweep.
-    """
-    given = list(words)
-    if {"-m", "--multirun"} & set(given):
-        return given
-    cams = (r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]")
-    tests = (r"^((?:axes|severities)=)([^\[\]'\"]+)$", r"\1[\2]")
-    # Every axis is in the config already; people add one to none.
-    for pattern, into in (cams, tests, (r"^\+disturb\.", "disturb.")):
-        given = [re.sub(pattern, into, word) for word in given]
-    return given
-
-
-def quoted(word: str) -> str:
-    """``resume=`` with its path in quotes for Hydra."""
-    key, _, path = word.partition("=")
-    if key != "resume" or path in ("", "null") or path[0] in "'\"":
-        return word
-    return f"resume={own_folder.in_quotes(path)}"
 
 
 def prepare(
@@ -121,46 +52,75 @@ def prepare(
     """
     rest, folders = own_folder.part(words)
     folders += [] if task_dir is None else [Path(task_dir) / "conf"]
-    allow_variables(rest)
-    options.register_cameras(rest, [CONF, *folders])
-    options.register_task(rest, [CONF, *folders], task)
-    return [*own_folder.search_path(folders), *in_brackets(rest)], folders
+    options.register(rest, [CONF, *folders], task)
+    rest = [_quoted(word) for word in rest]
+    places = ",".join(own_folder.in_quotes(f"file://{folder}") for folder in folders)
+    found = [f"hydra.searchpath=[{places}]"] if places else []
+    return [*found, *in_brackets(rest)], folders
+
+
+def _quoted(word: str) -> str:
+    """``resume=`` with its path in quotes for Hydra."""
+    key, _, path = word.partition("=")
+    is_plain = key == "resume" and path not in ("", "null") and path[0] not in "'\""
+    return f"resume={own_folder.in_quotes(path)}" if is_plain else word
+
+
+def in_brackets(words: Iterable[str]) -> list[str]:
+    """A command line with ``cams=a,b`` as ``cams=[a,b]``, which Hydra takes for one value.
+
+    So is a single one of ``axes`` and ``severities``. Under ``-m`` a comma list stays a sweep.
+    """
+    given = list(words)
+    if MULTIRUN & set(given):
+        return given
+    cams = (r"^(\+*cams=)([^\[\]'\"]*,[^\[\]'\"]*)$", r"\1[\2]")
+    tests = (r"^((?:axes|severities)=)([^\[\]'\"]+)$", r"\1[\2]")
+    # Every axis is in the config already; people add one to none.
+    for pattern, into in (cams, tests, (r"^\+disturb\.", "disturb.")):
+        given = [re.sub(pattern, into, word) for word in given]
+    return given
 
 
 def plain(composed: DictConfig) -> dict[str, Any]:
-    """A composed config as plain values; the chosen cameras are the list ``cams``, no more.
-
-    Raises ``ValueError`` for a camera that is not what its name says.
-    """
-    with guarded():
-        whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+    """A composed config as plain values; the chosen cameras are the list ``cams``, no more."""
+    whole = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     assert isinstance(whole, dict)
-    values = {str(key): value for key, value in whole.items()}
-    options.check_cameras(values.pop(options.CAMERAS, {}))
-    return values
+    return {str(key): value for key, value in whole.items() if key != options.CAMERAS}
 
 
-def _explain(error: Exception, config: str) -> str:
+@contextmanager
+def explained(config: str) -> Iterator[None]:
+    """Turns Hydra's errors into a ``ValueError`` of one line that lists what is valid."""
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException) as error:
+        # Hydra's own command line is over by now.
+        is_over = not GlobalHydra.instance().is_initialized()
+        with initialize_config_dir(str(CONF), version_base="1.3") if is_over else nullcontext():
+            said = _explain(str(error), config)
+        raise ValueError(said) from error
+
+
+def _explain(text: str, config: str) -> str:
     """Hydra's message; an unknown key or option comes with the valid ones."""
-    text = str(error)
+    line = re.sub(r"\s*\n\s*", " ", text.partition("Config search path")[0]).strip()
     if option := re.search(r"Could not load '([^']+)/[^']+'", text):
         # One of several options of a group; of a single one, Hydra itself lists the others.
         valid = GlobalHydra.instance().config_loader().get_group_options(option.group(1))
-        return (
-            f"{options.one_line(text)} Available options in {option.group(1)!r}: {' '.join(valid)}"
-        )
+        return f"{line} Available options in {option.group(1)!r}: {' '.join(valid)}"
     found = re.search(r"Could not override '([^']+)'", text)
     if not found:
-        return options.one_line(text)
+        return line
     here: Any = hydra_compose(config)
     known: list[str] = []
-    for key in found.group(1).split("."):
+    for key in found[1].split("."):
         if not isinstance(here, DictConfig):
             break
         if key not in here:
             where = ".".join(known) or "the top level"
             valid = ", ".join(sorted({*map(str, here)} - {options.CAMERAS}))
-            return f"{found.group(1)}: unknown key {key!r} in {where}; choose from {valid}"
+            return f"{found[1]}: unknown key {key!r} in {where}; choose from {valid}"
         known.append(key)
         here = here[key]
-    return options.one_line(text)
+    return line

@@ -2,51 +2,22 @@
 
 A task from elsewhere is a folder (``task_dir=<folder>``) or an entry point of an installed package
 (``task=<its name>``). Nothing of it is imported here.
-
-Others may have written the YAML. Hydra reads a file when it is chosen, and only within limits.
 """
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 
-from hydra._internal.core_plugins.file_config_source import FileConfigSource
-from hydra._internal.sources_registry import SourcesRegistry
-from hydra.plugins.config_source import ConfigResult
-
-from needlehoop.config.options import options, read_option, typed, views_apart
+from needlehoop.config.options import OF_TASK, read_option, typed
 from needlehoop.runs.shipped import CONF
 
 KEY, TASK_KEY = "conf_dir", "task_dir"
 
 GROUP = "needlehoop.tasks"
 """Entry points of installed packages: ``mine = "my_package.my_task:TASK"``."""
-
-
-class BoundedSource(FileConfigSource):
-    """Hydra's folder of YAML files, each of which is checked before Hydra opens it."""
-
-    @staticmethod
-    def scheme() -> str:
-        """What stands before ``://`` in Hydra's search path."""
-        return "bounded"
-
-    def load_config(self, config_path: str) -> ConfigResult:
-        """Raises ``ValueError`` for a file that is no small mapping in YAML; names it."""
-        file = Path(self.path) / self._normalize_file_name(config_path)
-        # It is imported, and a file must not decide that.
-        if file.exists() and TASK_KEY in read_option(file):
-            raise ValueError(f"{file}: {TASK_KEY} counts only where you type it")
-        return super().load_config(config_path)
-
-    def is_config(self, config_path: str) -> bool:
-        """Also of a pipe or a device, for ``load_config`` to name."""
-        return (Path(self.path) / self._normalize_file_name(config_path)).exists()
 
 
 def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
@@ -78,25 +49,15 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
 
 def task_folder(words: Iterable[str]) -> Path | None:
     """The folder that ``task_dir=`` names, if it does; of several the last."""
-    named = typed(words, TASK_KEY)
-    if not named or named[-1] in ("", "null"):
+    found = typed(words, TASK_KEY)
+    if not found or found[-1] in ("", "null"):
         return None
-    plain = re.sub(r"^(['\"])(.*)\1$", r"\2", named[-1])
-    return Path(plain).expanduser().resolve()
-
-
-def search_path(folders: Iterable[Path]) -> list[str]:
-    """Hydra's override that has it look into the folders; none for none."""
-    SourcesRegistry.instance().register(BoundedSource)
-    places = ",".join(repr(f"{BoundedSource.scheme()}://{folder}") for folder in folders)
-    return [f"hydra.searchpath=[{places}]"] if places else []
+    return Path(found[-1].strip("'\"")).expanduser().resolve()
 
 
 def in_quotes(path: str) -> str:
     """A path in quotes for Hydra, which takes ``=`` and ``{}`` for its own."""
-    escaped = re.sub(r"(\\*)'", lambda found: 2 * found[1] + "\\'", path)
-    trailing = len(path) - len(path.rstrip("\\"))
-    return f"'{escaped}{trailing * chr(92)}'"
+    return "'" + path.replace("'", "\\'") + "'"
 
 
 def _only_task(folder: Path) -> str:
@@ -122,18 +83,23 @@ def _installed(option: str, folders: Sequence[Path]) -> list[Path]:
 
 def _check(folder: Path, key: str) -> None:
     """Raises ``ValueError`` for a folder or file that Hydra would silently ignore."""
-    # Not Path.is_dir, which raises where a name is too long for the disk.
-    if not os.path.isdir(folder):
+    if not folder.is_dir():
         raise ValueError(f"{key}: {str(folder)!r} is no folder")
     valid = sorted(one.name for one in CONF.iterdir() if one.is_dir())
-    for group in sorted(one.name for one in folder.iterdir() if one.is_dir()):
-        if group not in valid:
-            raise ValueError(f"{key}: {group!r} is no group; choose from {', '.join(valid)}")
-        ours = {*_files(CONF / group), *options(CONF, group)}
-        ours |= {*views_apart([CONF])} if group == "view" else set()
-        for name in sorted({*_files(folder / group)} & ours):
-            raise ValueError(f"{key}: {group}/{name}.yaml: the name is taken; choose another")
+    for group in sorted(one for one in folder.iterdir() if one.is_dir()):
+        if group.name not in valid:
+            raise ValueError(f"{key}: {group.name!r} is no group; choose from {', '.join(valid)}")
+        ours = {*_names(CONF / group.name), *OF_TASK.get(group.name, ())[:1]}
+        if group.name == "view":
+            # Known by its name alone, whatever folder its file is in.
+            ours = {Path(name).name for name in ours}
+        for name in sorted({*_names(group)} & ours):
+            raise ValueError(f"{key}: {group.name}/{name}.yaml: the name is taken; choose another")
+    for file in folder.rglob("*.yaml"):
+        # That folder is imported, and a file must not decide it.
+        if TASK_KEY in read_option(file):
+            raise ValueError(f"{file}: {TASK_KEY} counts only where you type it")
 
 
-def _files(folder: Path) -> list[str]:
+def _names(folder: Path) -> list[str]:
     return [str(file.relative_to(folder).with_suffix("")) for file in folder.rglob("*.yaml")]

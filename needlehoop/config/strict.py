@@ -1,64 +1,59 @@
-"""The one converter: from plain values, as a config has them, to what a dataclass's fields say.
+"""Plain values as dataclasses, checked by pydantic; an error is one line for each wrong key.
 
-It guesses nothing: no text for a number, no ``off`` for false, no NaN, no ``None`` for a name.
 A field's type has its range: ``steps: Annotated[int, Range(1)]``, or the texts that it may be:
 ``keep: Annotated[str, OneOf("last", "best")]``.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from types import SimpleNamespace
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
+from pydantic_core import ErrorDetails
 
 from needlehoop.runs.reading import printable
 
 T = TypeVar("T")
 
-_LONGEST = 1_000
-"""Characters of a text field, at most."""
-
-_LONGEST_PROGRAM = 100_000
-"""Characters of a text in a free mapping, such as a reward's program, at most."""
+_CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 _SHOWN = 60
 """Characters of a value in an error, at most."""
 
 
-@dataclass(frozen=True)
-class Range:
+def Range(low: float | None = None, high: float | None = None, above: bool = False) -> Any:  # noqa: N802
     """The range of a number, ends included; ``above`` excludes the lower end."""
-
-    low: float = -math.inf
-    high: float = math.inf
-    above: bool = False
-
-    def check(self, value: float) -> None:
-        """Raises ``ValueError`` for a number out of the range."""
-        if value > self.high:
-            raise ValueError(f"{shown(value)} must be at most {self.high:g}")
-        if value > self.low or (value == self.low and not self.above):
-            return
-        least = f"must be {'above' if self.above else 'at least'} {self.low:g}"
-        if self.low == 0:
-            least = "must be positive" if self.above else f"is negative; it {least}"
-        raise ValueError(f"{shown(value)} {least}")
+    return Field(gt=low, le=high) if above else Field(ge=low, le=high)
 
 
-class OneOf:
+def OneOf(*valid: str) -> Any:  # noqa: N802
     """The texts that a setting may be."""
 
-    def __init__(self, *valid: str):
-        self._valid = valid
+    def check(text: str) -> str:
+        if text not in valid:
+            raise ValueError(f"{shown(text)} is unknown; choose from {', '.join(valid)}")
+        return text
 
-    def check(self, value: str) -> None:
-        """Raises ``ValueError`` for another text."""
-        if value not in self._valid:
-            raise ValueError(f"{shown(value)} is unknown; choose from {', '.join(self._valid)}")
+    return AfterValidator(check)
 
+
+def _split(value: Any) -> Any:
+    return value.split(",") if isinstance(value, str) else value
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_split)]
+"""A list of names, or a text with commas between them."""
 
 Count = Annotated[int, Range(1, 1e9)]
 """A count of at least 1."""
@@ -81,17 +76,18 @@ Share = Annotated[float, Range(0.0, 1.0)]
 
 
 def structure(values: Any, kind: Any, path: str = "") -> Any:
-    """Plain values as a dataclass, or another type that fields may have.
+    """Plain values as a dataclass, or as another type that fields may have.
 
     There may be no other keys than the dataclass has. ``path`` says in errors where they stand.
 
     Raises:
         ValueError: names every key that is wrong, and why.
     """
-    wrong: list[str] = []
-    found = _collected(values, kind, path, wrong)
-    if wrong:
-        raise ValueError("; ".join(wrong))
+    try:
+        (found,) = _adapter(kind).validate_python((values,))
+    except ValidationError as error:
+        lines = [_line(one, kind, path) for one in error.errors(include_url=False)]
+        raise ValueError("; ".join(dict.fromkeys(lines))) from error
     return found
 
 
@@ -126,132 +122,44 @@ def check_names(key: str, names: Sequence[str], valid: Sequence[str]) -> None:
         raise ValueError(f"{key}: {', '.join(names)} names one twice")
 
 
-def _collected(value: Any, kind: Any, path: str, wrong: list[str]) -> Any:
-    """A value as its kind; what is wrong is added to the list, a line for each key."""
-    try:
-        return _made(value, kind, path, wrong)
-    except ValueError as error:
-        # What a dataclass says of its own fields may name the key already.
-        is_named = not path or str(error).startswith(path.split(".")[0])
-        wrong.append(str(error) if is_named else f"{path}: {error}")
-        return None
-
-
-def _made(value: Any, kind: Any, path: str, wrong: list[str]) -> Any:
-    """The same; raises ``ValueError`` for what is wrong with the value as a whole."""
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        found = _made(value, inner[0], path, wrong)
-        inner[1].check(found)
-        return found
-    if is_dataclass(kind):
-        return _instance(value, kind, path, wrong)
-    if type(None) in inner:
-        (other,) = (one for one in inner if one is not type(None))
-        return None if value is None else _made(value, other, path, wrong)
-    if origin is tuple:
-        return _row(value, inner, path, wrong)
-    if origin in (Mapping, dict):
-        return _keys(value, inner[1], path, wrong)
-    if kind is Any:
-        return _anything(value, path, wrong)
-    return _PLAIN[kind](value)
-
-
-def _instance(value: Any, kind: Any, path: str, wrong: list[str]) -> Any:
-    """A dataclass from a mapping."""
-    if isinstance(value, kind):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{shown(value)} has no keys")
-    hints = _hints(kind)
-    odd = [shown(key)[1:-1] for key in value if key not in hints]
-    lacking = [f.name for f in fields(kind) if f.default is MISSING and f.name not in value]
-    if odd or lacking:
-        what = f"unknown key {odd[0]}" if odd else f"{lacking[0]} is missing"
-        raise ValueError(f"{what}; its keys are {', '.join(hints)}")
-    before = len(wrong)
-    found = {
-        key: _collected(one, hints[key], f"{path}.{key}" if path else key, wrong)
-        for key, one in value.items()
-    }
-    return None if len(wrong) > before else kind(**found)
-
-
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """The types of a dataclass's fields, with their ranges."""
-    found = get_type_hints(kind, include_extras=True)
-    return {f.name: found[f.name] for f in fields(kind)}
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    # In a tuple: pydantic hands its config on to dataclasses within another type alone.
+    in_tuple: Any = tuple.__class_getitem__(kind)
+    return TypeAdapter(in_tuple, config=_CONFIG)
 
 
-def _row(value: Any, kinds: tuple[Any, ...], path: str, wrong: list[str]) -> tuple[Any, ...]:
-    """``tuple[kind, ...]``, or as many values as a tuple has kinds; names also as ``a,b``."""
-    are_names = kinds == (str, Ellipsis)
-    if are_names and isinstance(value, str):
-        value = value.split(",")
-    if not isinstance(value, list | tuple):
-        raise ValueError(f"{shown(value)} is no list{' of names' if are_names else ''}")
-    if kinds[-1] is Ellipsis:
-        kinds = (kinds[0],) * len(value)
-    if len(value) != len(kinds):
-        raise ValueError(f"{shown(value)} must be {len(kinds)} values")
-    return tuple(_made(one, kind, path, wrong) for one, kind in zip(value, kinds, strict=True))
+def _line(error: ErrorDetails, kind: Any, path: str) -> str:
+    """One of pydantic's errors, with its key and the valid values."""
+    inner = [str(part) for part in error["loc"][1:]]
+    is_key = error["type"] in ("unexpected_keyword_argument", "missing")
+    # A tuple that is too short misses an index.
+    is_key &= isinstance(error["loc"][-1], str)
+    above = inner[:-1] if is_key else inner
+    where = ".".join(filter(None, (path, *above)))
+    if is_key:
+        names = ", ".join(f.name for f in fields(_type_at(kind, above)))
+        key = shown(inner[-1])[1:-1]
+        what = f"{key} is missing" if error["type"] == "missing" else f"unknown key {key}"
+        said = f"{what}; its keys are {names}"
+    elif error["type"] == "value_error":
+        said = str(error.get("ctx", {})["error"])
+        # What a dataclass says of its own fields may name the key already.
+        if not where or said.startswith(where.split(".")[0]):
+            return said
+    else:
+        said = f"{shown(error['input'])} {error['msg'].replace('Input should', 'should')}"
+    return f"{where}: {said}" if where else said
 
 
-def _keys(value: Any, kind: Any, path: str, wrong: list[str]) -> dict[str, Any]:
-    """``Mapping[str, kind]``."""
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{shown(value)} has no keys")
-    found = {}
-    for key, one in value.items():
-        name = shown(key)[1:-1]
-        below = f"{path}.{name}" if path else name
-        found[_collected(key, str, below, wrong)] = _collected(one, kind, below, wrong)
-    return found
-
-
-def _anything(value: Any, path: str, wrong: list[str]) -> Any:
-    """Any plain value, with all in it finite."""
-    if isinstance(value, Mapping):
-        return _keys(value, Any, path, wrong)
-    if isinstance(value, list | tuple):
-        return [_anything(one, path, wrong) for one in value]
-    if isinstance(value, str):
-        return _text(value, _LONGEST_PROGRAM)
-    return _number(value) if isinstance(value, float) else value
-
-
-def _whole_number(value: Any) -> int:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or (isinstance(value, float) and not value.is_integer()):
-        raise ValueError(f"{shown(value)} is not a whole number")
-    return int(value)
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{shown(value)} is not a number")
-    # Before it is one: there are whole numbers that no float can hold.
-    if not abs(value) <= 1.7e308:
-        raise ValueError(f"{shown(value)} is not finite")
-    return float(value)
-
-
-def _truth(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{shown(value)} is not true or false")
-    return value
-
-
-def _text(value: Any, longest: int = _LONGEST) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"{shown(value)} is not a text")
-    if printable(value) != value:
-        raise ValueError(f"{shown(value)} has control characters")
-    if len(value) > longest:
-        raise ValueError(f"{shown(value)} is too long")
-    return value
-
-
-_PLAIN: dict[Any, Any] = {int: _whole_number, float: _number, bool: _truth, str: _text}
+def _type_at(kind: Any, keys: Sequence[str]) -> Any:
+    """The dataclass that lies below some keys of a type."""
+    if get_origin(kind) is Annotated:
+        return _type_at(get_args(kind)[0], keys)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind, include_extras=True)
+        return _type_at(hints[keys[0]], keys[1:]) if keys else kind
+    inner = [one for one in get_args(kind) if one is not type(None)]
+    # Of a mapping the values, of a list the items; what may be None has no key of its own.
+    is_keyed = get_origin(kind) in (Mapping, dict, tuple)
+    return _type_at(inner[0 if get_origin(kind) is tuple else -1], keys[1:] if is_keyed else keys)

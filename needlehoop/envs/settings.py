@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.config import composing, strict
-from needlehoop.config.strict import OneOf, Range, Seed, check_names, shown
+from needlehoop.config.strict import Names, OneOf, Range, Seed, check_names, shown
 from needlehoop.disturbances.axes import RASTERISED, Disturb
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.psm import VARIANTS
@@ -32,7 +32,7 @@ class Observations:
     """The whole state, for agents that need no eyes."""
     frame_stack: Annotated[int, Range(1, 64)]
     """Frames per image, the newest last."""
-    told: tuple[str, ...]
+    told: Names
     """Facts that one image need not show, in the order in which they are reported."""
 
 
@@ -55,7 +55,7 @@ class Settings:
     reward: Mapping[str, Any]
     engine: EngineConfig
     psm: Annotated[str, OneOf(*VARIANTS)]
-    cams: tuple[str, ...]
+    cams: Names
     image_size: ImageSize
     quality: Annotated[int, Range(1, 16)]
     """1: what agents see. k > 1: k x k rays a pixel, shadows and highlights."""

@@ -69,7 +69,7 @@ class Algorithm:
         self.done_updates = state["done_updates"]
 
 
-class ReplayAlgorithm(Algorithm):
+class MemoryAlgorithm(Algorithm):
     """Learns from the newest frames of all buffers so far, after each new buffer."""
 
     def __init__(self, agent: Any, config: Any, updates: int, seed: int):

@@ -11,11 +11,6 @@ from needlehoop.config.strict import Count, Number, OneOf, Positive, Range, Shar
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.runs.files import DAGGER, PPO, SAC
 
-Horizon = Annotated[int, Range(1, 100_000)]
-Rate = Annotated[float, Range(0.0, 10.0, above=True)]
-Frames = Annotated[int, Range(1, 10_000_000)]
-Shift = Annotated[int, Range(0, 64)]
-
 
 @dataclass(frozen=True, kw_only=True)
 class AlgorithmConfig:
@@ -23,10 +18,10 @@ class AlgorithmConfig:
 
     kind: str
     """Selects the algorithm."""
-    horizon: Horizon
+    horizon: Annotated[int, Range(1, 100_000)]
     """Steps of each environment per buffer; of PPO also those that an advantage looks ahead."""
     minibatch: Count
-    learning_rate: Rate
+    learning_rate: Annotated[float, Range(0.0, 10.0, above=True)]
     network: HeadConfig
 
     imitates: ClassVar[bool] = False
@@ -85,14 +80,27 @@ class PpoConfig(AlgorithmConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DaggerConfig(AlgorithmConfig):
+class MemoryConfig(AlgorithmConfig):
+    """What algorithms have that learn from older steps too."""
+
+    memory: Annotated[int, Range(1, 10_000_000)]
+    """Newest steps, which are learnt from."""
+    minibatches: Annotated[int, Range(1, 1_000_000)]
+    """After each buffer, drawn from all steps in memory."""
+    picture_shift: Annotated[int, Range(0, 64)] = 0
+    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
+    from."""
+
+    @property
+    def frames(self) -> int:
+        return self.memory
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaggerConfig(MemoryConfig):
     """Values in ``conf/algo/dagger.yaml``."""
 
     kind: Annotated[str, OneOf(DAGGER)]
-    memory: Frames
-    """Newest frames, which are learnt from; each is as large as its images."""
-    minibatches: Annotated[int, Range(1, 1_000_000)]
-    """After each buffer, drawn from all frames in memory."""
     bend: Positive
     """Error, in units of the action, at which the loss turns from square to straight."""
     jaw: Positive
@@ -102,34 +110,20 @@ class DaggerConfig(AlgorithmConfig):
     handover: Positive
     """Share of the steps after which the learner acts in every new episode. Before, its part of
     the episodes grows."""
-    picture_shift: Shift = 0
-    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
-    from."""
 
     imitates: ClassVar[bool] = True
 
-    @property
-    def frames(self) -> int:
-        return self.memory
-
 
 @dataclass(frozen=True, kw_only=True)
-class SacConfig(AlgorithmConfig):
+class SacConfig(MemoryConfig):
     """Values in ``conf/algo/sac.yaml``."""
 
     kind: Annotated[str, OneOf(SAC)]
-    memory: Frames
-    """Newest steps, which are learnt from; each is as large as two of its images."""
-    minibatches: Annotated[int, Range(1, 1_000_000)]
-    """After each buffer, drawn from all steps in memory."""
     gamma: Share
     tau: Annotated[float, Range(0.0, 1.0, above=True)]
     """Share of the way that the targets follow after each minibatch."""
     alpha: Positive
     """Weight of the entropy at the start; it is learnt."""
-    picture_shift: Shift
-    """Most pixels by which an image is moved, up or down and to a side, whenever it is learnt
-    from."""
 
     def __post_init__(self) -> None:
         if not self.network.squash:
@@ -137,6 +131,7 @@ class SacConfig(AlgorithmConfig):
 
     @property
     def frames(self) -> int:
+        # What is seen before a step and after it.
         return 2 * self.memory
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from needlehoop.learning.agent import ValueAgent
-from needlehoop.learning.algorithm import ReplayAlgorithm, step
+from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import DaggerConfig
 from needlehoop.learning.transforms import EXPERT, LABEL, LEARNER
 
@@ -37,7 +37,7 @@ class Pupil(TensorDictModuleBase):
         return tensordict.set("action", action)
 
 
-class Dagger(ReplayAlgorithm):
+class Dagger(MemoryAlgorithm):
     """Fits the policy to the expert's actions in all frames so far.
 
     The mean action is fitted by a smooth L1 loss, in which the few frames where the expert

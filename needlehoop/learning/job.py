@@ -11,7 +11,7 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, Number, OneOf, Range, Seed, check_names
+from needlehoop.config.strict import Count, Names, Number, OneOf, Range, Seed, check_names
 from needlehoop.envs.settings import Settings, import_task, with_task
 from needlehoop.learning.algorithm_config import AlgorithmConfig, config_of
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
@@ -85,8 +85,7 @@ class Job:
     env: Settings
     algo: AlgorithmConfig
     encoder: EncoderConfig
-    collector: CollectorConfig
-    logger: tuple[str, ...]
+    logger: Names
     """Where the run is shown; its own CSV files are always written."""
     wandb: WandbConfig
     evaluation: Evaluation
@@ -100,6 +99,8 @@ class Job:
     precision: str
     checkpoint_every: Count
     """Buffers between checkpoints."""
+    collector: CollectorConfig = CollectorConfig("single", None)
+    """By default that of runs from before there was a choice."""
     init: str | None = None
     """Folder of the run whose agent this one begins with."""
     weights: Annotated[str, OneOf("float32", "bfloat16")] = "float32"
@@ -241,8 +242,6 @@ def checked_job(values: Mapping[str, Any]) -> Job:
         for kind in (Job, Settings)
     )
     own |= {**_loggers(own), "algo": config_of(values.get("algo"))}
-    # Runs from before there was a choice.
-    own.setdefault("collector", {"kind": "single", "workers": None})
     try:
         return strict.structure({**own, "env": with_task(environment)}, Job)
     except ValueError as error:

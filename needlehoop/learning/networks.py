@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import Range, shown
+from needlehoop.config.strict import Names, Range, shown
 from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 
@@ -26,7 +26,7 @@ class HeadConfig:
     """Standard deviation of the first policy, in units of the action (1: its whole range)."""
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
-    told: tuple[str, ...] | None
+    told: Names | None
     """Privileged facts: the value function reads them and the policy does not; ``None``: the
     task's choice."""
     squash: bool = False

@@ -12,7 +12,7 @@ from torchrl.modules import ProbabilisticActor, TanhNormal
 from torchrl.objectives import SACLoss, SoftUpdate
 
 from needlehoop.learning.agent import Agent
-from needlehoop.learning.algorithm import ReplayAlgorithm, step
+from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
 from needlehoop.learning.encoder import linear
 from needlehoop.learning.networks import HeadConfig, PolicySpec, dense
@@ -43,7 +43,7 @@ class SacAgent(Agent):
         self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
 
 
-class Sac(ReplayAlgorithm):
+class Sac(MemoryAlgorithm):
     """Learns from all steps so far, after each new buffer of them.
 
     The critics train the encoders; the policy reads their features as they are.

@@ -120,7 +120,7 @@ def camera_sets(given: Any, settings: Settings) -> tuple[tuple[str, ...], ...]:
     found = []
     for one in given:
         split = one.split("+") if isinstance(one, str) else one
-        names = strict.structure(split, tuple[str, ...], "cams")
+        names = strict.structure(split, strict.Names, "cams")
         parse_cameras(names, settings.views, settings.renderings)
         found.append(names)
     if not found or not all(found):

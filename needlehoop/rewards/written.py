@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from torch import Tensor
 
 from needlehoop.config import strict
-from needlehoop.config.strict import Count, OneOf, Positive, Real
+from needlehoop.config.strict import Count, Names, OneOf, Positive, Real
 from needlehoop.rewards.language.grammar import ProgramError
 from needlehoop.rewards.language.program import Program, compile_program
 from needlehoop.rewards.terms import check_finite, potential
@@ -101,7 +101,7 @@ class _File(_Config):
 
 @dataclass(frozen=True)
 class _Recorded(_Config):
-    cams: tuple[str, ...]
+    cams: Names
     results: str
     study: str | None
     recording: str | None

@@ -28,7 +28,7 @@ from needlehoop.runs.files import BEST, EVALUATION, EVALUATIONS, METRICS, POLICY
 from needlehoop.runs.machine import interruption, peak_memory, terminable
 from needlehoop.runs.reading import read_json
 from needlehoop.runs.run import Run
-from needlehoop.training.which_run import open_session
+from needlehoop.training.session import open_session
 
 
 def train(
@@ -162,7 +162,9 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
-    """Do what a composed config asks for: a new run, or the rest of one; see ``open_session``.
+    """Do what a composed config asks for: a new run, or the rest of one.
+
+    Errors are as in ``open_session``.
 
     Returns:
         ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is

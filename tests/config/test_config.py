@@ -38,50 +38,29 @@ UNKNOWN = ("rgb_top", "[rgb_front,rgb_top]", "front")
 BAD = [
     # override, then what the message has to say: the key, and what would be valid.
     *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
-    ("cams=[rgb_front,seg_side,rgb_front]", ["cams", "rgb_front", "twice"]),
-    ("cams=[[rgb_front]]", ["cams", "rgb_front", "no list of cameras"]),
-    ("cams=3", ["cams", "3", "no list of cameras"]),
-    ("cams=null", ["cams", "None", "no list of cameras"]),
-    ("+cameras.rgb_front={view: side, rendering: rgb}", ["cameras.rgb_front", "cams="]),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
+    ("disturb=nope", ["disturb", "nope", "mild", "moderate", "severe"]),
     ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
-    ("episode.control=joints", ["episode.control", "joints", "tip, pose"]),
     ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
     ("reward.kind=nope", ["reward.kind", "nope", "human, sparse"]),
-    ("renderings.rgb.colour=grey", ["renderings.rgb", "colour", "grey", "rgb, flat, none"]),
     ("renderings.dep.depth=far", ["renderings.dep", "depth", "far", "channel, shade, none"]),
-    ("task.needle_radius=-0.01", ["task.needle_radius", "-0.01", "at least 1e-05"]),
-    ("task.needle_radius=nan", ["task.needle_radius", "nan", "not finite"]),
-    ("task.needle_pickup=1.0", ["task.needle_pickup", "1.0", "(0, 1)"]),
-    ("task.needle_yaw_range=-0.1", ["task.needle_yaw_range", "-0.1", "negative"]),
-    ("task.tool_position_range=[0,-0.1,0]", ["task.tool_position_range", "negative"]),
+    (
+        "task.needle_radius=-0.01",
+        ["task.needle_radius", "-0.01", "greater than or equal to 0.00001"],
+    ),
+    ("task.needle_radius=nan", ["task.needle_radius", "nan", "finite"]),
     ("task.workspace_lower=[0,0.5,0]", ["task.workspace_lower", "0.5", "below"]),
-    ("task.jaw_closed=2", ["task.jaw_closed", "2.0", "below"]),
-    ("episode.close_below=0.9", ["episode.close_below", "0.9", "below"]),
+    ("task.needle_position=[0.1]", ["task.needle_position.1", "[0.1]", "required"]),
+    ("task.hoop_position=[0,0,high]", ["task.hoop_position.2", "high"]),
     ("views.front.fovy=180", ["views.front", "fovy", "180", "(0, 180)"]),
-    ("views.front.elevation=90", ["views.front", "elevation", "90", "(-90, 90)"]),
-    ("seed=-1", ["seed", "-1", "at least 0"]),
-    ("disturb=nope", ["disturb", "nope", "mild", "moderate", "severe"]),
+    ("seed=-1", ["seed", "-1", "greater than or equal to 0"]),
     ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
-    ("disturb.camera.shift=-0.1", ["disturb", "-0.1", "negative"]),
     ("disturb.camera.shift=5", ["disturb.camera.shift", "at most 0.1 m"]),
-    ("disturb.picture.late=1.5", ["disturb.picture.late", "whole number"]),
-    ("engine.kind=nope", ["engine.kind", "nope", "cpu, dm_control"]),
-    ("engine.threads=-1", ["engine.threads", "-1", "negative"]),
-    ("engine.renderer=opengl", ["engine.renderer", "opengl", "rasteriser, tracer"]),
-    ("image_size=64.5", ["image_size", "64.5", "whole number"]),
-    ("num_envs=true", ["num_envs", "True", "whole number"]),
-    ("task.needle_radius=1e-9", ["task.needle_radius", "1e-09", "at least 1e-05"]),
-    ("task.needle_position=[0.1]", ["task.needle_position", "0.1"]),
-    ("task.hoop_position=[0,0,high]", ["task.hoop_position", "high"]),
-    ("obs.proprio=maybe", ["obs.proprio", "maybe", "true or false"]),
+    ("image_size=64.5", ["image_size", "64.5", "integer"]),
     ("obs.told=[threaded]", ["obs.told", "threaded", "choose from grasped, lifted"]),
-    ("obs.told=[lifted,lifted]", ["obs.told", "lifted, lifted", "twice"]),
     ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
-    ("view=front", ["view", "unknown", "cams", "views"]),
     ("episode.contrl=pose", ["episode.contrl", "unknown", "control", "grasp"]),
-    ("views.front.fov=20", ["views.front.fov", "unknown", "fovy", "target"]),
     ("+reward.extra=1", ["reward", "extra", "closed_below"]),
     ("~reward.rate", ["reward", "rate", "closed_below"]),
 ]
@@ -94,17 +73,6 @@ def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid():
         message = str(caught.value)
         assert [part for part in said if part not in message] == [], override
         assert "\n" not in message, override
-
-
-def test_a_config_from_the_sessions_cache_is_what_hydra_makes(read_configs_once, monkeypatch):
-    lines = (
-        ["seed=3", "cams=[rgb_side]", "episode.max_steps=17"],
-        ["+experiment=paper", "cams=[seg_side]", "task=wide", "+reward.cams=[rgb_side]"],
-        ["~reward.rate", "views.front.fovy=33"],
-    )
-    cached = [composing.compose(words, "config") for words in lines]
-    monkeypatch.setattr(composing, "hydra_compose", read_configs_once)
-    assert cached == [composing.compose(words, "config") for words in lines]
 
 
 def test_two_bad_settings_are_both_named():
@@ -146,7 +114,7 @@ def test_every_option_of_a_training_group_composes():
 
 def test_no_group_of_the_folder_is_forgotten():
     folders = {path.name for path in composing.CONF.iterdir() if path.is_dir()}
-    # Sweeps, their launchers and what the probe changes in a task have tests of their own.
+    # Sweeps, launchers and what the probe changes have tests of their own.
     others = {"experiment", "hydra", "probe"}
     assert folders == {*GROUPS, *TRAINING, *COMMANDS, *others, "cams", "view", "rendering"}
     assert all(options(group) for group in folders - {"hydra"})
@@ -254,16 +222,13 @@ def test_a_file_that_was_taken_away_is_no_longer_offered(monkeypatch, tmp_path):
         (["cams=rgb_front"], []),
         (["cams=[rgb_wrist,dep_wrist]"], ["wrist"]),
         (["cams=stereo"], ["ecm_left", "ecm_right"]),
-        (["+model=stereo+rgb_wrist.human"], ["ecm_left", "ecm_right", "wrist"]),
         (["views.wrist.fovy=60"], ["wrist"]),
     ],
 )
-def test_a_view_of_a_folder_is_part_of_a_config_that_names_it(words, views, read_configs_once):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(composing, "hydra_compose", read_configs_once)
-        found = composing.compose(words, "config")["views"]
-        asked = ["combinations=rgb_front+dep_wrist", "views.wrist.fovy=60"]
-        probed = composing.compose(asked, "probe")["views"]
+def test_a_view_of_a_folder_is_part_of_a_config_that_names_it(words, views):
+    found = composing.compose(words, "config")["views"]
+    asked = ["combinations=rgb_front+dep_wrist", "views.wrist.fovy=60"]
+    probed = composing.compose(asked, "probe")["views"]
     assert [*found] == [*options("view"), *views]
     assert ([*probed], probed["wrist"]["fovy"]) == ([*options("view"), "wrist"], 60)
 

@@ -80,6 +80,18 @@ def test_what_would_be_left_aside_is_refused(tmp_path, name, message):
         compose_settings([f"conf_dir={tmp_path}"])
 
 
+def test_a_file_cannot_name_a_task_s_folder_and_a_bad_one_is_named(tmp_path):
+    """The folder of a task is imported."""
+    (tmp_path / "experiment").mkdir()
+    for text, message in (
+        ("# @package _global_\ntask_dir: /tmp/evil\n", "task_dir counts only where you type it"),
+        ("- 3\n", "theirs.yaml holds no keys"),
+    ):
+        (tmp_path / "experiment/theirs.yaml").write_text(text)
+        with pytest.raises(ValueError, match=message):
+            composing.compose([f"conf_dir={tmp_path}", "+experiment=theirs"], "config")
+
+
 def test_a_function_is_a_reward():
     env = needlehoop.make_env(reward=half, num_envs=3, overrides=["obs.signals=true"])
     rollout = env.rollout(4)
@@ -160,9 +172,3 @@ def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
 def test_a_function_that_pays_nonsense_stops(function, message):
     with pytest.raises(rewards.RewardError, match=message):
         needlehoop.make_env(reward=function, num_envs=2).reset()
-
-
-def test_values_without_names_are_refused():
-    words = ["reward=python", "reward.function=examples/own_reward.py:reward", "reward.values=-1"]
-    with pytest.raises(ValueError, match=r"reward.values: -1 has no keys"):
-        compose_settings(words)

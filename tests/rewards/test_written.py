@@ -16,7 +16,7 @@ from needlehoop.learning.job import typed_job
 from needlehoop.rewards import written
 from needlehoop.rewards.written import Written, find
 from needlehoop.training import loop as page
-from needlehoop.training import which_run
+from needlehoop.training import session
 
 
 @pytest.fixture
@@ -255,7 +255,7 @@ def test_a_run_keeps_its_program(place, tmp_path, monkeypatch):
     place("rewards/dep_front/image.txt", 3)
     made = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
-    monkeypatch.setattr(which_run, "objections", lambda *_: [])
+    monkeypatch.setattr(session, "objections", lambda *_: [])
     values = composing.compose(["reward=vlm_img", "cams=[dep_front]", "study=s"], "config")
     values.pop("hydra", None)
     page.start(values, [], "python train.py")

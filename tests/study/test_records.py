@@ -22,7 +22,7 @@ from needlehoop.study.stats import predictions
 from needlehoop.study.stats.findings import study_findings
 from needlehoop.study.stats.run import evaluations, final
 from needlehoop.tasks.registry import find
-from needlehoop.training.which_run import task_note
+from needlehoop.training.session import task_note
 
 
 @pytest.fixture

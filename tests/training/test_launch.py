@@ -12,12 +12,11 @@ LAUNCH = Path(__file__).parents[2] / "launch"
 
 @pytest.fixture
 def scripts(tmp_path: Path) -> Path:
-    """The scripts beside programs that only say what they were given."""
+    """The scripts beside a program that only says what it was given."""
     programs = tmp_path / ".venv" / "bin"
     programs.mkdir(parents=True)
-    for name, says in (("python", 'echo "$@"'), ("needlehoop", "echo '[a,b],[c]'")):
-        (programs / name).write_text(f"#!/bin/sh\n{says}\n")
-        (programs / name).chmod(0o755)
+    (programs / "python").write_text('#!/bin/sh\necho "$@"\n')
+    (programs / "python").chmod(0o755)
     return Path(shutil.copytree(LAUNCH, tmp_path / "launch"))
 
 
@@ -29,14 +28,9 @@ def say(script: Path, *words: str) -> subprocess.CompletedProcess[str]:
     ("words", "command"),
     [
         ("table2.sh seed=0,1", "+experiment=table2 seed=0,1"),
-        ("full.sh", "+experiment=full"),
         ("segdep.sh steps=9", "+experiment=segdep steps=9"),
-        ("rewards.sh paper seed=1", "+experiment=rewards seed=1"),
-        (
-            "rewards.sh results/main seed=1",
-            "-m cams=[a,b],[c] reward=vlm_text,vlm_img results=results study=main seed=1",
-        ),
-        ("slurm.sh full seed=1", "+experiment=full hydra/launcher=slurm seed=1"),
+        ("rewards.sh seed=1", "+experiment=rewards seed=1"),
+        ("slurm.sh table2 seed=1", "+experiment=table2 hydra/launcher=slurm seed=1"),
         (
             "ray.sh table2 seed=1",
             "+experiment=table2 hydra/launcher=ray +hydra.launcher.ray.remote.num_cpus=2 seed=1",
@@ -49,14 +43,8 @@ def test_a_script_is_one_command_from_any_folder(scripts, words, command):
     assert (done.returncode, done.stdout) == (0, f"train.py {command}\n")
 
 
-@pytest.mark.parametrize("name", ["rewards.sh", "slurm.sh", "ray.sh"])
+@pytest.mark.parametrize("name", ["slurm.sh", "ray.sh"])
 def test_a_script_that_needs_a_word_shows_its_use(scripts, name):
     done = say(scripts / name)
     assert done.returncode == 2
     assert f"launch/{name} " in done.stderr
-
-
-def test_nothing_is_trained_where_there_is_no_top(scripts):
-    (scripts.parent / ".venv" / "bin" / "needlehoop").write_text("#!/bin/sh\nexit 2\n")
-    done = say(scripts / "rewards.sh", "results/main")
-    assert (done.returncode, done.stdout) == (2, "")

@@ -202,7 +202,7 @@ def test_two_runs_are_never_mixed(finished, monkeypatch, capsys):
     for wrong, said in (
         (words, "resume="),
         ([f"resume={finished}"], "finished"),
-        ([f"resume={finished}", "steps=384"], "its agent on in a run of its own: python train.py"),
+        ([f"resume={finished}", "steps=384"], "begin a run with its agent: init="),
         ([f"resume={finished.parent}"], "no run"),
     ):
         with pytest.raises(SystemExit) as caught:

@@ -18,7 +18,7 @@ from needlehoop.rewards.written import find
 from needlehoop.runs.reading import read_yaml
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.registry import find as task
-from needlehoop.training import which_run
+from needlehoop.training import session
 from needlehoop.vlm import description
 from needlehoop.vlm.config import transcripts
 from needlehoop.vlm.conversation import totals_of
@@ -82,8 +82,8 @@ def test_every_conversation_is_replayed_with_the_prompts_of_today(name, tmp_path
             rules.append(made_rules(values))
         return rules[0]
 
-    made_rules = which_run.rules_of
-    monkeypatch.setattr(which_run, "rules_of", rules_of)
+    made_rules = session.rules_of
+    monkeypatch.setattr(session, "rules_of", rules_of)
     words = [f"task={TASKS[name]}", f"vlm.recording={name}", "engine.threads=1"]
     words = words[1:] if TASKS[name] == "needle_hoop" else words
     needle = (["samples=3"], ["afresh=true"], ["vlm.told=names"], ["vlm.told=nothing"])

@@ -23,7 +23,7 @@ from needlehoop.rewards import RewardError
 from needlehoop.runs.shipped import CONF, RECORDINGS
 from needlehoop.tasks.needle_hoop import TASK
 from needlehoop.training import loop as page
-from needlehoop.training import which_run
+from needlehoop.training import session
 from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.writing import ProgramRules
 
@@ -41,7 +41,7 @@ def judge(source: str) -> Verdict:
 @pytest.fixture(autouse=True)
 def rules(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     rules = ProgramRules(0.0, 9.0, judge)
-    monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
+    monkeypatch.setattr(session, "rules_of", lambda _: rules)
 
 
 @pytest.fixture(scope="module")
@@ -523,7 +523,7 @@ def trained(monkeypatch, *overrides: str) -> list[tuple]:
     made: list[tuple] = []
     monkeypatch.setattr(page, "train", lambda job, run, *_: made.append((job, run)))
     # What the gates say of programs is tested beside them.
-    monkeypatch.setattr(which_run, "objections", lambda *_: [])
+    monkeypatch.setattr(session, "objections", lambda *_: [])
     values = composing.compose(
         [CAMS, "reward=vlm_img", "reward.recording=null", *overrides], "config"
     )

@@ -14,7 +14,7 @@ import pytest
 from vlm_server import by_schema
 
 from needlehoop.cli.main import main
-from needlehoop.training import which_run
+from needlehoop.training import session
 from needlehoop.vlm.conversation import Verdict
 from needlehoop.vlm.messages import Message, Png, Request
 from needlehoop.vlm.providers.manual import find_json, write_request
@@ -31,7 +31,7 @@ GOOD = json.dumps({"explanation": "e", "program": "reward = 9 if grasped else 0"
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rules = ProgramRules(0.0, 9.0, judge)
-    monkeypatch.setattr(which_run, "rules_of", lambda _: rules)
+    monkeypatch.setattr(session, "rules_of", lambda _: rules)
 
 
 def judge(source: str) -> Verdict:

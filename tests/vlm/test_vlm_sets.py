@@ -10,13 +10,13 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
+from needlehoop.training.planned import planned
 from PIL import Image
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
 from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.runs.shipped import CONF
-from needlehoop.training.planned import planned
 from needlehoop.vlm.questions import deal, narrowed, of_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]

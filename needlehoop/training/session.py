@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import shlex
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from needlehoop import rewards
 from needlehoop.api.trained import initial_weights
 from needlehoop.config import strict
 from needlehoop.config.changing import differing, plain
+from needlehoop.config.strict import OneOf, check_names
 from needlehoop.envs.settings import Settings, settings_from
-from needlehoop.learning.job import Job, checked_job, typed_job
+from needlehoop.learning.job import Job, Steps, checked_job, typed_job
+from needlehoop.learning.loggers import check_installed
 from needlehoop.learning.subject import flown_job
 from needlehoop.rewards import written
 from needlehoop.runs.files import CHECKPOINT, CONFIG
@@ -23,9 +25,8 @@ from needlehoop.runs.lock import held
 from needlehoop.runs.machine import provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
-from needlehoop.training.options import check_options, inquiry
 from needlehoop.vlm.card import card
-from needlehoop.vlm.config import Gates
+from needlehoop.vlm.config import Gates, InquiryConfig, config_of
 from needlehoop.vlm.inquiry import Inquiry
 from needlehoop.vlm.writing import ProgramRules, program_rules
 
@@ -35,8 +36,19 @@ _OF_NO_CONSEQUENCE = {
 }
 """Settings that may change when a run is resumed: they do not affect its results."""
 
-_OF_ONE_RUN = {"resume", "overwrite", "existing", "until"}
-"""What was typed for one run, and not for another of the same settings."""
+
+@dataclass(frozen=True)
+class Options:
+    """What to do with a run that exists, as ``conf/config.yaml`` explains."""
+
+    resume: str | None
+    overwrite: bool
+    existing: Annotated[str, OneOf("auto", "stop", "resume")]
+    until: Steps | None
+    trust: bool
+    objective: str
+    """A number of the final evaluation, for a search."""
+    gates: Gates
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,26 @@ class Session:
         return 0 if self.state is None else self.state["update"] * self.job.buffer
 
 
+def checked(values: Mapping[str, Any]) -> tuple[Options, Job]:
+    """A composed config as what it says of a new run; a missing program is no mistake yet.
+
+    Returns:
+        The options; and the job, with another reward where a model's program is meant.
+
+    Raises:
+        ValueError: a setting is wrong, or some do not go together; says which.
+    """
+    options = strict.as_type(values, Options)
+    inquiry(values)
+    is_program = "program" in strict.value(values, "reward", Mapping[str, Any])
+    job = typed_job({**values, **({"reward": rewards.NONE} if is_program else {})})
+    measured = (*job.env.definition.columns, "return", "return_human")
+    check_names("objective", [options.objective], measured)
+    check_installed(job)
+    _check_memory(job)
+    return options, job
+
+
 @contextmanager
 def open_session(values: dict[str, Any], overrides: list[str], command: str) -> Iterator[Session]:
     """The run that a composed config asks for; its folder is made.
@@ -69,43 +101,30 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         ValueError: settings that do not go together, or a run that is in the way.
         RewardError: no model wrote a reward.
     """
-    asked = check_options(values)
-    if asked.resume is not None:
-        run = Run.open(Path(asked.resume), "resume")
-        beside = ("resume=", "trust=", "conf_dir=")
-        others = [word for word in overrides if not word.startswith(beside)]
-        if run.manifest().get("finished") is True:
-            raise ValueError(
-                f"resume: {run.folder} is finished, and its learning rate has come to its"
-                f" end; train its agent on in a run of its own: {_with_agent(run, others, command)}"
-            )
-        if others:
-            raise ValueError(
-                "resume: a run goes on with its own settings; give no others with it, or begin"
-                f" another with its agent: {_with_agent(run, others, command)}"
-            )
-        yield from _continued(run, asked.trust)
+    if values["resume"] is not None:
+        asked = strict.as_type(values, Options)
+        yield from _resumed(Run.open(Path(str(asked.resume)), "resume"), overrides, asked.trust)
         return
-    # Everything else is checked before a model is asked for a program.
-    ask_where_missing(values, typed_job({**values, "reward": rewards.NONE}).env)
-    values = {**values, "reward": rewards.pin(values["reward"])}
-    job = typed_job(values)
+    asked, job = checked(values)
+    ask_where_missing(values, job.env)
+    reward = rewards.pin(values["reward"])
+    job = replace(job, env=replace(job.env, reward=rewards.allow(reward)))
     # One camera may be given as a word; what is kept is always a list.
-    values["cams"] = list(job.env.cams)
+    values = {**values, "reward": reward, "cams": list(job.env.cams)}
     folder = Path(job.results) / job.place
     if asked.existing == "resume" and (folder / CONFIG).exists() and not asked.overwrite:
         run = Run.open(folder)
-        _check_same(run, values)
+        _check_same(run, job)
         # Its reward is the one that was typed, source included.
         yield from _continued(run, trust=True, again=True)
         return
     weights = initial_weights(job)
-    if against := objections(values, job.env):
+    loaded = rewards.load(job.env.reward, job.env.definition)
+    if against := objections(loaded, job.env, asked.gates):
         # A warning, no refusal: programs of others are tried as they are.
         print(f"reward: the gates on this program: {'; '.join(against)}", file=sys.stderr)
     with held(folder):
-        reward = rewards.text(rewards.load(job.env.reward, job.env.definition))
-        run = Run.create(folder, plain(values), reward, asked.overwrite)
+        run = Run.create(folder, plain(values), rewards.text(loaded), asked.overwrite)
         try:
             # Not sys.argv: a sweep's is that of all its runs, and a launcher's process has another.
             words = [*command.removeprefix("python ").split(), *overrides]
@@ -114,6 +133,22 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         except BaseException:
             run.unmake()
             raise
+
+
+def _resumed(run: Run, overrides: list[str], trust: bool) -> Iterator[Session]:
+    """The run of ``resume=``, for ``open_session``."""
+    with_agent = f"begin a run with its agent: init={run.folder} label=more"
+    if run.manifest().get("finished") is True:
+        raise ValueError(
+            f"resume: {run.folder} is finished, and its learning rate has come to its end;"
+            f" {with_agent}"
+        )
+    beside = ("resume=", "trust=", "conf_dir=")
+    if others := [word for word in overrides if not word.startswith(beside)]:
+        raise ValueError(
+            f"resume: a run goes on with its own settings, without {others[0]}; or {with_agent}"
+        )
+    yield from _continued(run, trust)
 
 
 def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
@@ -149,6 +184,21 @@ def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
         yield Session(job, run, state)
 
 
+def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
+    """How a reward would be asked for, and which model; ``ValueError`` names a wrong key."""
+    asking = strict.value(values, "asking", Mapping[str, Any])
+    where = {name: values[name] for name in ("results", "study")}
+    asked = strict.as_type({**where, **asking, "overwrite": False}, InquiryConfig)
+    return asked, provider_config(values["vlm"])
+
+
+def provider_config(values: Any) -> Any:
+    """The settings of who answers, from the group ``vlm``; errors as in ``inquiry``."""
+    given = strict.structure(values, Mapping[str, Any], "vlm")
+    kind = strict.structure(given.get("kind"), str, "vlm.kind")
+    return strict.structure(given, config_of(kind), "vlm")
+
+
 def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
 
@@ -175,29 +225,17 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     print(f"reward written to {paths[-1]}")
 
 
-def objections(values: Mapping[str, Any], settings: Settings) -> list[str]:
-    """What the gates refuse or flag in a training's reward; nothing where it is no program."""
-    reward = rewards.load(settings.reward, settings.definition)
+def objections(reward: rewards.Reward, settings: Settings, gates: Gates) -> list[str]:
+    """What the gates say against a training's reward; nothing where it is no program."""
     if not isinstance(reward, written.Written):
         return []
-    found = card(reward.program, settings, strict.value(values, "gates", Gates))
+    found = card(reward.program, settings, gates)
     return [*(f"refused, {one}" for one in found.reasons), *found.flags]
 
 
 def rules_of(values: Mapping[str, Any]) -> ProgramRules:
     """The language of rewards and its judge, for a composed config."""
     return program_rules(settings_from(dict(values)), strict.value(values, "gates", Gates))
-
-
-def _with_agent(run: Run, words: list[str], command: str) -> str:
-    """The command that begins a run of a run's settings, changed by words, with its agent."""
-    typed = run.manifest().get("command")
-    own = [str(word) for word in typed if "=" in str(word)] if isinstance(typed, list) else []
-    own = own or [f"cams=[{','.join(map(str, run.config()['cams']))}]"]
-    new = [*words, f"init={run.folder}", "label=more"]
-    replaced = {word.partition("=")[0].lstrip("+") for word in new} | _OF_ONE_RUN
-    kept = [word for word in own if word.partition("=")[0].lstrip("+") not in replaced]
-    return f"{command} {shlex.join([*kept, *new])}"
 
 
 def task_note(task: Task) -> dict[str, Any]:
@@ -211,17 +249,29 @@ def task_note(task: Task) -> dict[str, Any]:
     }
 
 
-def _check_same(run: Run, values: Mapping[str, Any]) -> None:
+def _check_memory(job: Job) -> None:
+    """Raises ``ValueError`` for a buffer of images that this machine cannot hold."""
+    pixels = sum(job.env.image_channels.values()) * job.env.image_size**2
+    needed = max(2 * job.buffer, job.algo.frames) * pixels
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > there:
+        raise ValueError(
+            f"image_size: the images of a buffer take {needed / 1e9:,.1f} GB, and this machine has"
+            f" {there / 1e9:,.1f}; choose a smaller image_size, num_envs or algo.horizon"
+        )
+
+
+def _check_same(run: Run, job: Job) -> None:
     """Raises ``ValueError`` if a run that exists has other settings than those asked for.
 
     A key that its config lacks is one that came later: the run has its default.
     """
     settings = []
-    for job in (checked_job(run.config()), checked_job(values)):
+    for one in (checked_job(run.config()), job):
         # An amount that is left out is none.
-        wrong = (job.env.disturb.amounts, job.env.disturb.ramp)
-        own = {"env": None, "disturb": wrong, "engine": vars(job.env.engine)}
-        settings.append({**vars(job), **vars(job.env), **own})
+        disturbance = (one.env.disturb.amounts, one.env.disturb.ramp)
+        own = {"env": None, "disturb": disturbance, "engine": vars(one.env.engine)}
+        settings.append({**vars(one), **vars(one.env), **own})
     if other := differing(settings[0], settings[1], _OF_NO_CONSEQUENCE):
         raise ValueError(
             f"{run.folder} exists with another {other}; choose another label= or"
