@@ -38,17 +38,7 @@ class FoldPixels(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        mask = tensordict.get("_reset", None)
-        if mask is None or bool(mask.all()):
-            return self._call(tensordict_reset)
-        # TorchRL reads only the rows of the mask. To fold all would slow down a step by a tenth.
-        rows = mask.flatten().nonzero().flatten()
-        for key in self.in_keys:
-            few = self._fold(tensordict_reset[key][rows])
-            folded = few.new_empty(len(mask), *few.shape[1:])
-            folded[rows] = few
-            tensordict_reset[key] = folded
-        return tensordict_reset
+        return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Images ``(n, h/k, w/k, k*k*c)``."""

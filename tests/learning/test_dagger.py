@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 
 from needlehoop.config import composing
-from needlehoop.learning.algorithm_config import DaggerConfig
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.transforms import LEARNER
@@ -28,15 +27,6 @@ SMALL = [
 
 def learner(*overrides: str, state=None) -> Learner:
     return Learner(typed_job(composing.compose([*SMALL, *overrides], "job")), state)
-
-
-def test_an_algorithm_brings_its_own_length_and_the_command_line_has_the_last_word():
-    own = typed_job(composing.compose(["algo=dagger", "cams=seg_side"], "job"))
-    assert isinstance(own.algo, DaggerConfig)
-    assert own.steps < 200_000
-    assert own.place == "main/seg_side/expert/seed0"
-    assert typed_job(composing.compose(SMALL, "job")).steps == 128
-    assert typed_job(composing.compose(["cams=seg_side"], "job")).steps == 1_500_000
 
 
 def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():

@@ -154,20 +154,14 @@ def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():
     torch.testing.assert_close(seen, torch.tensor([-2.0, 0.5, 5.0]), atol=1e-3, rtol=0)
 
 
-def test_an_agent_reads_the_keys_it_names():
-    spec = observed(3, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
+def test_an_agent_reads_the_keys_it_names_and_begins_with_the_sigma_of_the_config():
+    spec = observed(7, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
     agent = make_agent(spec)
-    assert set(agent.in_keys) == {("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"}
-    shapes = [tuple(one.shape) for one in said(agent, spec.rand())]
-    assert shapes == [(3, 5), (3, 5), (3, 1)]
-
-
-def test_the_first_policy_has_the_sigma_of_the_config_whatever_it_sees():
-    spec = observed(7, {"rgb_a": 3}, {"signals": 6})
-    agent = make_agent(spec)
-    loc, scale, _ = said(agent, spec.rand())
-    torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
+    assert agent.in_keys == [("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"]
+    loc, scale, value = said(agent, spec.rand())
+    assert value.shape == (7, 1)
     assert loc.std(0).min() > 0
+    torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
 
 
 def test_every_camera_has_an_encoder_of_its_own():
@@ -197,19 +191,11 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
         assert all(grad is None for grad in grads[1 - moved])
 
 
-def told(spec: Composite) -> ValueAgent:
-    spec["facts"] = Composite(
-        {name: Binary(1, shape=(2, 1), dtype=torch.bool) for name in ("grasped", "lifted")},
-        shape=(2,),
-    )
-    return make_agent(spec, told=("lifted",))
-
-
-def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
+def test_a_privileged_fact_moves_the_value_and_not_the_policy():
     spec = observed(2, {"rgb_a": 3}, {})
-    agent = told(spec)
-    seen = spec.rand()
-    seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
+    flag = Binary(1, shape=(2, 1), dtype=torch.bool)
+    spec["facts"] = Composite(grasped=flag, lifted=flag.clone(), shape=(2,))
+    agent, seen = make_agent(spec, told=("lifted",)), spec.rand()
     loc, _, value = said(agent, seen)
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()
@@ -217,13 +203,7 @@ def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
         loc_after, _, value_after = said(agent, other)
         assert torch.equal(loc_after, loc)
         assert torch.equal(value_after, value) != moves
-
-
-def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
-    spec = observed(2, {"rgb_a": 3}, {})
-    agent = told(spec)
-    seen = spec.rand()
-    loc, *_ = said(agent, seen)
+    # The policy alone needs no fact.
     assert torch.equal(agent.actor(seen["pixels", "rgb_a"]), loc)
     assert not [name for name in agent.state_dict() if "actor" in name]
 
