@@ -13,10 +13,9 @@ import torch
 from tensordict import TensorDict
 
 from needlehoop.config import composing
-from needlehoop.learning.algorithms import ALGORITHMS
 from needlehoop.learning.encoder import Fold
 from needlehoop.learning.job import Job, typed_job
-from needlehoop.learning.learner import build_agent
+from needlehoop.learning.learner import ALGORITHMS, build_agent
 
 CASES = {
     "ppo, minibatches of 256": ["algo.minibatch=256"],

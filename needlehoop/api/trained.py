@@ -11,7 +11,7 @@ from torch import Tensor
 from needlehoop.learning.agent import Actor
 from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
 from needlehoop.learning.job import Job, checked_job, pick_device
-from needlehoop.learning.policy_spec import PolicySpec, check_same
+from needlehoop.learning.networks import PolicySpec, check_same
 from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.files import POLICIES
 from needlehoop.runs.run import Run

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from needlehoop.config.strict import OneOf, Range
+from needlehoop.runs.machine import available_cpus
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,6 +30,11 @@ class EngineConfig:
     """Pictures for people are always the tracer's."""
     kind: Annotated[str, OneOf(*KINDS)] = "cpu"
     """Runs from before there was a choice name none."""
+
+    @property
+    def cpus(self) -> int:
+        """Threads in use: ``threads``, or one for each CPU of this process."""
+        return self.threads or available_cpus()
 
 
 FIELDS = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")

@@ -18,7 +18,6 @@ from torch import Tensor
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import Rasteriser
-from needlehoop.runs.machine import available_cpus
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
@@ -87,7 +86,7 @@ class Engine(ABC):
     ):
         silence_mujoco()
         self.num_envs, self.model = num_envs, model
-        self._substeps, self._threads = substeps, config.threads or available_cpus()
+        self._substeps, self._threads = substeps, config.cpus
         self._addresses = Addresses(model, robot)
         self._state = (*_STATE, "eq_data") if self._addresses.welds else _STATE
         self._renderer = None

@@ -14,7 +14,6 @@ from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.envs.threads import Threads
-from needlehoop.runs.machine import available_cpus
 from needlehoop.scene.signals import sensors_of
 from needlehoop.scene.spec import add_camera, add_materials, add_sensors, add_table, furnish
 
@@ -55,7 +54,7 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     """
     s, task = settings, settings.definition
     model = compile_scene(s)
-    imager = Imager(model, s, Threads(s.engine.threads or available_cpus()))
+    imager = Imager(model, s, Threads(s.engine.cpus))
     if s.engine.kind == "dm_control":
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind

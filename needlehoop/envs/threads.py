@@ -1,4 +1,4 @@
-"""Threads that share work whose parts have the same bits whoever does them."""
+"""Threads that share work; each part gives the same bits on any thread."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import torch
 T = TypeVar("T")
 
 _FEWEST, _MOST = 5, 20
-"""Images of a part: below, calls cost more than work; above, they leave the processor's cache."""
+"""Images of a part. Fewer cost more in calls than in work; more do not fit the CPU's cache."""
 
 
 class Threads:
-    """A number of threads, at least 1. One alone is the caller's own."""
+    """``count`` threads; if it is 1, that is the caller's own."""
 
     def __init__(self, count: int):
         self.count = count
         self._pool = self._aside = None
         if count > 1:
             self._pool = ThreadPoolExecutor(count, initializer=_alone)
-            # Work that was begun shares out parts of its own: it must not wait in their queue.
+            # Work that was begun calls ``map`` itself, so it must not wait in the same queue.
             self._aside = ThreadPoolExecutor(1, initializer=_alone)
 
     def map(self, work: Callable[..., T], *items: Iterable[Any]) -> list[T]:
-        """``work`` on the items side by side; what it returns, in their order."""
+        """What ``work`` returns for the items, in their order."""
         return list((self._pool.map if self._pool else map)(work, *items))
 
     def parts(self, images: int) -> list[slice]:
-        """A number of images in parts, one a thread where that suits their size."""
+        """Slices of a number of images, one for each thread where that suits their size."""
         size = min(max(-(-images // self.count), _FEWEST), _MOST)
         return [slice(at, min(at + size, images)) for at in range(0, images, size)]
 
     def begin(self, work: Callable[[], T]) -> Callable[[], T]:
-        """Begin ``work`` beside what the caller does next; call what is returned to wait for it."""
+        """Begin ``work`` in the background; the function that is returned waits for its result."""
         if self._aside is None:
             done = work()
             return lambda: done
@@ -43,5 +43,5 @@ class Threads:
 
 
 def _alone() -> None:
-    """Have this thread compute by itself; OpenMP counts for each thread what it may use."""
+    """Let this thread compute alone: OpenMP's number of threads holds for each thread by itself."""
     torch.set_num_threads(1)

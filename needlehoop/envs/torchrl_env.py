@@ -16,7 +16,6 @@ from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
 from needlehoop.envs.threads import Threads
-from needlehoop.runs.machine import available_cpus
 
 
 class TorchRLEnv(EnvBase):
@@ -53,7 +52,7 @@ class TorchRLEnv(EnvBase):
         self.simulation = build(settings, first_env)
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
-        self.threads = Threads(settings.engine.threads or available_cpus())
+        self.threads = Threads(settings.engine.cpus)
         self._is_restored, self._taken = False, 0
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))

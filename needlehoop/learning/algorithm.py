@@ -1,8 +1,9 @@
-"""What the methods of training share: an agent, Adam, the progress, and a memory of frames."""
+"""What the methods of training share: an agent, Adam, progress, and a memory of frames."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections import Counter
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -10,9 +11,8 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-from needlehoop.learning.encoder import Fold
+from needlehoop.learning.agent import Agent
 from needlehoop.learning.networks import Normalizer
-from needlehoop.learning.policy_spec import PolicySpec
 
 
 class Algorithm:
@@ -24,6 +24,7 @@ class Algorithm:
         seed: decides the minibatches.
     """
 
+    agent_class: ClassVar[type[Agent]]
     policy: TensorDictModuleBase
     """Acts in the environments."""
 
@@ -34,28 +35,18 @@ class Algorithm:
         self._optimizers: dict[str, torch.optim.Optimizer] = {}
         self._generator = torch.Generator().manual_seed(seed)
 
-    @staticmethod
-    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> nn.Module:
-        """An untrained agent; its ``actor`` is the policy."""
-        raise NotImplementedError
-
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
         """Learn from a buffer ``(num_envs, horizon)``; returns what is reported, as means."""
         raise NotImplementedError
 
-    def remember(self, buffer: TensorDictBase) -> None:
-        """Take a buffer's frames into memory, where there is one, without learning from them."""
-
-    def _adam(self, weights: list[nn.Parameter], name: str = "all") -> torch.optim.Optimizer:
-        """A new optimiser, which ``state_dict`` carries."""
-        made = torch.optim.Adam(weights, self.config.learning_rate, fused=True)
-        self._optimizers[name] = made
-        return made
+    def _adam(self, weights: list[nn.Parameter], name: str = "all") -> None:
+        """Make an optimiser, which ``state_dict`` carries."""
+        self._optimizers[name] = torch.optim.Adam(weights, self.config.learning_rate, fused=True)
 
     def _end_update(self, buffer: TensorDictBase) -> None:
         """After the last minibatch of a buffer."""
         for path, module in self.agent.named_modules():
-            # Each trunk has one of its own for each vector, by its name.
+            # The path of a normaliser ends in the name of its vector.
             if isinstance(module, Normalizer):
                 module.learn(buffer[path.rpartition(".")[2]])
         self.done_updates += 1
@@ -78,35 +69,50 @@ class Algorithm:
         self.done_updates = state["done_updates"]
 
 
-class Memory:
-    """The newest frames, on the learner's device, and minibatches of them.
+class MemoryAlgorithm(Algorithm):
+    """Learns from the newest frames of all buffers so far, after each new buffer."""
 
-    Args:
-        most: frames that it holds.
-        generator: draws the minibatches, on the CPU. TorchRL's own sampler wants one where the
-            frames are, which would give other minibatches on a GPU.
-    """
+    def __init__(self, agent: Any, config: Any, updates: int, seed: int):
+        super().__init__(agent, config, updates, seed)
+        storage = LazyTensorStorage(config.memory, device=self.device)
+        self._frames = TensorDictReplayBuffer(storage=storage)
 
-    def __init__(self, most: int, minibatch: int, device: torch.device, generator: torch.Generator):
-        storage = LazyTensorStorage(most, device=device)
-        self._frames = TensorDictReplayBuffer(storage=storage, batch_size=minibatch)
-        self._minibatch, self._device, self._generator = minibatch, device, generator
+    def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
+        """What the memory keeps of a buffer."""
+        raise NotImplementedError
 
-    def __len__(self) -> int:
-        return len(self._frames)
+    def _learn(self, number: int) -> dict[str, Tensor]:
+        """Learn from minibatch ``number`` of this update; returns what is reported of it."""
+        raise NotImplementedError
 
-    def extend(self, frames: TensorDictBase) -> None:
-        """Take frames ``(n,)`` in; the oldest go where there is no room."""
-        self._frames.extend(frames)
+    def remember(self, buffer: TensorDictBase) -> None:
+        """Take a buffer's frames into memory; the oldest go where there is no room."""
+        self._frames.extend(self._kept(buffer).reshape(-1))
 
-    def sample(self, fold: Fold, shift: int) -> Any:
-        """A minibatch, each of whose images is moved at random by up to ``shift`` pixels a way."""
-        rows = torch.randint(len(self), (self._minibatch,), generator=self._generator)
-        frames: Any = self._frames[rows.to(self._device)]
+    def update(self, buffer: TensorDictBase) -> dict[str, float]:
+        self.remember(buffer)
+        totals, count = Counter[str](), self.config.minibatches
+        for number in range(count):
+            totals.update(self._learn(number))
+        self._end_update(buffer)
+        return {
+            **{name: float(value) / count for name, value in totals.items()},
+            "frames": float(len(self._frames)),
+            "learning_rate": next(iter(self._optimizers.values())).param_groups[0]["lr"],
+        }
+
+    def _minibatch(self) -> Any:
+        """Frames drawn at random; images are moved by up to ``picture_shift`` pixels a way.
+
+        All is drawn on the CPU, so that a GPU learns from the same minibatches.
+        """
+        rows = torch.randint(len(self._frames), (self.config.minibatch,), generator=self._generator)
+        frames: Any = self._frames[rows.to(self.device)]
+        shift = self.config.picture_shift
         for seen in (frames, frames.get("next", {})) if shift else ():
             for name, image in seen.get("pixels", {}).items():
                 ways = torch.randint(-shift, shift + 1, (2, len(image)), generator=self._generator)
-                seen["pixels", name] = fold.moved(image, *ways.to(image.device))
+                seen["pixels", name] = self.agent.fold.moved(image, *ways.to(image.device))
         return frames
 
 

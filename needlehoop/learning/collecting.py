@@ -1,4 +1,4 @@
-"""Environments as a training has them, and TorchRL's collectors that fill its buffers."""
+"""The environments of a training, and TorchRL's collectors that fill its buffers."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from needlehoop.envs.torchrl_env import TorchRLEnv
 from needlehoop.learning.algorithm_config import DaggerConfig
 from needlehoop.learning.job import Job
 from needlehoop.learning.transforms import Carry, FoldPixels, Teacher
-from needlehoop.runs.machine import available_cpus
 from needlehoop.tasks import registry
 
 
 class MakeEnv:
     """Makes a part of a job's environments, in this process or in another.
 
-    A task or a reward of somebody's own is imported anew there.
+    A user's own task or reward is imported anew there.
 
     Args:
         first: index of the first environment among all of the job.
@@ -43,7 +42,7 @@ class MakeEnv:
 
     def __call__(self) -> EnvBase:
         if not self._alone:
-            # The process that trains decides when to stop; these end with it.
+            # Only the process that trains reacts to signals; these end with it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             torch.set_num_threads(1)
@@ -63,43 +62,36 @@ class MakeEnv:
 
 
 def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -> Any:
-    """A collector of the job's kind, which fills buffers ``(num_envs, horizon)``.
-
-    Args:
-        policy: acts in the environments.
-        device: where the policy and the buffers are.
-    """
-    cores = job.env.engine.threads or available_cpus()
+    """A collector of the job's kind, which fills buffers ``(num_envs, horizon)`` on a device."""
+    cores = job.env.engine.cpus
     parts = job.collector.parts(job.env.num_envs, cores)
     firsts = [sum(parts[:i]) for i in range(len(parts))]
     makers = [
         MakeEnv(job, first, count, max(1, cores // len(parts)))
         for first, count in zip(firsts, parts, strict=True)
     ]
-    steps = job.buffer // job.env.num_envs
-    shared: dict[str, Any] = {"env_device": "cpu", "policy_device": device}
-    shared |= {"storing_device": device, "auto_register_policy_transforms": False}
     if job.collector.kind == "ray":
-        # Imported where it is asked for: it is an extra.
+        # Ray is an extra.
         from needlehoop.learning.ray_buffers import RayBuffers
 
         return RayBuffers(makers, policy, job.buffer, device)
+    shared: dict[str, Any] = {"env_device": "cpu", "policy_device": device, "total_frames": -1}
+    shared |= {"storing_device": device, "auto_register_policy_transforms": False}
     if len(parts) == 1:
-        # The same memory again; on a GPU that would put the learner on the collector's stream.
+        # On a GPU, the same memory again would put the learner on the collector's stream.
         same = device.type == "cpu"
         own = {"frames_per_batch": job.buffer, "track_traj_ids": False, "return_same_td": same}
-        return Collector(makers[0](), policy, total_frames=-1, **own, **shared)
-    sizes = [count * steps for count in parts]
-    own: dict[str, Any] = {"frames_per_batch": sizes, "cat_results": 0, "use_buffers": True}
-    # All of this process's, which learns while the others wait.
-    own["num_threads"] = cores
-    return MultiSyncCollector(makers, policy, total_frames=-1, **own, **shared)
+        return Collector(makers[0](), policy, **own, **shared)
+    steps = job.buffer // job.env.num_envs
+    own: dict[str, Any] = {"frames_per_batch": [count * steps for count in parts]}
+    # This process learns on all cores while the workers wait.
+    own |= {"cat_results": 0, "use_buffers": True, "num_threads": cores}
+    return MultiSyncCollector(makers, policy, **own, **shared)
 
 
 def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
-    """Earlier buffers once more, by their actions ``(buffers, num_envs, horizon, size)``."""
-    cores = job.env.engine.threads or available_cpus()
-    env = MakeEnv(job, 0, job.env.num_envs, cores)()
+    """Earlier buffers again, from their actions ``(buffers, num_envs, horizon, size)``."""
+    env = MakeEnv(job, 0, job.env.num_envs, job.env.engine.cpus)()
     now = env.reset()
     for actions in flown:
         steps: list[Any] = []

@@ -9,10 +9,9 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.config.strict import OneOf, Range
-from needlehoop.runs.files import check_name
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
-"""What convolutions compute in, by name."""
+"""Types of convolutions, by name."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +26,8 @@ class EncoderConfig:
     blocks: Annotated[int, Range(1, 64)]
     """Residual blocks per stack."""
     halving: Annotated[str, OneOf("pool", "stride")] = "pool"
-    """How a stack halves the image: ``pool``, by a max-pool after its convolution, as ML-Agents
-    does, or ``stride``, by a convolution of stride 2."""
-
-    def __post_init__(self) -> None:
-        check_name("encoder.name", self.name)
-        # More would halve any image to nothing.
-        if not 1 <= len(self.channels) <= 12:
-            raise ValueError(f"encoder.channels: {self.channels} must be 1 to 12 stacks")
+    """How a stack halves the image: by a max-pool after its convolution, as ML-Agents does, or by
+    a convolution of stride 2."""
 
     def check_fit(self, size: int) -> None:
         """Raises ``ValueError`` where square images of ``size`` px do not fit stem and stacks."""
@@ -49,8 +42,7 @@ class EncoderConfig:
 class Fold(nn.Module):
     """Blocks of pixels as channels: uint8 ``(..., c, h, w)`` to ``(..., h/k, w/k, k*k*c)``.
 
-    A module of its own, channels last and still uint8, so that images are folded once when
-    they are seen and not again in every epoch.
+    A module of its own, so that images are folded once when they are seen, not in every epoch.
     """
 
     def __init__(self, stem: int):
@@ -67,9 +59,7 @@ class Fold(nn.Module):
     def moved(self, folded: Tensor, down: Tensor, right: Tensor) -> Tensor:
         """Folded images ``(n, h/k, w/k, k*k*c)``, each moved by whole pixels; edges are repeated.
 
-        Args:
-            down: by how many, ``(n,)``; negative: up.
-            right: likewise.
+        ``down`` and ``right`` ``(n,)``: by how many; negative values move up and left.
         """
         k = self._stem
         n, rows, columns, size = folded.shape
@@ -79,7 +69,7 @@ class Fold(nn.Module):
             return (pixels - moves[:, None]).clamp(0, side * k - 1).view(n, side, k)
 
         y, x = sources(rows, down), sources(columns, right)
-        # Where a pixel lies among all: image by image, block by block.
+        # The position of each source pixel, counted image by image and block by block.
         above = (y // k * columns * k + y % k) * k
         beside = x // k * k * k + x % k
         first = torch.arange(n, device=folded.device) * (rows * columns * k * k)
@@ -91,9 +81,8 @@ class Fold(nn.Module):
 class Encoder(nn.Module):
     """ML-Agents' ResNet for one camera: a folded image to float32 ``(..., out)``.
 
-    Each stack is a 3 x 3 convolution, a max-pool (or its stride) that halves the image, and
-    residual blocks with the activation first. A stem > 1 lets the same layers work on a smaller
-    image.
+    Each stack is a 3 x 3 convolution that halves the image, by a max-pool or its stride, and
+    residual blocks with the activation first.
 
     Args:
         shape: ``(c, h, w)`` of the camera's image.
@@ -108,33 +97,29 @@ class Encoder(nn.Module):
         channels, height, width = shape
         for side in (height, width):
             config.check_fit(side)
-        stem = config.stem
+        stem, inner = config.stem, channels * config.stem**2
         self.dtype = dtype
         self._centre: Tensor
         self.register_buffer("_centre", torch.tensor(-127.5 / 64, dtype=dtype), persistent=False)
+        blank = torch.zeros(1, height // stem, width // stem, inner)
         layers: list[nn.Module] = []
-        inner = channels * stem**2
-        for width_ in config.channels:
+        for outer in config.channels:
             if config.halving == "stride":
-                layers += [nn.Conv2d(inner, width_, 3, stride=2, padding=1)]
+                layers += [nn.Conv2d(inner, outer, 3, stride=2, padding=1)]
             else:
-                layers += [nn.Conv2d(inner, width_, 3, padding=1), nn.MaxPool2d(3, 2, padding=1)]
-            layers += [Residual(width_) for _ in range(config.blocks)]
-            inner = width_
+                layers += [nn.Conv2d(inner, outer, 3, padding=1), nn.MaxPool2d(3, 2, padding=1)]
+            layers += [Residual(outer) for _ in range(config.blocks)]
+            inner = outer
         self.stacks = nn.Sequential(*layers, nn.SiLU())
         self.stacks.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         with torch.no_grad(), self._precision("cpu"):
-            blank = torch.zeros(1, height // stem, width // stem, channels * stem**2)
             size = self._convolve(blank).numel()
         self.dense = nn.Sequential(linear(size, out), nn.ReLU())
 
     def forward(self, folded: Tensor) -> Tensor:
         flat = folded.reshape(-1, *folded.shape[-3:])
-        if self.dense[0].weight.dtype == self.dtype:
+        with self._precision(folded.device.type):
             features = self.dense(self._convolve(flat)).float()
-        else:
-            with self._precision(folded.device.type):
-                features = self.dense(self._convolve(flat)).float()
         return features.view(*folded.shape[:-3], -1)
 
     def _precision(self, device: str) -> torch.autocast:
@@ -146,7 +131,7 @@ class Encoder(nn.Module):
         # learn a fifth faster.
         image = folded.to(self.dtype).permute(0, 3, 1, 2)
         maps = self.stacks(torch.add(self._centre, image, alpha=1 / 64))
-        # Read in the order in which they lie in memory, both ways: nothing is moved.
+        # Channels last, as they lie in memory: nothing is copied.
         return maps.permute(0, 2, 3, 1).flatten(1)
 
 
@@ -175,19 +160,17 @@ def linear(inner: int, out: int, gain: float = 1.0) -> nn.Linear:
 
 
 def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
-    """What ``precision`` means on a device.
-
-    ``auto``: bfloat16 where the processor computes in it, float32 elsewhere.
+    """What ``precision`` means on a device; ``auto``: bfloat16 where the processor has it.
 
     Raises:
         ValueError: an unknown precision.
     """
     if precision == "auto":
         if device.type == "cuda":
-            has_bfloat16 = torch.cuda.is_bf16_supported(including_emulation=False)
+            is_fast = torch.cuda.is_bf16_supported(including_emulation=False)
         else:
-            has_bfloat16 = torch.cpu._is_avx512_bf16_supported()
-        return torch.bfloat16 if has_bfloat16 else torch.float32
+            is_fast = torch.cpu._is_avx512_bf16_supported()
+        return torch.bfloat16 if is_fast else torch.float32
     if precision not in DTYPES:
         raise ValueError(
             f"precision: {precision!r} is unknown; choose from auto, {', '.join(DTYPES)}"

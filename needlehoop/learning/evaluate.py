@@ -1,4 +1,4 @@
-"""Evaluation of a policy on episodes of its own: on its mean action, and with actions drawn."""
+"""Evaluates a policy on episodes of its own: with its mean action, and with actions drawn."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.agent import Actor, Agent
 from needlehoop.learning.job import Job
-from needlehoop.learning.learner import build_agent, load_weights
-from needlehoop.learning.weights import read_step, read_weights
+from needlehoop.learning.learner import build_agent
+from needlehoop.learning.weights import fitting, read_step, read_weights
 from needlehoop.pictures.film import record
 from needlehoop.rewards import reference_reward
 from needlehoop.runs.files import BEST, CHECKPOINT, POLICIES, POLICY
@@ -29,20 +29,16 @@ from needlehoop.scene.signals import Signals
 from needlehoop.tasks.contract import Task
 
 SAMPLED = "success_sampled"
-"""Success of the same agent on the same episodes, its actions drawn at random as in training."""
+"""Success on the same episodes with actions drawn at random, as in training."""
 
 
 def acting(actor: Actor, sampled: bool = False) -> MakeController:
-    """Makes a policy the controller of any simulation it was made for.
-
-    Args:
-        sampled: whether its actions are drawn, as in training; they are its mean otherwise.
-    """
+    """Makes controllers of a policy; its actions are drawn if ``sampled``, or else its mean."""
     device = next(actor.parameters()).device
 
     def make(simulation: Simulation) -> Controller:
         observer, seed = Observer(simulation), simulation.settings.seed
-        # Of each environment's own, so an episode does not depend on how many there are.
+        # A generator for each environment, so an episode does not depend on how many there are.
         noise = [
             np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(env,)))
             for env in (simulation.envs.tolist() if sampled else [])
@@ -52,11 +48,9 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
             seen = observer(signals)
             images: Any = seen.pop("pixels", {})
             observed = [x.to(device) for x in (*images.values(), *seen.values())]
-            drawn = None
-            if sampled:
-                size = simulation.episode.action_size
-                rows = [own.standard_normal(size, np.float32) for own in noise]
-                drawn = torch.from_numpy(np.stack(rows)).to(device)
+            size = simulation.episode.action_size
+            rows = [own.standard_normal(size, np.float32) for own in noise]
+            drawn = torch.from_numpy(np.stack(rows)).to(device) if sampled else None
             with torch.no_grad():
                 return actor(*observed, noise=drawn).cpu()
 
@@ -66,60 +60,49 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
 
 
 def evaluate(settings: Settings, agent: Agent, episodes: int, sampled: bool = False) -> Outcome:
-    """Run the first episode of ``episodes`` environments of the settings' seed.
-
-    Episode ``i`` is the same however many there are.
-
-    Raises:
-        ValueError: fewer than one episode.
-    """
+    """Run the first episode of ``episodes`` environments of the settings' seed."""
     return run_batches(settings, episodes, size=50, make=acting(agent.actor, sampled))
 
 
-def _flown(
+def _both_ways(
     job: Job, agent: Agent, episodes: int, seed: int
-) -> tuple[Outcome, dict[str, float | int]]:
-    """What came of the mean action, and how often drawn actions succeed on the same episodes."""
+) -> tuple[Outcome, dict[str, float]]:
+    """The outcome with mean actions, and the success with drawn ones on the same episodes."""
     own = replace(job.env, seed=seed)
     mean, drawn = (evaluate(own, agent, episodes, sampled) for sampled in (False, True))
     return mean, {SAMPLED: float(drawn.success.double().mean())}
 
 
 def on_the_way(job: Job, agent: Agent) -> dict[str, float | int]:
-    """What a row of ``evaluations.csv`` says of an agent in training."""
-    mean, drawn = _flown(job, agent, job.evaluation.episodes, job.evaluation.seed)
+    """The numbers of a row of ``evaluations.csv``, for an agent in training."""
+    mean, drawn = _both_ways(job, agent, job.evaluation.episodes, job.evaluation.seed)
     return {**mean.summary(), **drawn}
 
 
-def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
-    """A video of the agent at work, with its own cameras' images beside the scene.
-
-    Args:
-        out: an ``.mp4`` file; written whole or not at all.
-    """
-    record(*_alone(job_env, agent, seed), episodes, out)
-
-
 def assess(agent: Agent, job: Job, episodes: int, seed: int) -> dict[str, Any]:
-    """Evaluate an agent at length, on its mean action and with its actions drawn.
-
-    Raises:
-        ValueError: no episodes, or the seed of the training.
-    """
-    if seed == job.env.seed:
-        raise ValueError(f"seed: the run was trained on {seed}; choose another")
-    mean, drawn = _flown(job, agent, episodes, seed)
+    """Evaluate an agent at length; ``ValueError`` for no episodes or the training's seed."""
+    check_seed(job, seed)
+    mean, drawn = _both_ways(job, agent, episodes, seed)
     return {"seed": seed, **with_intervals(job.env.definition, mean), **drawn}
 
 
+def check_seed(job: Job, seed: int) -> None:
+    """Raises ``ValueError`` for the seed of the training."""
+    if seed == job.env.seed:
+        raise ValueError(f"seed: the run was trained on {seed}; choose another")
+
+
+def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -> None:
+    """Write a video of the agent, an ``.mp4``, with its cameras' images beside the scene."""
+    simulation = build(replace(job_env, num_envs=1, seed=seed))
+    record(simulation, acting(agent.actor)(simulation), episodes, out)
+
+
 def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
-    """Which of a run's policies is meant, and after how many steps of training it was so.
+    """Which of a run's policies is meant, and how many steps it was trained for.
 
-    Args:
-        asked: ``last`` or ``best``; ``None``: the last, or else the best.
-
-    Raises:
-        ValueError: another word, or the run has no such policy.
+    ``asked``: ``last`` or ``best``; ``None``: the last, or else the best. ``ValueError`` for
+    another word, or where the run has no such policy.
     """
     if asked not in (None, *POLICIES):
         raise ValueError(f"policy: {asked!r} is unknown; choose from {', '.join(POLICIES)}")
@@ -142,36 +125,33 @@ def told_policy(which: str, steps: int | None) -> str:
 def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -> Agent:
     """One of a run's agents.
 
-    Args:
-        policy: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
-            ``best``, that of ``best.safetensors``. The value function of a file is untrained.
+    ``policy``: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
+    ``best``, that of ``best.safetensors``. The value function of such a file is untrained.
 
     Raises:
-        ValueError: neither of them, or one that is damaged or of another run.
+        ValueError: there is none, or it is damaged or of another run.
     """
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
     agent = build_agent(job, device)
-    is_last = policy == "last"
-    # Also where the checkpoint is flown: a damaged file must not go unnoticed.
-    if weights.exists() or not is_last:
+    # Also before the checkpoint is read, so that a damaged file is noticed.
+    if weights.exists() or policy == "best":
         read_weights(weights, agent.actor)
-    if is_last and (checkpoint.exists() or not weights.exists()):
-        load_weights(checkpoint, run.checkpoint().state, job, agent)
+    if policy == "last" and (checkpoint.exists() or not weights.exists()):
+        state = run.checkpoint().state
+        with fitting(str(checkpoint)):
+            agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
     return agent
 
 
 def with_intervals(task: Task, outcome: Outcome) -> dict[str, Any]:
     """An outcome's summary, with 95 % Wilson intervals of success and cheats."""
-    summary = outcome.summary()
-    n = int(summary["episodes"])
-    intervals = {
-        f"{name}_95": wilson(round(summary[name] * n), n)
-        for name in ("success", "cheat")
-        if name in summary
-    }
+    n, found = len(outcome.steps), dict[str, Any](outcome.summary())
+    for name in ("success", "cheat"):
+        if name in outcome.facts:
+            found[f"{name}_95"] = wilson(int(outcome.facts[name].sum()), n)
     spread = float(outcome.potential.std()) if n > 1 else None
     unit = getattr(reference_reward(task), "unit", None)
-    return {**summary, **intervals, "return_sd": spread, "human_unit": unit}
+    return {**found, "return_sd": spread, "human_unit": unit}
 
 
 def wilson(count: int, n: int) -> list[float]:
@@ -205,9 +185,3 @@ def report(task: Task, found: Mapping[str, Any]) -> str:
 def _share(found: Mapping[str, Any], name: str) -> str:
     low, high = found[f"{name}_95"]
     return f"{found[name]:.1%} (95 %: {low:.1%} to {high:.1%})"
-
-
-def _alone(job_env: Settings, agent: Agent, seed: int) -> tuple[Simulation, Controller]:
-    """One environment, and the agent as its controller."""
-    simulation = build(replace(job_env, num_envs=1, seed=seed))
-    return simulation, acting(agent.actor)(simulation)

@@ -15,8 +15,7 @@ from needlehoop.config.strict import Count, Names, Number, OneOf, Range, Seed, c
 from needlehoop.envs.settings import Settings, import_task, with_task
 from needlehoop.learning.algorithm_config import AlgorithmConfig, config_of
 from needlehoop.learning.encoder import EncoderConfig, convolution_dtype
-from needlehoop.learning.networks import HeadConfig
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.networks import HeadConfig, PolicySpec
 from needlehoop.runs.files import (
     EXPERT,
     POLICIES,

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from torch import nn
 
-from needlehoop.learning.algorithms import ALGORITHMS
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.algorithm import Algorithm
 from needlehoop.learning.collecting import collector_of, flown_again
+from needlehoop.learning.dagger import Dagger
 from needlehoop.learning.encoder import convolution_dtype
 from needlehoop.learning.job import Job
-from needlehoop.runs.machine import available_cpus
-from needlehoop.runs.run import ADVICE
+from needlehoop.learning.ppo import Ppo
+from needlehoop.learning.sac import Sac
+from needlehoop.learning.weights import fitting
+from needlehoop.runs.files import DAGGER, PPO, SAC
+
+ALGORITHMS: dict[str, type[Algorithm]] = {PPO: Ppo, DAGGER: Dagger, SAC: Sac}
+"""By ``algo.kind``; each has its settings in a file of ``conf/algo``."""
 
 _MOST_DIVERGED = 0.01
 """Share of the episodes whose physics may diverge."""
@@ -28,7 +32,7 @@ class Learner:
     """Collects buffers and learns from them.
 
     Args:
-        state: of an earlier learner of the job.
+        state: of an earlier learner of the job, to go on from.
         weights: of another run's agent, to begin with.
 
     Raises:
@@ -42,25 +46,25 @@ class Learner:
         weights: dict[str, torch.Tensor] | None = None,
     ):
         self.job, self.device = job, job.torch_device
-        torch.set_num_threads(job.env.engine.threads or available_cpus())
+        torch.set_num_threads(job.env.engine.cpus)
         torch.manual_seed(job.env.seed)
-        self.agent: Any = build_agent(job, self.device)
+        self.agent = build_agent(job, self.device)
         if weights is not None:
             self.agent.load_state_dict(weights)
         algo = job.algo if job.init is not None else job.algo.of_new_agent()
         kind = ALGORITHMS[algo.kind]
-        self.algorithm = kind(self.agent, algo, job.updates, job.env.seed)
+        self.algorithm: Any = kind(self.agent, algo, job.updates, job.env.seed)
         self._flown: list[torch.Tensor] = []
         self._ended = self._diverged = 0
         if state is not None:
-            with _fitting("checkpoint"):
+            with fitting("checkpoint"):
                 self.algorithm.load_state_dict(state[algo.kind])
-                # As many as before, whatever this machine has: each goes on with its own.
+                # As many as before, because each goes on from its own state.
                 workers = sum(key.startswith("worker") for key in state["collector"]) or 1
                 job = replace(job, collector=replace(job.collector, workers=workers))
         self._collector = collector_of(job, self.algorithm.policy, self.device)
         if state is not None:
-            with _fitting("checkpoint"):
+            with fitting("checkpoint"):
                 self._go_on(state)
 
     @property
@@ -86,21 +90,21 @@ class Learner:
             began = time.perf_counter()
             buffer = next(buffers)
             collected = time.perf_counter()
-            told = self.algorithm.update(buffer)
+            losses = self.algorithm.update(buffer)
             self._collector.update_policy_weights_()
             if self.job.algo.frames:
                 self._flown.append(buffer["action"].cpu().clone())
-            told["seconds_collect"] = collected - began
-            told["seconds_update"] = time.perf_counter() - collected
+            losses["seconds_collect"] = collected - began
+            losses["seconds_update"] = time.perf_counter() - collected
             self._check_physics(buffer)
-            yield buffer, told
+            yield buffer, losses
 
     def _check_physics(self, buffer: TensorDictBase) -> None:
         """Count the episodes that ended, and those among them whose physics diverged."""
         ends: Any = buffer["next"]
         self._ended += int(ends["done"].sum())
         self._diverged += int((ends["facts", "diverged"] & ends["done"]).sum())
-        # A single one never ends a run.
+        # A single episode never ends a run.
         if self._diverged > max(1.0, _MOST_DIVERGED * self._ended):
             raise FloatingPointError(
                 f"the physics diverged in {self._diverged} of {self._ended} episodes, more than"
@@ -114,11 +118,15 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that decides what comes next; of tensors and plain values."""
-        collected = _without_policy(self._collector.state_dict())
+        # The algorithm has the policy's weights.
+        collected = _by_worker(
+            self._collector.state_dict(),
+            lambda own: {key: one for key, one in own.items() if key != "policy_state_dict"},
+        )
         found: dict[str, Any] = {"collector": collected}
         found[self.job.algo.kind] = self.algorithm.state_dict()
         if self._flown:
-            # A thousandth of the frames' room: they are flown again.
+            # Actions take a thousandth of the space of the frames, which are collected again.
             found["flown"] = torch.stack(self._flown)
         found["rng"] = torch.get_rng_state()
         if self.device.type == "cuda":
@@ -131,70 +139,26 @@ class Learner:
             self._flown = [*state["flown"]]
             for buffer in flown_again(self.job, state["flown"]):
                 self.algorithm.remember(buffer)
-        policy = self.algorithm.policy.state_dict()
-        self._collector.load_state_dict(_with_policy(state["collector"], policy))
-        # They show again where they stand.
+        policy = {"policy_state_dict": self.algorithm.policy.state_dict()}
+        collected = _by_worker(state["collector"], lambda own: {**own, **policy})
+        self._collector.load_state_dict(collected)
+        # A reset after loading shows the episodes under way.
         self._collector.reset()
-        # Last: building an agent draws numbers.
+        # Last, because building an agent draws numbers.
         torch.set_rng_state(state["rng"])
         if self.device.type == "cuda":
             torch.cuda.set_rng_state(state["cuda_rng"], self.device)
 
 
-def _without_policy(state: Mapping[str, Any]) -> dict[str, Any]:
-    """A collector's state without the weights, which the algorithm keeps, by worker."""
-    return {
-        key: _without_policy(one) if key.startswith("worker") else one
-        for key, one in state.items()
-        if key != "policy_state_dict"
-    }
+def _by_worker(
+    state: Mapping[str, Any], change: Callable[[Mapping[str, Any]], dict[str, Any]]
+) -> dict[str, Any]:
+    """A collector's state, changed in each worker's part, or as a whole where it has none."""
+    workers = {key: change(one) for key, one in state.items() if key.startswith("worker")}
+    return {**state, **workers} if workers else change(state)
 
 
-def _with_policy(state: Mapping[str, Any], policy: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with them again."""
-    if any(key.startswith("worker") for key in state):
-        workers = {k: _with_policy(v, policy) for k, v in state.items() if k.startswith("worker")}
-        return {**state, **workers}
-    return {**state, "policy_state_dict": policy}
-
-
-def check_state(path: Path, state: Mapping[str, Any], job: Job) -> None:
-    """Check that a checkpoint was made by a job, as far as can be told before anything is built.
-
-    Args:
-        state: its ``update``, ``wall_time`` and ``learner``.
-
-    Raises:
-        ValueError: it was not.
-    """
-    method, update = job.algo.kind, state.get("update")
-    learner: Any = state.get("learner")
-    done = learner[method].get("done_updates") if method in (learner or ()) else None
-    if "wall_time" not in state or done is None or done != update or not 0 < done <= job.updates:
-        raise ValueError(
-            f"{path} does not fit its run of {job.updates} updates: update: {update}, that of"
-            f" learner.{method}: {done}; {ADVICE}"
-        )
-
-
-def load_weights(path: Path, state: Mapping[str, Any], job: Job, agent: nn.Module) -> None:
-    """Put a checkpoint's weights into an agent of its job; errors as in ``check_state``."""
-    check_state(path, state, job)
-    with _fitting(str(path)):
-        agent.load_state_dict(state["learner"][job.algo.kind]["agent"])
-
-
-@contextmanager
-def _fitting(what: str) -> Iterator[None]:
-    """Raises ``ValueError`` in one line where a state does not fit what it is put into."""
-    try:
-        yield
-    except (LookupError, RuntimeError, TypeError, ValueError) as error:
-        said = str(error).splitlines()[-1].strip()
-        raise ValueError(f"{what}: of another run, or another version: {said}") from error
-
-
-def build_agent(job: Job, device: torch.device) -> Any:
+def build_agent(job: Job, device: torch.device) -> Agent:
     """An untrained agent of a job; needs no simulator."""
-    kind = ALGORITHMS[job.algo.kind]
-    return kind.agent_of(job.spec, convolution_dtype(job.precision, device)).to(device)
+    kind = ALGORITHMS[job.algo.kind].agent_class
+    return kind(job.spec, convolution_dtype(job.precision, device)).to(device)

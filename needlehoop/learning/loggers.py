@@ -14,16 +14,16 @@ TENSORBOARD = "tensorboard"
 """The package, the logger's name, and the folder in a run's."""
 
 WANDB_ID = "wandb_id.txt"
-"""The file in a run's folder with what wandb knows it by, online and offline."""
+"""The file in a run's folder with the run's ID at wandb."""
 
 
 class Logger:
-    """Takes what the CSV files take; without a place to show it, those files are enough.
+    """Shows the rows of the CSV files elsewhere, if anywhere.
 
     Args:
         values: the run's config.
         folder: the run's.
-        steps: that it begins with; later points of an interrupted training are taken back.
+        steps: that it begins with; TensorBoard drops later points of an interrupted training.
 
     Raises:
         ValueError: as in ``check_installed``.
@@ -40,8 +40,7 @@ class Logger:
         self._run: Any = _wandb_run(job, values, folder) if "wandb" in job.logger else None
 
     def log(self, group: str, row: Mapping[str, Any]) -> None:
-        """A row of the table ``group``."""
-        # Empty numbers have no place in a curve.
+        """A row of the table ``group``; a NaN is left out."""
         curves = {f"{group}/{name}": value for name, value in row.items() if value == value}
         step = int(row["step"])
         if self._board is not None:
@@ -51,7 +50,7 @@ class Logger:
             self._run.log(curves, step=step)
 
     def video(self, path: Path) -> None:
-        """The video of the finished run; TensorBoard's is in the run's folder."""
+        """The video of the finished run, for wandb."""
         if self._run is not None:
             import wandb
 
@@ -66,7 +65,7 @@ class Logger:
 
 
 def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
-    """A run on Weights & Biases; offline where nobody is logged in or the service is away."""
+    """A run on Weights & Biases; offline where there is no login or no service."""
     import wandb
 
     mode: Any = job.wandb.mode
@@ -86,7 +85,6 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
         settings = wandb.Settings(silent=True, init_timeout=30)
         run = wandb.init(mode=mode, settings=settings, **wanted)
     except (wandb.errors.CommError, wandb.errors.UsageError) as error:
-        # The login is there but the service is not; the run must not wait for it.
         print(f"logger=wandb: {error}; going on offline")
         run = wandb.init(mode="offline", settings=wandb.Settings(silent=True), **wanted)
     write_whole(known, run.id)
@@ -98,7 +96,7 @@ def _wandb_run(job: Job, values: Mapping[str, Any], folder: Path) -> Any:
 
 
 def check_installed(job: Job) -> None:
-    """Raises ``ValueError`` if a job is to be shown by a package that is not there."""
+    """Raises ``ValueError`` for a logger whose package is not installed."""
     if TENSORBOARD in job.logger and find_spec(TENSORBOARD) is None:
         raise ValueError(
             f"logger: {TENSORBOARD} is not installed: pip install 'needlehoop[{TENSORBOARD}]'"

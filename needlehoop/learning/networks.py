@@ -1,15 +1,16 @@
-"""The agent's networks beyond the encoders: a trunk, a policy head and a value head."""
+"""The agent's networks beyond the encoders, and all that is needed to build a policy's."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import Names, Range
+from needlehoop.config.strict import Names, Range, shown
+from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 
 
@@ -26,16 +27,16 @@ class HeadConfig:
     shared: bool
     """Whether the value function reads the policy's trunk; otherwise it has one of its own."""
     told: Names | None
-    """Facts that the value function is told and the policy is not; ``None``: the task's choice."""
+    """Privileged facts: the value function reads them and the policy does not; ``None``: the
+    task's choice."""
     squash: bool = False
     """Whether a tanh keeps actions within their range."""
 
 
 class Normalizer(nn.Module):
-    """Standardises vectors ``(..., size)`` by the mean and variance of all it was shown.
+    """Standardises vectors ``(..., size)`` by the mean and variance of all that ``learn`` saw.
 
-    The statistics are part of the state dict. They move in ``learn`` alone, so a vector
-    looks the same while it is collected and while it is learnt from.
+    The statistics are part of the state dict.
     """
 
     count: Tensor
@@ -51,7 +52,7 @@ class Normalizer(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         deviation = (self.square - self.mean**2).clamp(min=1e-12).sqrt()
         standard = ((x - self.mean) / deviation).clamp(-5.0, 5.0).float()
-        # Not a branch of Python, which an exporter could not follow.
+        # An exporter to ONNX could not follow a branch of Python.
         return torch.where(self.count == 0, x.float(), standard)
 
     def learn(self, x: Tensor) -> None:
@@ -64,7 +65,7 @@ class Normalizer(nn.Module):
 
 
 def dense(size: int, heads: HeadConfig) -> list[nn.Module]:
-    """The layers of a trunk, from so many inputs to ``heads.hidden`` features."""
+    """The layers of a trunk, from ``size`` inputs to ``heads.hidden`` features."""
     layers: list[nn.Module] = []
     for _ in range(heads.layers):
         layers += [linear(size, heads.hidden), nn.SiLU()]
@@ -102,16 +103,12 @@ class Trunk(nn.Module):
 
     def see(self, *observed: Tensor) -> Tensor:
         """What the dense layers read ``(..., size)``: the encoders' outputs, then vectors."""
-        count = len(self.encoders)
-        pairs = zip(self.encoders.values(), observed[:count], strict=True)
-        parts = [encoder(image) for encoder, image in pairs]
-        own = zip(self.normalizers.values(), observed[count:], strict=True)
-        parts += [normalizer(vector) for normalizer, vector in own]
-        return torch.cat(parts, -1)
+        readers = (*self.encoders.values(), *self.normalizers.values())
+        return torch.cat([read(one) for read, one in zip(readers, observed, strict=True)], -1)
 
 
 class Gaussian(nn.Module):
-    """Policy head: a linear mean and a state-independent deviation, squashed by a tanh or not."""
+    """Policy head: a linear mean and a state-independent log-std, squashed by a tanh or not."""
 
     def __init__(self, inner: int, actions: int, sigma: float, squash: bool):
         super().__init__()
@@ -132,12 +129,67 @@ class Gaussian(nn.Module):
 
 
 class Value(nn.Module):
-    """Value head: linear; with facts told, a hidden layer that can weigh them by what is seen."""
+    """Value head: linear, or with a hidden layer where it reads privileged facts."""
 
-    def __init__(self, inner: int, told: int):
+    def __init__(self, inner: int, privileged_facts: int):
         super().__init__()
-        weighing = [linear(inner + told, inner), nn.SiLU()] if told else []
-        self.layers = nn.Sequential(*weighing, linear(inner, 1))
+        size = inner + privileged_facts
+        hidden = [linear(size, inner), nn.SiLU()] if privileged_facts else []
+        self.layers = nn.Sequential(*hidden, linear(inner, 1))
 
     def forward(self, hidden: Tensor, *facts: Tensor) -> Tensor:
         return self.layers(torch.cat((hidden, *(fact.float() for fact in facts)), -1))
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """A policy's inputs, outputs and networks; a policy's file has it under ``senses``."""
+
+    channels: Mapping[str, Annotated[int, Range(1, 1024)]]
+    """Of each camera's image, stacked frames included; in the order in which they are read."""
+    image_size: ImageSize
+    vectors: Mapping[str, Annotated[int, Range(1, 100_000)]]
+    """Length of each other observation, in the order in which they are read."""
+    encoder: EncoderConfig
+    network: HeadConfig
+    control: str
+    """How its actions move the robot, see ``episode.control``."""
+    actions: Annotated[int, Range(1, 1000)]
+    """Length of the action."""
+    precision: str
+
+    def __post_init__(self) -> None:
+        for name in (*self.channels, *self.vectors):
+            if not name.isidentifier():
+                raise ValueError(f"senses: {name!r} is no name of a camera or vector")
+
+    @property
+    def images(self) -> dict[str, torch.Size]:
+        """The shape ``(c, h, w)`` of each camera's image."""
+        size = self.image_size
+        return {name: torch.Size((c, size, size)) for name, c in self.channels.items()}
+
+    @property
+    def keys(self) -> list[Any]:
+        """What it reads of an environment, in order."""
+        return [*(("pixels", name) for name in self.channels), *self.vectors]
+
+    def trunk(self, dtype: torch.dtype) -> Trunk:
+        """A new trunk, whose convolutions compute in ``dtype``."""
+        return Trunk(self.images, self.vectors, self.encoder, self.network, dtype)
+
+    def gaussian(self) -> Gaussian:
+        """A new policy head."""
+        heads = self.network
+        return Gaussian(heads.hidden, self.actions, heads.sigma, heads.squash)
+
+
+def check_same(have: PolicySpec, want: PolicySpec, what: str) -> None:
+    """Raises ``ValueError``, which begins with ``what``, where the networks differ."""
+    for key in PolicySpec.__dataclass_fields__:
+        own, other = getattr(have, key), getattr(want, key)
+        if own != other:
+            raise ValueError(
+                f"{what}: the agent's networks were made for {key} {shown(own)}, and this is"
+                f" {shown(other)}"
+            )

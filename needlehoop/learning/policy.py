@@ -14,20 +14,20 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.learning.agent import Actor
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.networks import PolicySpec
 
 PRECISION = "fp32"
-"""What a policy in an ONNX file computes in: bfloat16 is what few runtimes have on a CPU."""
+"""What a policy in an ONNX file computes in, because few runtimes have bfloat16 on a CPU."""
 
 
 class Policy:
     """``policy(observation)``: the mean action, in [-1, 1].
 
     An observation maps the run's cameras, and ``proprio``, ``signals`` and ``told`` where it
-    had them, to numpy arrays or torch tensors, one or with any leading dimensions. Images are
-    uint8, ``(..., h, w, c)`` as from Gymnasium and dm_control or ``(..., c, h, w)`` as from
-    TorchRL, whose TensorDict may be given as it is. The action ``(..., action_size)`` is
-    float32 and of the same kind: numpy for numpy, torch for torch.
+    had them, to numpy arrays or torch tensors with any leading dimensions. Images are uint8:
+    ``(..., h, w, c)`` as from Gymnasium and dm_control, or ``(..., c, h, w)`` as from TorchRL,
+    whose TensorDict may be given as it is. The action ``(..., action_size)`` is float32: numpy
+    for numpy, torch for torch.
 
     Args:
         origin: which policy it is, in words.
@@ -48,48 +48,43 @@ class Policy:
         Raises:
             ValueError: something is missing, or of another shape or type; says what.
         """
-        keys = set(observation.keys())
-        pixels = observation["pixels"] if "pixels" in keys else observation
-        given = {name: pixels[name] for name in self._images if name in pixels.keys()}  # noqa: SIM118
-        given |= {name: observation[name] for name in self._vectors if name in keys}
+        given = dict(observation.items())
+        given |= given.pop("pixels", {}).items()
         needed = (*self._images, *self._vectors)
-        if missing := {*needed} - {*given}:
+        if missing := sorted({*needed} - {*given}):
             raise ValueError(
-                f"observation: {', '.join(sorted(missing))} missing; the policy sees"
-                f" {', '.join(needed)}"
+                f"observation: {', '.join(missing)} missing; the policy sees {', '.join(needed)}"
             )
-        seen = [_image(name, given[name], shape) for name, shape in self._images.items()]
-        seen += [_vector(name, given[name], n) for name, n in self._vectors.items()]
-        found = self._actor(*(one.to(self._device) for one in seen)).clamp(-1.0, 1.0)
-        first = next(iter(given.values()))
+        first = given[needed[0]]
+        # A copy, because torch warns of arrays that may not be written to.
+        seen = {
+            name: one if isinstance(one, Tensor) else torch.from_numpy(np.array(one))
+            for name, one in given.items()
+            if name in needed
+        }
+        images = [_image(name, seen[name], shape) for name, shape in self._images.items()]
+        vectors = [_vector(name, seen[name], n) for name, n in self._vectors.items()]
+        found = self._actor(*(one.to(self._device) for one in (*images, *vectors))).clamp(-1.0, 1.0)
         return found.to(first.device) if isinstance(first, Tensor) else found.cpu().numpy()
 
 
-def _image(name: str, value: Any, first: torch.Size) -> Tensor:
+def _image(name: str, image: Tensor, first: torch.Size) -> Tensor:
     """Channels first."""
-    image, last = _tensor(value), (*first[1:], first[0])
+    last = (*first[1:], first[0])
     if image.dtype != torch.uint8 or image.shape[-3:] not in (first, last):
         valid = " or ".join(f"(…, {', '.join(map(str, one))})" for one in (first, last))
         raise ValueError(f"{name}: {image.dtype} {tuple(image.shape)}; expected uint8 {valid}")
-    if first == last:
-        raise ValueError(f"{name}: as many channels as rows; no telling which are which")
     return image if image.shape[-3:] == first else image.movedim(-1, -3)
 
 
-def _vector(name: str, value: Any, length: int) -> Tensor:
-    vector = _tensor(value).float()
-    if vector.ndim < 1 or vector.shape[-1] != length:
+def _vector(name: str, vector: Tensor, length: int) -> Tensor:
+    if vector.shape[-1:] != (length,):
         raise ValueError(f"{name}: shape {tuple(vector.shape)}; expected (…, {length})")
-    return vector
-
-
-def _tensor(value: Any) -> Tensor:
-    # A copy of what may not be written to: torch would warn of it.
-    return value if isinstance(value, Tensor) else torch.from_numpy(np.array(value))
+    return vector.float()
 
 
 class _Clamped(nn.Module):
-    """A policy whose action is one: within [-1, 1]."""
+    """A policy whose actions are clamped to [-1, 1]."""
 
     def __init__(self, actor: Actor):
         super().__init__()
@@ -100,21 +95,17 @@ class _Clamped(nn.Module):
 
 
 def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
-    """The content of an ONNX file of a policy. Extra ``onnx``.
+    """The content of an ONNX file of a policy on the CPU, in ``PRECISION``. Extra ``onnx``.
 
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
     and ``told`` where it had them, float32 ``(n, length)``; its output is ``action``, float32
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
 
-    Args:
-        actor: its policy, on the CPU, in ``PRECISION``.
-
     Raises:
-        RuntimeError: the exporter is not installed, or does not take the policy.
+        RuntimeError: the exporter is not installed.
     """
     try:
-        for package in ("onnx", "onnxscript"):
-            import_module(package)
+        import_module("onnxscript")
     except ImportError as error:
         raise RuntimeError(
             f"what=policy needs {error.name}; install it with: pip install 'needlehoop[onnx]'"
@@ -124,7 +115,7 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
         **{name: torch.zeros(2, length) for name, length in spec.vectors.items()},
     }
     batch = torch.export.Dim("n")
-    # It would speak of torchvision and of its own parts.
+    # The exporter logs and warns of its own parts.
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

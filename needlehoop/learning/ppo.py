@@ -12,10 +12,9 @@ from torch import Tensor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.algorithm import Algorithm, step
 from needlehoop.learning.algorithm_config import PpoConfig
-from needlehoop.learning.policy_spec import PolicySpec
 
 _LEARNING_RATE_END = 1e-10
 """ML-Agents' floor of the linear schedule."""
@@ -37,15 +36,16 @@ class Ppo(Algorithm):
     In the warm-up, the trunk that value function and policy share does not learn.
     """
 
+    agent_class = ValueAgent
     config: PpoConfig
 
-    def __init__(self, agent: Agent, config: PpoConfig, updates: int, seed: int):
+    def __init__(self, agent: ValueAgent, config: PpoConfig, updates: int, seed: int):
         super().__init__(agent, config, updates, seed)
         self._common, head, self._value = agent.torchrl()
         self.policy = TensorDictSequential(self._common, head, self._value)
         # Standardised once per buffer, not per minibatch.
         self._gae = GAE(gamma=config.gamma, lmbda=config.lam, value_network=None, average_gae=True)
-        # It reads ``hidden``: both heads' way there is gone once.
+        # It reads ``hidden``, so the common part is computed once for both heads.
         self._loss: Any = ClipPPOLoss(
             head,
             self._value,
@@ -56,14 +56,10 @@ class Ppo(Algorithm):
             loss_critic_type="l2",
             functional=False,
         ).to(self.device)
-        # Two of them: the warm-up's has seen no gradient of the policy, and would leap at one.
-        policy_s = set(agent.actor.parameters())
-        self._adam([one for one in agent.parameters() if one not in policy_s], "value")
+        # The warm-up has an optimiser of its own: its moments hold no gradient of the policy.
+        policys = set(agent.actor.parameters())
+        self._adam([one for one in agent.parameters() if one not in policys], "value")
         self._adam([*agent.parameters()])
-
-    @staticmethod
-    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> Agent:
-        return Agent(spec, dtype)
 
     def update(self, buffer: TensorDictBase) -> dict[str, float]:
         optimizer, rate = self._schedule()
@@ -92,7 +88,7 @@ class Ppo(Algorithm):
         }
 
     def _schedule(self) -> tuple[torch.optim.Optimizer, float]:
-        """Set learning rate and clipping; returns who learns now, and the former."""
+        """Set learning rate and clipping; returns the optimiser in use, and its rate."""
         config, left = self.config, 1.0 - self.done_updates / self.updates
         warms_up = self.done_updates < config.warmup
         for one in self.agent.actor.parameters():
@@ -111,8 +107,8 @@ class Ppo(Algorithm):
     def _estimate(self, buffer: TensorDictBase) -> None:
         """Write advantages and value targets, looking a horizon ahead; time-outs bootstrap.
 
-        The value of a step's successor is that of the next row, which the policy computed
-        on the way; only where an episode or the buffer was cut off has it to be asked for.
+        The value of a step's successor is that of the next row. It is computed anew only where
+        an episode or the buffer was cut off.
         """
         values: Any = buffer["state_value"]
         following = torch.cat((values[:, 1:], torch.zeros_like(values[:, :1])), 1)
@@ -130,6 +126,6 @@ class Ppo(Algorithm):
 
 
 def _explained_variance(values: Tensor, targets: Tensor) -> float:
-    """Share of the targets' variance that the values foresaw; NaN for constant targets."""
+    """Share of the targets' variance that the values explain; NaN for constant targets."""
     variance = targets.var()
     return float(1 - (targets - values).var() / variance) if variance > 0 else float("nan")

@@ -19,7 +19,7 @@ os.environ.setdefault("RAY_ENABLE_AUTO_CONNECT", "0")
 
 
 class _Worker(Collector):
-    """Ray asks whether an actor is true to keep its error; by its length, which has no end here."""
+    """Ray asks whether an actor is true, which would call ``len`` of an endless collector."""
 
     def __bool__(self) -> bool:
         return True
@@ -28,8 +28,8 @@ class _Worker(Collector):
 class RayBuffers:
     """Buffers ``(num_envs, horizon)`` of workers that share the environments equally.
 
-    The cluster is that of ``RAY_ADDRESS``, or else one of this machine. A worker takes a CPU; it
-    acts there, whatever the learner's device.
+    The cluster is that of ``RAY_ADDRESS``, or else a new one on this machine. Each worker acts on
+    a CPU, whatever the learner's device.
 
     Args:
         makers: of each worker's environments.
@@ -57,14 +57,15 @@ class RayBuffers:
         if not ray.is_initialized():
             here = None if "RAY_ADDRESS" in os.environ else count
             ray.init(num_cpus=here, include_dashboard=False, log_to_driver=False)
-        # More than there are would be waited for without end, and without a word.
+        # Ray would wait for missing CPUs without end, and without a message.
         there = int(ray.cluster_resources().get("CPU", 0))
         if there < count:
             raise ValueError(f"collector.workers: {count} is more than the cluster's {there} CPUs")
         self._policy, self._device = policy, device
+        self._count = count
         cpu = torch.device("cpu")
         kind: Any = _Worker
-        # It takes -1 for nothing at all.
+        # RayCollector would collect nothing for -1.
         endless: Any = float("inf")
         self._collector = RayCollector(
             list(makers),
@@ -78,11 +79,10 @@ class RayBuffers:
             policy_device=cpu,
             storing_device=cpu,
         )
-        self._count = count
 
     def __iter__(self) -> Iterator[TensorDictBase]:
         with warnings.catch_warnings():
-            # That weights were sent in no way that it knows.
+            # It warns that it has no way of its own to send weights.
             warnings.simplefilter("ignore", UserWarning)
             buffers: Any = iter(self._collector)
             first = next(buffers)
@@ -90,7 +90,7 @@ class RayBuffers:
             yield buffer.flatten(0, 1).to(self._device)
 
     def update_policy_weights_(self) -> None:
-        """Send the weights. Ray's own way takes no convolutions whose channels lie last."""
+        """Send the weights. TorchRL's own way fails on convolutions in ``channels_last``."""
         weights = {name: one.cpu() for name, one in self._policy.state_dict().items()}
         self._collector.map_fn("policy.load_state_dict", [(weights,)] * self._count)
 

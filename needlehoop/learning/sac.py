@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any
 
 import torch
@@ -12,16 +11,15 @@ from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 from torchrl.objectives import SACLoss, SoftUpdate
 
-from needlehoop.learning.agent import Actor
-from needlehoop.learning.algorithm import Algorithm, Memory, step
+from needlehoop.learning.agent import Agent
+from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
-from needlehoop.learning.encoder import Fold, linear
-from needlehoop.learning.networks import Gaussian, HeadConfig, Trunk, dense
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.encoder import linear
+from needlehoop.learning.networks import HeadConfig, PolicySpec, dense
 
 
 class ActionValue(nn.Module):
-    """What an action ``(n, actions)`` is worth where features ``(n, size)`` are seen, ``(n, 1)``.
+    """The value ``(n, 1)`` of an action ``(n, actions)``, given features ``(n, size)``.
 
     Args:
         size: of all inputs together.
@@ -35,33 +33,23 @@ class ActionValue(nn.Module):
         return self.layers(torch.cat([one.float() for one in inputs], -1))
 
 
-class SacAgent(nn.Module):
+class SacAgent(Agent):
     """A policy, and two critics that read the features of its encoders."""
 
     def __init__(self, spec: PolicySpec, dtype: torch.dtype):
-        super().__init__()
-        heads = spec.network
-        told = heads.told or ()
-        self.fold = Fold(spec.encoder.stem)
-        self.trunk = Trunk(spec.images, spec.vectors, spec.encoder, heads, dtype)
-        self.gaussian = Gaussian(heads.hidden, spec.actions, heads.sigma, heads.squash)
-        size = self.trunk.size + len(told) + spec.actions
-        self.critics = nn.ModuleList(ActionValue(size, heads) for _ in range(2))
-        self.seen_keys = spec.keys
-        self.in_keys: list[Any] = [*spec.keys, *(("facts", name) for name in told)]
-
-    @property
-    def actor(self) -> Actor:
-        """The policy alone: the same modules."""
-        return Actor(self.fold, self.trunk, self.gaussian)
+        super().__init__(spec, dtype)
+        self.trunk, self.gaussian = spec.trunk(dtype), spec.gaussian()
+        size = self.trunk.size + len(self.privileged_keys) + spec.actions
+        self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
 
 
-class Sac(Algorithm):
+class Sac(MemoryAlgorithm):
     """Learns from all steps so far, after each new buffer of them.
 
     The critics train the encoders; the policy reads their features as they are.
     """
 
+    agent_class = SacAgent
     config: SacConfig
 
     def __init__(self, agent: SacAgent, config: SacConfig, updates: int, seed: int):
@@ -76,8 +64,7 @@ class Sac(Algorithm):
         acting: Any = TensorDictModule(agent.gaussian, ["hidden"], ["loc", "scale"])
         drawing: Any = ProbabilisticActor(acting, ["loc", "scale"], distribution_class=TanhNormal)
         self.policy = TensorDictSequential(seeing, drawing)
-        told = agent.in_keys[len(agent.seen_keys) :]
-        inputs: list[Any] = ["features", *told, "action"]
+        inputs: list[Any] = ["features", *agent.privileged_keys, "action"]
         critics = [TensorDictModule(q, inputs, ["state_action_value"]) for q in agent.critics]
         self._loss: Any = SACLoss(
             head,
@@ -86,45 +73,24 @@ class Sac(Algorithm):
             loss_function="l2",
             alpha_init=config.alpha,
             target_entropy=-float(agent.gaussian.mean.out_features),
-            # Of two networks; a loop takes no longer.
+            # For two networks a loop is as fast.
             deactivate_vmap=True,
         ).to(self.device)
         self._loss.make_value_estimator(gamma=config.gamma)
         self._targets = SoftUpdate(self._loss, tau=config.tau)
-        critics_s = self._loss.qvalue_network_params.values(True, True)
-        eyes = [*trunk.encoders.parameters(), *trunk.normalizers.parameters()]
-        self._adam([*critics_s, *eyes], "critics")
+        weights = self._loss.qvalue_network_params.values(True, True)
+        self._adam([*weights, *trunk.encoders.parameters()], "critics")
         self._adam([*trunk.layers.parameters(), *agent.gaussian.parameters()], "actor")
         self._adam([self._loss.log_alpha], "alpha")
-        own = (config.memory, config.minibatch, self.device, self._generator)
-        self._memory = Memory(*own)
 
-    @staticmethod
-    def agent_of(spec: PolicySpec, dtype: torch.dtype) -> SacAgent:
-        return SacAgent(spec, dtype)
+    def _kept(self, buffer: TensorDictBase) -> TensorDictBase:
+        keys, following = self.agent.in_keys, buffer.get("next")
+        kept = buffer.select(*keys, "action")
+        kept["next"] = following.select(*keys, "reward", "done", "terminated")
+        return kept
 
-    def remember(self, buffer: TensorDictBase) -> None:
-        keys = self.agent.in_keys
-        ends = ("reward", "done", "terminated")
-        after = [("next", *(key if isinstance(key, tuple) else (key,))) for key in keys]
-        kept = buffer.select(*keys, "action", *after, *(("next", one) for one in ends))
-        self._memory.extend(kept.reshape(-1))
-
-    def update(self, buffer: TensorDictBase) -> dict[str, float]:
-        self.remember(buffer)
-        totals = Counter[str]()
-        for _ in range(self.config.minibatches):
-            totals.update(self._learn())
-        self._end_update(buffer)
-        return {
-            **{name: float(value) / self.config.minibatches for name, value in totals.items()},
-            "frames": float(len(self._memory)),
-            "learning_rate": self.config.learning_rate,
-        }
-
-    def _learn(self) -> dict[str, Tensor]:
-        """A minibatch; returns what is reported of it."""
-        frames = self._memory.sample(self.agent.fold, self.config.picture_shift)
+    def _learn(self, number: int) -> dict[str, Tensor]:
+        frames = self._minibatch()
         with torch.no_grad():
             self._see(frames["next"])
         value, _ = self._loss.qvalue_v2_loss(self._see(frames))
@@ -136,7 +102,7 @@ class Sac(Algorithm):
         alpha = self._loss.alpha_loss(-entropy).mean()
         step(self._optimizers["alpha"], alpha)
         self._targets.step()
-        told = {
+        reported = {
             "loss_value": value,
             "loss_policy": policy,
             "loss_alpha": alpha,
@@ -144,7 +110,7 @@ class Sac(Algorithm):
             "alpha": self._loss.log_alpha.exp(),
             "sigma": self.agent.gaussian.log_sigma.exp().mean(),
         }
-        return {name: one.detach() for name, one in told.items()}
+        return {name: one.detach() for name, one in reported.items()}
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "loss": self._loss.state_dict()}

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from needlehoop.config.strict import check_names
 from needlehoop.disturbances.axes import AXES, GROUPS, disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import MakeController
@@ -22,7 +23,7 @@ NONE, ALL = "none", "all"
 
 @dataclass(frozen=True)
 class Condition:
-    """Amounts by axis, under a name."""
+    """Amounts by axis, under the name of one axis or of all."""
 
     axis: str
     severity: int
@@ -30,24 +31,18 @@ class Condition:
 
 
 def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
-    """Axes by their names or their groups'; all by default.
+    """Axes by their names or their groups', such as ``camera.shift`` and ``scene``.
 
     Args:
-        words: names of axes or groups, such as ``camera.shift`` and ``scene``.
-        blind: whether whoever acts has no cameras: then only the robot can be disturbed.
+        words: none: all axes.
+        blind: whether there are no cameras, so that only the robot can be disturbed.
 
     Raises:
         ValueError: no such axis.
     """
     given = list(words) or (["robot"] if blind else list(GROUPS))
-    found = []
-    for word in given:
-        own = [key for key in AXES if word in (key, key.partition(".")[0])]
-        if not own:
-            raise ValueError(
-                f"axes: {word!r} is unknown; choose from {', '.join((*GROUPS, *AXES))}"
-            )
-        found += own
+    check_names("axes", given, (*GROUPS, *AXES))
+    found = [key for word in given for key in AXES if word in (key, key.partition(".")[0])]
     if blind and any(not key.startswith("robot.") for key in found):
         raise ValueError("axes: nobody looks through a camera here; choose from robot")
     return list(dict.fromkeys(found))
@@ -63,7 +58,6 @@ def conditions(
 
     Args:
         levels: amounts at severities 1, 2, … by axis, by group: ``conf/levels``.
-        axes: as from ``chosen_axes``.
         together: severity of all at once.
 
     Raises:
@@ -72,10 +66,7 @@ def conditions(
     given = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
     for key in given.keys() ^ AXES.keys():
         raise ValueError(f"levels.{key}: {'missing' if key in AXES else 'no such axis'}")
-    most = len(given["camera.shift"])
-    if any(len(row) != most for row in given.values()):
-        raise ValueError("levels: every axis needs as many severities as the others")
-    ordered = sorted(set(severities))
+    most, ordered = min(map(len, given.values())), sorted(set(severities))
     for key, severity in (*(("severities", one) for one in ordered), ("together", together)):
         if not 1 <= severity <= most:
             raise ValueError(f"{key}: {severity} is not among 1 to {most}")
@@ -85,33 +76,29 @@ def conditions(
 
 
 def stress(
-    settings: Settings,
-    make: MakeController,
-    tried: list[Condition],
-    episodes: int,
-    size: int,
+    settings: Settings, make: MakeController, tried: list[Condition], episodes: int, size: int
 ) -> list[dict[str, Any]]:
-    """What comes of a controller under each condition, a row each.
+    """A controller's results under each condition, a row each.
 
-    Episode ``i`` begins in the same way under all of them. All share one batch: an environment
-    that is done takes the next episode that waits, of whatever condition.
+    Episode ``i`` begins in the same way under all of them. All share one batch of ``size``
+    environments: one that is done takes the next episode that waits, of any condition. Most
+    episodes end long before the time limit, so a batch for each condition would take three times
+    as long.
 
     Args:
-        settings: environment with the seed of the episodes; it is itself undisturbed.
+        settings: environment with the seed of the episodes, undisturbed.
         make: makes the controller, which has no memory of its own.
         episodes: of each condition.
-        size: environments side by side.
     """
     total, task = episodes * len(tried), settings.definition
+    amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
     most = {key: max(c.amounts.get(key, 0.0) for c in tried) for key in AXES}
-    disturb = disturb_of({key: amount for key, amount in most.items() if amount})
-    own = replace(settings, num_envs=min(size, total), disturb=disturb)
+    own = replace(settings, num_envs=min(size, total), disturb=disturb_of(most))
     simulation = build(own)
     controller = make(simulation)
-    amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}
     names = (*task.columns, "return", "steps")
     ended = torch.zeros(total, len(names), dtype=torch.float64)
-    # What each environment flies: an episode of a condition, counted through; at the end nothing.
+    # The episode of each environment, counted over all conditions; -1: none is left.
     at, dealt = torch.full((own.num_envs,), -1), 0
     fresh, moment = torch.ones(own.num_envs, dtype=torch.bool), None
     with tqdm(total=total, desc="stress", unit="episode", disable=None) as bar:
@@ -134,10 +121,9 @@ def stress(
             known = [one.double() for one in (*facts, moment.potential, moment.steps)]
             ended[at[over]] = torch.stack(known, -1)[over]
             bar.update(int(over.sum()))
-    found = ended.reshape(len(tried), episodes, len(names)).numpy()
     return [
-        _row(condition, dict(zip(names, own.T, strict=True)))
-        for condition, own in zip(tried, found, strict=True)
+        _row(condition, dict(zip(names, found.T.numpy(), strict=True)))
+        for condition, found in zip(tried, ended.split(episodes), strict=True)
     ]
 
 
@@ -166,8 +152,7 @@ def summary(rows: list[dict[str, Any]]) -> str:
         mean = float(np.mean([row["success"] for row in own.values()]))
         lines.append(f"severity 3   {mean:.1%} (mean over {len(own)} axes)")
         worst = sorted(own.values(), key=lambda row: row["success"])[:3]
-        told = ", ".join(f"{row['axis']} {row['success']:.0%}" for row in worst)
-        lines.append(f"worst        {told}")
-    together = next(row for row in rows if row["axis"] == ALL)
-    lines.append(f"all at once  {together['success']:.1%} (severity {together['severity']})")
+        axes = ", ".join(f"{row['axis']} {row['success']:.0%}" for row in worst)
+        lines.append(f"worst        {axes}")
+    lines.append(f"all at once  {rows[-1]['success']:.1%} (severity {rows[-1]['severity']})")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Who flies, and where: a run's agent, a policy from a file, or a scripted controller."""
+"""Resolves a policy and its environment: of a run, of a policy's file, or a script's."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ import torch
 
 from needlehoop import rewards
 from needlehoop.config.changing import changed
+from needlehoop.config.strict import check_names, shown
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import MakeController, by_name, controllers
 from needlehoop.envs.settings import Settings, compose_settings, recall_task
-from needlehoop.learning.evaluate import acting, load_agent, which_policy
+from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
-from needlehoop.learning.policy_spec import check_same
+from needlehoop.learning.networks import check_same
 from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.run import Run
 
 _SEED = 1_000_001
-"""Of the episodes where no run says which: that of a run's final evaluation by default."""
+"""Of the episodes where there is no run: as in a run's final evaluation by default."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """Someone who acts, and where."""
+    """A controller and its environment."""
 
     settings: Settings
     """Undisturbed, with the seed of the episodes."""
@@ -41,16 +42,16 @@ class Subject:
 def subject(
     who: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
 ) -> Subject:
-    """Find out who is meant.
+    """Find the controller that is meant.
 
     Args:
         who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
-        words: settings of the environment: of a run, what is to be changed.
+        words: settings of the environment; of a run, only those to be changed.
         seed: of the episodes; ``None``: of the final evaluation.
         trust: whether Python code that a run's files name may run.
 
     Raises:
-        ValueError: nobody, or settings that do not fit.
+        ValueError: no such controller, or settings that do not fit.
     """
     path = Path(who)
     if path.is_dir():
@@ -59,23 +60,16 @@ def subject(
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
         spec = read_spec(path)
-        cams = ",".join(spec.channels)
-        seen = [f"cams=[{cams}]", f"image_size={spec.image_size}"]
+        seen = [f"cams=[{','.join(spec.channels)}]", f"image_size={spec.image_size}"]
         settings = compose_settings([*seen, f"episode.control={spec.control}", *chosen])
-        for name, channels in settings.image_channels.items():
-            if spec.channels.get(name) != channels:
-                raise ValueError(
-                    f"{path}: {name} has {spec.channels.get(name)} channels there, {channels}"
-                    " here; give the settings that it was trained with (obs.frame_stack=…)"
-                )
+        if settings.image_channels != spec.channels:
+            raise ValueError(
+                f"{path}: its images have channels {shown(spec.channels)}, and these"
+                f" {shown(settings.image_channels)}; give its own settings (obs.frame_stack=…)"
+            )
         return Subject(settings, acting(read_actor(path, spec, device)))
     settings = compose_settings(chosen)
-    valid = controllers(settings)
-    if who not in valid:
-        raise ValueError(
-            f"{who!r} is no run's folder, no policy.safetensors and no controller; controllers"
-            f" of {settings.task.name}: {', '.join(valid)}"
-        )
+    check_names("a run's folder, policy.safetensors or controller", [who], controllers(settings))
     return Subject(replace(settings, cams=()), by_name(who))
 
 
@@ -93,14 +87,13 @@ def of_run(
     Arguments and errors as in ``subject``.
 
     Args:
-        command: whose keys are named beside the run's where one is unknown.
-        later: how many seeds after that of the final evaluation, if none is given.
+        command: for the error about an unknown key, which lists the command's keys too.
+        later: added to the seed of the final evaluation, if none is given.
     """
     run = Run.open(folder)
     job, _ = flown_job(run.config(), words, trust, command)
     own = job.evaluation.final_seed + later if seed is None else seed
-    if own == job.env.seed:
-        raise ValueError(f"seed: the run was trained on {own}; choose another")
+    check_seed(job, own)
     agent = load_agent(run, job, device, which_policy(run, None)[0])
     return replace(job.env, seed=own), acting(agent.actor)
 
@@ -108,14 +101,11 @@ def of_run(
 def flown_job(
     recorded: Mapping[str, Any], words: Iterable[str], trust: bool, command: str | None = None
 ) -> tuple[Job, dict[str, Any]]:
-    """The job of a run's config, its environment changed by words, and what was changed.
+    """The job of a run's config with its environment changed, and the new values by key.
 
     Args:
-        words: as on the command line; none change nothing.
+        words: changes, as on the command line.
         trust: whether Python code that the run's files name may run. A reward that is typed may.
-
-    Returns:
-        The job; and new values by their key, such as ``episode.grasp``.
 
     Raises:
         ValueError: code without ``trust``, a word that is wrong, or one that changes what the

@@ -1,4 +1,4 @@
-"""What a training adds to an environment, as TorchRL's transforms."""
+"""TorchRL transforms that a training adds to its environments."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import Fold
 
 LABEL = "label"
-"""What the expert would do now, among an observation's keys ``(n, action_size)``."""
+"""Key of the expert's action ``(n, action_size)``, which the policy is to learn."""
 
 EXPERT = "expert"
-"""What it does: the label with noise that it then corrects, likewise."""
+"""Key of the same with noise, which the expert flies and then corrects."""
 
 LEARNER = "learner"
-"""Whether the learner acts in this episode ``(n, 1)``, and not the expert."""
+"""Key of whether the learner acts in this episode ``(n, 1)``, or else the expert."""
 
 
 class FoldPixels(Transform):
@@ -38,17 +38,7 @@ class FoldPixels(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        mask = tensordict.get("_reset", None)
-        if mask is None or bool(mask.all()):
-            return self._call(tensordict_reset)
-        # TorchRL takes the rows of the mask alone.
-        rows = mask.flatten().nonzero().flatten()
-        for key in self.in_keys:
-            few = self._fold(tensordict_reset[key][rows])
-            folded = few.new_empty(len(mask), *few.shape[1:])
-            folded[rows] = few
-            tensordict_reset[key] = folded
-        return tensordict_reset
+        return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Images ``(n, h/k, w/k, k*k*c)``."""
@@ -60,13 +50,12 @@ class FoldPixels(Transform):
 
 
 class Teacher(Transform):
-    """An expert that says what it would do, and acts in some of the episodes.
+    """An expert that labels every step, and acts in some of the episodes.
 
     Who acts in an episode is drawn when it begins. The learner's share grows from nothing to all.
     The expert acts under noise, so that it shows how to correct errors (``Perturbation``).
 
     Args:
-        settings: of the environments.
         noise: the strongest.
         handover: share of the training after which the learner acts in every new episode.
         seed: decides who acts, and the noise.
@@ -87,7 +76,7 @@ class Teacher(Transform):
         return self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
 
     def _show(self, into: TensorDictBase, fresh: Tensor | None = None) -> TensorDictBase:
-        """The teacher's keys; of environments ``fresh`` ``(n,)`` the expert acts anew."""
+        """Write the teacher's keys; the expert acts anew where ``fresh`` ``(n,)`` is true."""
         label = self._expert(self._env.moment.signals).float()
         if fresh is not None:
             acted = (label + self._noise(fresh).float()).clamp(-1.0, 1.0)
@@ -105,7 +94,6 @@ class Teacher(Transform):
         mask = tensordict.get("_reset", None)
         fresh = torch.ones_like(self._learner) if mask is None else mask.flatten()
         if self._is_restored and bool(fresh.all()):
-            # It goes on with what is under way.
             self._is_restored = False
             return self._show(tensordict_reset)
         share = min(1.0, self._env.done_share / self._handover)
@@ -123,7 +111,7 @@ class Teacher(Transform):
         return found
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Who acts, the noise, and what decides the next of both."""
+        """Everything that decides the next actions."""
         own = {"learner": self._learner, "acted": self._acted}
         return {**own, **self._noise.snapshot(), "generator": self._generator.get_state()}
 
@@ -136,18 +124,20 @@ class Teacher(Transform):
 
 
 class Carry(Transform):
-    """Has a collector's ``state_dict`` hold the environment, of which it keeps transforms alone.
+    """Puts the environment and torch's generator into a collector's ``state_dict``.
 
-    And the numbers that torch draws in this process, for the policy's actions.
+    The collector itself keeps the state of transforms only.
     """
 
+    @property
+    def _env(self) -> Any:
+        return self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
+
     def get_extra_state(self) -> dict[str, Any]:
-        """The environment's, and torch's."""
-        env: Any = self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
-        return {"env": env.state_dict(), "rng": torch.get_rng_state()}
+        """The environment's state, and that of torch's generator."""
+        return {"env": self._env.state_dict(), "rng": torch.get_rng_state()}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from a ``get_extra_state``."""
-        env: Any = self.parent.base_env  # pyright: ignore[reportOptionalMemberAccess]
-        env.load_state_dict(state["env"])
+        self._env.load_state_dict(state["env"])
         torch.set_rng_state(state["rng"])

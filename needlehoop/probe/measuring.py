@@ -23,7 +23,6 @@ from needlehoop.probe.frames import Frames, collect, quantities
 from needlehoop.probe.plan import CONSTANT, TRUTH, Plan
 from needlehoop.probe.scores import constant, errors, save
 from needlehoop.runs.files import seen
-from needlehoop.runs.machine import available_cpus
 
 
 def probe(plan: Plan, folder: Path) -> None:
@@ -63,7 +62,7 @@ def _probe_seed(plan: Plan, folder: Path, seed: int, bar: tqdm) -> None:
     keep(CONSTANT, *constant(asked, learnt, held_out))
     wanted = {seen(one): one for one in plan.camera_sets} | {TRUTH: ()}
     readers = [Reader(plan, learnt, own, seed) for own in wanted.values()]
-    with ThreadPoolExecutor(plan.env.engine.threads or available_cpus()) as pool:
+    with ThreadPoolExecutor(plan.env.engine.cpus) as pool:
         # After an error or Ctrl-C, this cancels what has not begun.
         list(pool.map(measure, wanted, readers))
 

@@ -17,7 +17,6 @@ from needlehoop.config.changing import differing, plain
 from needlehoop.config.strict import OneOf, check_names
 from needlehoop.envs.settings import Settings, settings_from
 from needlehoop.learning.job import Job, Steps, checked_job, typed_job
-from needlehoop.learning.learner import check_state
 from needlehoop.learning.loggers import check_installed
 from needlehoop.learning.subject import flown_job
 from needlehoop.rewards import program_reward
@@ -180,7 +179,6 @@ def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
                 " file back, or begin a run of its own with study="
             )
         state = checkpoint.state
-        check_state(path, state, job)
         run.go_on(checkpoint)
         run.note(steps=state["update"] * job.buffer, wall_time=state["wall_time"], stopped=False)
         yield Session(job, run, state)

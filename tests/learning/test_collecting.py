@@ -150,8 +150,3 @@ def test_the_environment_is_one_of_torchrls(method):
 )
 def test_environments_are_shared_among_workers(kind, workers, num_envs, cores, parts):
     assert CollectorConfig(kind, workers).parts(num_envs, cores) == parts
-
-
-def test_more_workers_than_environments_are_refused():
-    with pytest.raises(ValueError, match=r"collector\.workers: 6 is more than num_envs=5"):
-        job_of("collector.workers=6")

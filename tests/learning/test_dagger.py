@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
-from needlehoop.config import composing, strict
-from needlehoop.learning.algorithm_config import DaggerConfig
+from needlehoop.config import composing
 from needlehoop.learning.job import typed_job
 from needlehoop.learning.learner import Learner
 from needlehoop.learning.transforms import LEARNER
@@ -29,15 +27,6 @@ SMALL = [
 
 def learner(*overrides: str, state=None) -> Learner:
     return Learner(typed_job(composing.compose([*SMALL, *overrides], "job")), state)
-
-
-def test_an_algorithm_brings_its_own_length_and_the_command_line_has_the_last_word():
-    own = typed_job(composing.compose(["algo=dagger", "cams=seg_side"], "job"))
-    assert isinstance(own.algo, DaggerConfig)
-    assert own.steps < 200_000
-    assert own.place == "main/seg_side/expert/seed0"
-    assert typed_job(composing.compose(SMALL, "job")).steps == 128
-    assert typed_job(composing.compose(["cams=seg_side"], "job")).steps == 1_500_000
 
 
 def test_the_expert_labels_what_it_flies_and_what_the_learner_flies():
@@ -94,25 +83,3 @@ def test_an_image_is_moved_whenever_it_is_learnt_from_and_only_then():
     key = ("pixels", "seg_side")
     assert torch.equal(first[key], other[key])
     assert told["loss_imitation"] != told_shifted["loss_imitation"]
-
-
-def test_memory_keeps_the_newest_frames():
-    taught = learner("algo.memory=50")
-    assert [told["frames"] for _, told in taught] == [32, 50, 50, 50]
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("minibatches", 0, r"algo\.minibatches: 0 must be at least 1"),
-        ("bend", 0, r"algo\.bend: 0 must be above 0"),
-        ("picture_shift", 65, r"algo\.picture_shift: 65 must be at most 64"),
-        ("noise", -1, r"algo\.noise: -1 must be at least 0"),
-        ("epochs", 3, r"algo: unknown key epochs"),
-        ("kind", "bc", r"algo\.kind: 'bc' is unknown; choose from dagger"),
-    ],
-)
-def test_hyperparameters_are_checked(key, value, message):
-    values = composing.compose(SMALL, "job")["algo"]
-    with pytest.raises(ValueError, match=message):
-        strict.structure({**values, key: value}, DaggerConfig, "algo")

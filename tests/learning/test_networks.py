@@ -1,6 +1,6 @@
 """The networks: what they read, what they write, where they start."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 import torch
@@ -9,11 +9,9 @@ from torch.nn.functional import pixel_unshuffle
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 
 from needlehoop.config import composing, strict
-from needlehoop.learning.agent import Agent
+from needlehoop.learning.agent import ValueAgent
 from needlehoop.learning.encoder import Encoder, EncoderConfig, Fold, convolution_dtype
-from needlehoop.learning.job import typed_job
-from needlehoop.learning.networks import HeadConfig, Normalizer, Trunk
-from needlehoop.learning.policy_spec import PolicySpec
+from needlehoop.learning.networks import HeadConfig, Normalizer, PolicySpec, Trunk
 
 ENCODERS = sorted(file.stem for file in (composing.CONF / "encoder").glob("*.yaml"))
 SMALL = EncoderConfig(name="small", stem=2, channels=(4, 6), blocks=1)
@@ -39,16 +37,16 @@ def observed(n: int, cameras: dict[str, int], vectors: dict[str, int]) -> Compos
     return spec
 
 
-def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> Agent:
+def make_agent(spec: Composite, encoder: EncoderConfig = SMALL, **heads) -> ValueAgent:
     torch.manual_seed(0)
     seen = dict(spec.items())
     channels = {name: one.shape[1] for name, one in seen.get("pixels", {}).items()}
     vectors = {name: seen[name].shape[-1] for name in ("proprio", "signals") if name in seen}
     own = PolicySpec(channels, 16, vectors, encoder, replace(HEADS, **heads), "tool", 5, "fp32")
-    return Agent(own, torch.float32)
+    return ValueAgent(own, torch.float32)
 
 
-def said(agent: Agent, seen: TensorDictBase) -> tuple[torch.Tensor, ...]:
+def said(agent: ValueAgent, seen: TensorDictBase) -> tuple[torch.Tensor, ...]:
     """Mean, deviation and value of an observation."""
     folded = seen.clone()
     for name, image in seen["pixels"].items() if "pixels" in seen else ():
@@ -76,19 +74,12 @@ def test_a_folded_image_is_moved_as_it_would_be_before(stem):
 def test_fold_is_pixel_unshuffle_with_its_channels_in_another_order(stem):
     image = random_images(3, 4, 16, 8)
     folded = Fold(stem)(image)
-    expected = pixel_unshuffle(image, stem)
     assert folded.dtype == torch.uint8
     assert folded.shape == (3, 16 // stem, 8 // stem, 4 * stem**2)
     ours = sorted(plane.flatten().tolist() for plane in folded.unbind(-1))
-    theirs = sorted(plane.flatten().tolist() for plane in expected.unbind(1))
-    assert ours == theirs
-
-
-def test_fold_leaves_leading_dimensions_as_they_are():
-    images = random_images(2, 5, 3, 8, 8)
-    folded = Fold(2)(images)
-    assert folded.shape == (2, 5, 4, 4, 12)
-    assert torch.equal(folded[1, 3], Fold(2)(images[1, 3]))
+    expected = pixel_unshuffle(image, stem)
+    assert ours == sorted(plane.flatten().tolist() for plane in expected.unbind(1))
+    assert torch.equal(Fold(stem)(image[None])[0], folded)
 
 
 def make_encoder(dtype: torch.dtype) -> Encoder:
@@ -115,15 +106,12 @@ def test_an_encoder_in_bfloat16_gives_about_the_same_in_float32():
     torch.testing.assert_close(rough, exact, rtol=0.0, atol=0.05 * float(exact.detach().max()))
 
 
-def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size():
-    for name in ENCODERS:
-        values = composing.compose(["cams=[dep_front]", f"encoder={name}"], "config")
-        own, size = (
-            strict.structure(values["encoder"], EncoderConfig, "encoder"),
-            values["image_size"],
-        )
-        encoder = Encoder(torch.Size((4, size, size)), own, 8, torch.float32)
-        assert encoder(Fold(own.stem)(random_images(1, 4, size, size))).shape == (1, 8), name
+@pytest.mark.parametrize("name", ENCODERS)
+def test_every_encoder_of_the_config_reads_an_image_of_the_usual_size(name):
+    values = composing.compose(["cams=[dep_front]", f"encoder={name}"], "config")
+    own, size = strict.structure(values["encoder"], EncoderConfig), values["image_size"]
+    encoder = Encoder(torch.Size((4, size, size)), own, 8, torch.float32)
+    assert encoder(Fold(own.stem)(random_images(1, 4, size, size))).shape == (1, 8)
 
 
 @pytest.mark.parametrize(
@@ -137,114 +125,43 @@ def test_an_image_that_does_not_fit_is_refused_with_what_would(stem, size, multi
     Encoder(torch.Size((3, least, least)), narrow, 8, torch.float32)
 
 
-@pytest.mark.parametrize("key", ["stem", "channels", "blocks"])
-def test_an_encoder_of_nothing_is_refused_by_key(key):
-    values = {"name": "small", "stem": 2, "channels": [4], "blocks": 1}
-    values[key] = [4, 0] if key == "channels" else 0
-    with pytest.raises(ValueError, match=rf"encoder\.{key}.*: .*at least 1"):
-        strict.structure(values, EncoderConfig, "encoder")
-
-
-def test_another_way_of_halving_is_refused_with_those_that_are_known():
-    with pytest.raises(ValueError, match=r"encoder\.halving: 'skip' .*choose from pool, stride"):
-        strict.structure({**asdict(SMALL), "halving": "skip"}, EncoderConfig, "encoder")
-
-
-@pytest.mark.parametrize("blocks", [1, 2])
-def test_both_ways_of_halving_make_maps_of_the_same_size(blocks):
+def test_both_ways_of_halving_make_maps_of_the_same_size():
     shape = torch.Size((3, 24, 16))
     pooled, strided = (
-        Encoder(shape, EncoderConfig("small", 2, (4, 4), blocks, halving), 8, torch.float32)
+        Encoder(shape, EncoderConfig("small", 2, (4, 4), 1, halving), 8, torch.float32)
         for halving in ("pool", "stride")
     )
     assert pooled.dense[0].in_features == strided.dense[0].in_features == 4 * 3 * 2
     assert not [module for module in strided.modules() if isinstance(module, torch.nn.MaxPool2d)]
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("hidden", 0), ("layers", 0), ("sigma", 0.0), ("sigma", float("nan"))]
-)
-def test_bad_heads_are_refused_by_key(key, value):
-    values = {"hidden": 16, "layers": 2, "sigma": 0.6, "shared": True, "told": [], key: value}
-    with pytest.raises(ValueError, match=rf"algo\.network\.{key}: "):
-        strict.structure(values, HeadConfig, "algo.network")
-
-
-def shown_vectors() -> torch.Tensor:
+def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():
     generator = torch.Generator().manual_seed(1)
     scale, offset = torch.tensor([0.01, 1.0, 30.0]), torch.tensor([5.0, 0.0, -2.0])
-    return torch.randn(60, 3, generator=generator) * scale + offset
-
-
-def taught_normalizer() -> Normalizer:
-    """One that was shown the vectors in chunks of different sizes and shapes."""
+    vectors = torch.randn(60, 3, generator=generator) * scale + offset
     normalizer = Normalizer(3)
-    first, second, third = shown_vectors().split([7, 41, 12])
+    assert torch.equal(normalizer(vectors), vectors)
+    first, second, third = vectors.split([7, 41, 12])
     for chunk in (first, second, third.view(4, 3, 3)):
         normalizer.learn(chunk)
-    return normalizer
-
-
-def test_a_normalizer_changes_nothing_before_it_was_shown_anything():
-    x = shown_vectors()
-    assert torch.equal(Normalizer(3)(x), x)
-
-
-def test_a_normalizer_knows_mean_and_variance_of_all_it_was_shown():
-    normalizer, everything = taught_normalizer(), shown_vectors().double()
-    torch.testing.assert_close(normalizer.mean, everything.mean(0))
-    variance = everything.var(0, correction=0)
+    mean, variance = vectors.double().mean(0), vectors.double().var(0, correction=0)
+    torch.testing.assert_close(normalizer.mean, mean)
     torch.testing.assert_close(normalizer.square - normalizer.mean**2, variance)
-    probe = everything.mean(0) + torch.tensor([-2.0, 0.5, 3.0]) * variance.sqrt()
+    probe = mean + torch.tensor([-2.0, 0.5, 1e6]) * variance.sqrt()
     seen = normalizer(probe.float())
     assert seen.dtype == torch.float32
-    torch.testing.assert_close(seen, torch.tensor([-2.0, 0.5, 3.0]), atol=1e-3, rtol=0)
+    # It clamps at five deviations.
+    torch.testing.assert_close(seen, torch.tensor([-2.0, 0.5, 5.0]), atol=1e-3, rtol=0)
 
 
-def test_a_normalizer_clamps_at_five_deviations():
-    normalizer = taught_normalizer()
-    far = torch.tensor([[1e3, -1e3, 1e6], [-1e3, 1e3, -1e6]])
-    assert torch.equal(normalizer(far), 5.0 * far.sign())
-
-
-def test_a_number_that_never_changes_becomes_zero():
-    normalizer = Normalizer(2)
-    constant = torch.tensor([0.1, 1234.5]).expand(50, 2)
-    for _ in range(3):
-        normalizer.learn(constant)
-    torch.testing.assert_close(normalizer(constant), torch.zeros(50, 2), atol=1e-3, rtol=0)
-
-
-def test_looking_does_not_teach_a_normalizer():
-    normalizer = taught_normalizer()
-    before = {name: value.clone() for name, value in normalizer.state_dict().items()}
-    normalizer(shown_vectors() + 100.0)
-    assert all(torch.equal(normalizer.state_dict()[name], before[name]) for name in before)
-
-
-def test_an_agent_reads_the_keys_it_names():
-    spec = observed(3, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
+def test_an_agent_reads_the_keys_it_names_and_begins_with_the_sigma_of_the_config():
+    spec = observed(7, {"rgb_a": 3, "dep_b": 4}, {"proprio": 8, "signals": 6})
     agent = make_agent(spec)
-    assert set(agent.in_keys) == {("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"}
-    shapes = [tuple(one.shape) for one in said(agent, spec.rand())]
-    assert shapes == [(3, 5), (3, 5), (3, 1)]
-
-
-def test_an_agent_of_vectors_alone_needs_no_images():
-    spec = observed(4, {}, {"signals": 6})
-    agent = make_agent(spec)
-    assert list(agent.in_keys) == ["signals"]
-    loc, _, value = said(agent, spec.rand())
-    assert loc.shape == (4, 5)
-    assert value.unique().numel() == 4
-
-
-def test_the_first_policy_has_the_sigma_of_the_config_whatever_it_sees():
-    spec = observed(7, {"rgb_a": 3}, {"signals": 6})
-    agent = make_agent(spec)
-    loc, scale, _ = said(agent, spec.rand())
-    torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
+    assert agent.in_keys == [("pixels", "rgb_a"), ("pixels", "dep_b"), "proprio", "signals"]
+    loc, scale, value = said(agent, spec.rand())
+    assert value.shape == (7, 1)
     assert loc.std(0).min() > 0
+    torch.testing.assert_close(scale, torch.full((7, 5), 0.6))
 
 
 def test_every_camera_has_an_encoder_of_its_own():
@@ -274,19 +191,11 @@ def test_a_value_function_of_its_own_leaves_the_policy_alone():
         assert all(grad is None for grad in grads[1 - moved])
 
 
-def told(spec: Composite) -> Agent:
-    spec["facts"] = Composite(
-        {name: Binary(1, shape=(2, 1), dtype=torch.bool) for name in ("grasped", "lifted")},
-        shape=(2,),
-    )
-    return make_agent(spec, told=("lifted",))
-
-
-def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
+def test_a_privileged_fact_moves_the_value_and_not_the_policy():
     spec = observed(2, {"rgb_a": 3}, {})
-    agent = told(spec)
-    seen = spec.rand()
-    seen["facts", "lifted"] = torch.zeros(2, 1, dtype=torch.bool)
+    flag = Binary(1, shape=(2, 1), dtype=torch.bool)
+    spec["facts"] = Composite(grasped=flag, lifted=flag.clone(), shape=(2,))
+    agent, seen = make_agent(spec, told=("lifted",)), spec.rand()
     loc, _, value = said(agent, seen)
     for fact, moves in (("grasped", False), ("lifted", True)):
         other = seen.clone()
@@ -294,27 +203,9 @@ def test_a_fact_that_is_told_moves_the_value_and_not_the_policy():
         loc_after, _, value_after = said(agent, other)
         assert torch.equal(loc_after, loc)
         assert torch.equal(value_after, value) != moves
-
-
-def test_the_actor_acts_alike_and_needs_to_be_told_nothing():
-    spec = observed(2, {"rgb_a": 3}, {})
-    agent = told(spec)
-    seen = spec.rand()
-    loc, *_ = said(agent, seen)
+    # The policy alone needs no fact.
     assert torch.equal(agent.actor(seen["pixels", "rgb_a"]), loc)
     assert not [name for name in agent.state_dict() if "actor" in name]
-
-
-def test_an_unknown_fact_is_refused_with_those_that_are_known():
-    with pytest.raises(ValueError, match=r"algo\.network\.told: 'held' .*choose from .*lifted"):
-        typed_job(composing.compose(["cams=[rgb_front]", "algo.network.told=[held]"], "config"))
-
-
-def test_images_that_do_not_fit_are_refused_when_the_agent_is_made():
-    spec = observed(2, {"rgb_a": 3}, {})
-    big = EncoderConfig(name="big", stem=4, channels=(4, 4, 4), blocks=1)
-    with pytest.raises(ValueError, match=r"image_size: 16 .*encoder=big"):
-        make_agent(spec, big)
 
 
 @pytest.mark.parametrize(("has", "dtype"), [(True, torch.bfloat16), (False, torch.float32)])
@@ -327,8 +218,3 @@ def test_precision_auto_is_bfloat16_where_the_processor_has_it(monkeypatch, devi
     assert convolution_dtype("auto", torch.device(device)) == dtype
     assert convolution_dtype("fp32", torch.device(device)) == torch.float32
     assert convolution_dtype("bf16", torch.device(device)) == torch.bfloat16
-
-
-def test_an_unknown_precision_is_refused_with_those_that_are_known():
-    with pytest.raises(ValueError, match=r"precision: 'fp64' .*auto, fp32, bf16"):
-        convolution_dtype("fp64", torch.device("cpu"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,31 +53,3 @@ def test_a_policy_in_onnx_acts_as_in_torch(seen, tmp_path, monkeypatch, capsys):
         (action,) = session.run(None, given)
         assert action.shape == (n, 5)
         np.testing.assert_allclose(action, policy(observation).numpy(), atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["what=policy", "format=tflite"], "written as onnx"),
-        (["what=arm", "format=onnx"], "written as mjcf"),
-        (["what=scene", "run=results"], "run: what=scene"),
-        (["what=policy", "out=policy.pt"], ".onnx"),
-        (["what=policy", "out=here.onnx"], "overwrite=true"),
-        (["what=policy", "run=nowhere"], "nowhere"),
-        (["what=agent"], "arm, scene, policy"),
-    ],
-)
-def test_what_cannot_be_exported_is_refused(words, said, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("here.onnx").write_text("precious")
-    assert main(["export", *words]) == 2
-    assert said in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["here.onnx"]
-
-
-def test_without_the_exporter_the_extra_is_named(tiny_run, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "onnxscript", None)
-    assert main(["export", "what=policy", f"run={tiny_run}"]) == 2
-    assert "needlehoop[onnx]" in capsys.readouterr().err
-    assert not Path("policy.onnx").exists()
