@@ -14,7 +14,7 @@ from needlehoop.envs.simulation import StepResult
 from needlehoop.gym.vector import MODES, GymnasiumVectorEnv, Observation, checked, info, row
 
 METADATA: dict[str, Any] = {"render_modes": [*MODES], "render_fps": 25}
-"""Frames per second are those of the default control step, 40 ms; an environment's own count."""
+"""25 frames a second: the default control step is 40 ms."""
 
 
 class GymnasiumEnv(gymnasium.Env):
@@ -28,16 +28,8 @@ class GymnasiumEnv(gymnasium.Env):
 
     ``reset(seed=s)`` begins the first episode of environment 0 of the seed ``s``, which is that
     of ``needlehoop.load(seed=s)``; ``reset()`` begins the next. If no seed is ever given, one
-    comes from the operating system; ``np_random_seed`` tells it.
-
-    Args:
-        settings: what to build; ``num_envs`` and ``seed`` are ignored.
-        channels: of images: ``last`` or ``first``.
-        render_mode: ``rgb_array`` (the scene for people) or ``None``.
-        render_size: height and width of what ``render`` returns, px.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
+    comes from the operating system; ``np_random_seed`` tells it. Arguments and errors are those
+    of ``GymnasiumVectorEnv``; ``num_envs`` of the settings is ignored too.
     """
 
     metadata = METADATA
@@ -68,13 +60,7 @@ class GymnasiumEnv(gymnasium.Env):
         return self._seen(self._alone.begin(seed))
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One control step.
-
-        Raises:
-            ResetNeeded: before the first reset.
-            InvalidAction: not of shape ``(action_size,)``.
-            ValueError: a number that is not finite.
-        """
+        """One control step; errors are as in ``GymnasiumVectorEnv.step``."""
         self._alone.check_begun()
         moment = self._alone.advance(checked(action, self.action_space)[None])
         ends = bool(moment.terminated[0]), bool(moment.truncated[0])

@@ -32,9 +32,6 @@ class StableBaselinesVecEnv(VecEnv):
 
     Episodes are those of ``TorchRLEnv`` with the same seed: that of the settings until
     ``seed`` is called, as SB3 does where ``seed=`` is given to the algorithm.
-
-    ``render_mode`` is ``rgb_array`` or ``None``. Raises ``ValueError`` for settings that do not go
-    together.
     """
 
     def __init__(self, settings: Settings, render_mode: str | None = None):

@@ -42,15 +42,10 @@ class GymnasiumVectorEnv(VectorEnv):
 
     A reset with a mask returns the observations of all and the infos of those in the mask.
 
-    Args:
-        settings: what to build; ``seed`` is ignored.
-        channels: of images: ``last``, ``(h, w, c)``, or ``first``, ``(c, h, w)``.
-        render_mode: ``rgb_array`` or ``None``.
-        render_size: height and width of what ``render`` returns, px.
-        autoreset_mode: as above, or its value: ``NextStep``, ``SameStep``, ``Disabled``.
-
-    Raises:
-        ValueError: settings that do not go together, or nothing to observe; names the key.
+    The settings' ``seed`` is ignored. ``channels``: of images: ``last``, ``(h, w, c)``, or
+    ``first``, ``(c, h, w)``; ``render_mode``: ``rgb_array`` or ``None``; ``render_size``: height
+    and width of a rendered picture, px; ``autoreset_mode``: as above, or its value: ``NextStep``,
+    ``SameStep``, ``Disabled``. ``ValueError``: settings that do not go together, by key.
     """
 
     def __init__(
@@ -106,9 +101,8 @@ class GymnasiumVectorEnv(VectorEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin episodes: everywhere, or where ``options["reset_mask"]`` ``(n,)`` bool is true.
 
-        Raises:
-            ValueError: an unknown option, or a mask with a seed: a seed is of all environments.
-            ResetNeeded: a mask before the first reset.
+        ``ValueError``: an unknown option, or a mask with a seed, which is of all environments.
+        ``ResetNeeded``: a mask before the first reset.
         """
         check_names("options", [*(options or ())], ("reset_mask",))
         if options:
@@ -131,11 +125,9 @@ class GymnasiumVectorEnv(VectorEnv):
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One control step of every environment; rewards float64, all ``(n,)``.
 
-        Raises:
-            ResetNeeded: before the first reset, or an episode is over and the mode is
-                ``DISABLED``.
-            InvalidAction: not of shape ``(n, action_size)``.
-            ValueError: a number that is not finite.
+        ``ResetNeeded``: before the first reset, or an episode is over and the mode is
+        ``DISABLED``. ``InvalidAction``: another shape than ``(n, action_size)``. ``ValueError``: a
+        number that is not finite.
         """
         self.check_begun()
         actions = checked(actions, self.action_space)
@@ -174,10 +166,7 @@ class GymnasiumVectorEnv(VectorEnv):
     # What the other faces of this room use too.
 
     def begin(self, seed: int | None = None, mask: np.ndarray | None = None) -> StepResult:
-        """Begin the next episode where ``mask`` ``(n,)`` is true (everywhere by default).
-
-        With a seed, everywhere that seed's first.
-        """
+        """Begin episodes where ``mask`` ``(n,)`` is true, or all; with a seed, its first."""
         if seed is not None:
             self.simulation.reseed(seed)
         if self.simulation.state is None:
@@ -240,10 +229,7 @@ def row(values: dict[str, Any], env: int) -> dict[str, Any]:
 
 
 def masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
-    """Batched ``info`` as Gymnasium's vector environments give it.
-
-    Each name comes with ``_<name>``, which says whose values are there; the others' are zero.
-    """
+    """Batched ``info`` as Gymnasium gives it: ``_<name>`` says whose values are there, else 0."""
     found: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, dict):

@@ -101,8 +101,8 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
                 "p of tau-b": _chance(found.tau_p),
                 "rho": f"{found.rho:.2f}",
                 "p of rho": _chance(found.rho_p),
-                "best found": "yes" if found.top_hit else "no",
-                "worst found": "yes" if found.bottom_hit else "no",
+                "best found": "yes" if found.top_hits else "no",
+                "worst found": "yes" if found.bottom_hits else "no",
                 "regret": f"{found.regret:.2f}",
             }
         )

@@ -32,16 +32,14 @@ class Album:
 
     They are kept because their bytes are part of a request. Another machine may draw a pixel
     differently, and its requests would then match no recorded answer.
-
-    Args:
-        pictures: by stage (see ``description.stages_of``, and ``SEEN``) and camera.
-        pixels: the size of the agent's images.
-        names: the stages as they are named to the model, in order; none: by their own names.
     """
 
     pictures: Mapping[str, Mapping[str, Png]]
+    """By stage (see ``description.stages_of``, and ``SEEN``) and camera."""
     pixels: int
+    """Of the agent's images."""
     names: Sequence[str] = ()
+    """The stages as they are named to the model, in order; none: by their own names."""
 
     def _stages(self) -> dict[str, str]:
         """Names by stage."""
@@ -73,10 +71,9 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
 
 
 def open_album(record: Record, settings: Settings, size: int) -> Album:
-    """The pictures of a record, ``size`` pixels wide and high; drawn and saved if it has none.
+    """The pictures of all cameras, ``size`` pixels wide and high; drawn if the record has none.
 
-    They are of all cameras, whatever ``settings.cams`` says. ``ValueError``: disturbed cameras, or
-    the record shows another scene; else errors are as in ``stages``.
+    ``ValueError``: disturbed cameras, or the record shows another scene; else as in ``stages``.
     """
     if settings.disturb.amounts:
         raise ValueError(
@@ -90,14 +87,12 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
     scene = TypeAdapter(dict[str, Any]).dump_python(values, mode="json")
     path = record.folder / "pictures.json"
     if not path.exists():
-        pictures = _take(settings, size)
         hashes = {
             stage: {camera: record.save(picture) for camera, picture in shown.items()}
-            for stage, shown in pictures.items()
+            for stage, shown in _take(settings, size).items()
         }
         text = json.dumps({"scene": scene, "pictures": hashes}, indent=2)
         Run(record.folder).write("pictures.json", text + "\n")
-        return Album(pictures, settings.image_size)
     kept = json.loads(path.read_text())
     if kept["scene"] != scene:
         odd = [key for key in scene if kept["scene"].get(key) != scene[key]]
@@ -113,7 +108,6 @@ def open_album(record: Record, settings: Settings, size: int) -> Album:
 
 
 def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
-    """Pictures by stage and camera."""
     cameras = tuple(f"{r}_{view}" for r in settings.renderings for view in settings.views)
     alone = replace(settings, cams=cameras, num_envs=1)
     kinds = {camera.name: settings.renderings[camera.rendering] for camera in alone.cameras}

@@ -36,7 +36,6 @@ class InquiryConfig:
 
     @property
     def folder(self) -> Path:
-        """Where results are written."""
         return Path(self.results) / self.study / "vlm"
 
 
@@ -74,7 +73,7 @@ class Gates:
 
     @property
     def top(self) -> float:
-        """The largest value that is allowed."""
+        """The largest allowed value."""
         return self.high + self.bonus
 
 

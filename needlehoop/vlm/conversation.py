@@ -19,11 +19,10 @@ F = TypeVar("F", bound=BaseModel)
 
 
 class Verdict(NamedTuple):
-    """Why an answer can't be used, as the model is told; ``None``: it can."""
+    """Why an answer can't be used (``None``: it can), and figures of it for the record."""
 
     reason: str | None
     report: Mapping[str, Any] = {}
-    """Figures of what was judged, for the record."""
 
 
 class NoAnswerError(RuntimeError):
@@ -88,10 +87,9 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
     empty or sent back. The last attempt at a question is never sent back, so it counts as valid.
     """
     asked = [e for e in exchanges if e.outcome != "failed"]
-    requests = [e.request["messages"] for e in asked]
     sent_back = [
         before
-        for *before, last in requests
+        for *before, last in (e.request["messages"] for e in asked)
         if last["parts"][0].get("text", "").startswith(_SENT_BACK)
     ]
 
@@ -100,7 +98,7 @@ def totals_of(exchanges: Iterable[Exchange]) -> dict[str, dict[str, int]]:
         said = [*exchange.request["messages"], answer]
         return exchange.outcome != "answered" or said in sent_back
 
-    names = dict.fromkeys(exchange.conversation for exchange in asked)
+    names = dict.fromkeys(e.conversation for e in asked)
     chosen = {name: [e for e in asked if e.conversation == name] for name in names}
     return {
         name: {

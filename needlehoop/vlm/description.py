@@ -91,13 +91,8 @@ def scene(settings: Settings, prompt_detail: str = "full") -> str:
     ``prompt_detail``: with ``names`` the signals' names and ranges stand in its place.
     """
     if prompt_detail == "full":
-        return fill(
-            "scene",
-            settings.definition,
-            **_task_values(settings),
-            steps=settings.episode.max_steps,
-            milliseconds=f"{1000 * settings.period:g}",
-        )
+        period = f"{1000 * settings.period:g}"
+        return fill("scene", settings.definition, **_task_values(settings), milliseconds=period)
     nothing = fill("told_nothing")
     if prompt_detail == "nothing":
         return nothing
@@ -134,24 +129,20 @@ def unexplained(settings: Settings) -> str:
 
 def signals(settings: Settings) -> str:
     """The signals that a program may read: their table and the numbers behind them."""
-    return fill(
-        "signals",
-        settings.definition,
-        **_task_values(settings),
-        table=describe(vocabulary(settings.definition.signals)),
-        steps=settings.episode.max_steps,
-    )
+    table = describe(vocabulary(settings.definition.signals))
+    return fill("signals", settings.definition, **_task_values(settings), table=table)
 
 
 def _task_values(settings: Settings) -> Mapping[str, object]:
-    return telling_of(settings.definition).values(settings.task, settings.episode)
+    values = telling_of(settings.definition).values(settings.task, settings.episode)
+    return {**values, "steps": settings.episode.max_steps}
 
 
 def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     """All views, the given renderings, and how cameras are named."""
     views, task = settings.views, settings.definition
-    kinds = {name: settings.renderings[name] for name in renderings}
-    told = {name: rendering(kind, telling_of(task), views) for name, kind in kinds.items()}
+    kinds, telling = settings.renderings, telling_of(task)
+    told = {name: rendering(kinds[name], telling, views) for name in renderings}
     return fill(
         "cameras",
         views=bullets({name: view(own, task) for name, own in views.items()}),
@@ -179,8 +170,7 @@ def view(view: View, task: Task) -> str:
 
 
 def _stand(view: View, front: str) -> tuple[str, float]:
-    """Where a camera stands in the room, in relation to what it has in front at azimuth 0, and its
-    distance, m, from what it looks at."""
+    """Where a camera stands, seen from its azimuth 0, and its distance, m, from what it shows."""
     if view.orbit is not None:
         _, turn, elevation, distance = view.orbit
     else:
@@ -201,7 +191,7 @@ def _stand(view: View, front: str) -> tuple[str, float]:
 
 
 def _mount(view: View, body: str, task: Task) -> tuple[str, float]:
-    """What a camera is mounted on, and its distance, m, from what it looks at."""
+    """What a camera is mounted on, and its distance, m, from what it shows."""
     part = task.robot.parts.get(body)
     name = f"the moving body {body}" if part is None else part.name
     where = f"mounted on {name}, with which it moves and turns"
@@ -226,8 +216,7 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
             colours += f"; {remark}"
     if rendering.depth == "none":
         return colours
-    near = _lengths({name: view.near for name, view in views.items()})
-    far = _lengths({name: view.far for name, view in views.items()})
+    near, far = _lengths(views, "near"), _lengths(views, "far")
     if rendering.depth == "shade":
         return (
             f"{colours}; the colours darken evenly with the distance along the line of sight, from"
@@ -245,9 +234,9 @@ def rendering(rendering: Rendering, telling: Telling, views: Mapping[str, View])
     )
 
 
-def _lengths(metres: Mapping[str, float]) -> str:
-    """Lengths by name, in words; one where all are the same."""
-    lengths = {name: f"{1000 * length:g} mm" for name, length in metres.items()}
+def _lengths(views: Mapping[str, View], end: str) -> str:
+    """The ``near`` or ``far`` end of each view's depths, in words; one where all are the same."""
+    lengths = {name: f"{1000 * getattr(view, end):g} mm" for name, view in views.items()}
     if len({*lengths.values()}) == 1:
         return next(iter(lengths.values()))
     return ", ".join(f"{length} ({name})" for name, length in lengths.items())

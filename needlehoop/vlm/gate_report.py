@@ -26,10 +26,9 @@ class GateReport:
 
     ``lowest`` and ``highest`` are its values over the recorded moments, before clipping;
     ``random_lowest`` and ``random_highest`` those over the random signals. ``expert``, ``random``
-    and ``cheat`` (``None`` where the task has none) are mean final values of the scripted
-    controllers, clipped if the gates say so. ``paid`` is the share of a random policy's steps that
-    change the value. ``stopped`` says by how much a teacher that stopped short, in each way, ends
-    below finishing.
+    and ``cheat`` (``None``: the task has none) are mean final values of the controllers, clipped
+    if the gates say so. ``paid``: share of a random policy's steps that change the value.
+    ``stopped``: how far each way of stopping short ends below finishing.
     """
 
     terms: tuple[str, ...]
@@ -100,10 +99,7 @@ def gate_report(
     gates: Gates,
     trajectories: Trajectories | None = None,
 ) -> GateReport:
-    """Put a program through the gates; cameras, reward and number of environments do not matter.
-
-    ``trajectories``: those of an earlier ``collect``, which takes a second or two.
-    """
+    """Put a program through the gates; ``trajectories``: those of an earlier ``collect``."""
     seen = trajectories or collect(settings, gates)
     wild = random_signals(settings.definition, gates.random_signals, gates.seed)
     bad, lowest, highest = _extent(program, seen.moments)

@@ -126,7 +126,7 @@ class Inquiry(AbstractContextManager):
     ) -> dict[str, Any]:
         """Rank cameras by a picture of each, into ``rankings_pictures.json`` and ``.csv``.
 
-        ``about``: what the task is; may be empty. ``lists``: for its ``group`` and ``rounds``.
+        ``about``: what the task is; may be empty. Of ``lists``, ``group`` and ``rounds`` count.
         """
         self._clear("rank_pictures", files=("rankings_pictures.json",))
         names, how = tuple(pictures), (lists.group, lists.rounds)
@@ -159,12 +159,9 @@ class Inquiry(AbstractContextManager):
         """Ask for reward programs for the settings' cameras; the files of the accepted ones.
 
         A ``text`` prompt does not depend on the cameras, so all camera sets of a study get the
-        same recorded answers to it, as in the paper. Attempts that failed are in files too.
-
-        Args:
-            samples: how many programs, each from a conversation of its own.
-            trained: a run whose program is to be made better. The answer becomes the next free
-                sample, with a note of what it descends from beside it.
+        same recorded answers to it, as in the paper. Attempts that failed are in files too. Each
+        of the ``samples`` has a conversation of its own. ``trained``: a run whose program is to be
+        made better. The answer becomes the next free sample, with a note of its descent beside it.
         """
         detail, settings, cameras = self._detail, self._settings, "+".join(self._settings.cams)
         if not cameras:

@@ -30,7 +30,7 @@ class Png:
 
     @property
     def sha256(self) -> str:
-        """The hash of the bytes, which is the picture's name in records."""
+        """The picture's name in records."""
         return hashlib.sha256(self.png).hexdigest()
 
 
@@ -58,13 +58,8 @@ class Request:
         def plain(part: Part) -> dict[str, str]:
             return {"image": part.sha256} if isinstance(part, Png) else {"text": part}
 
-        return {
-            "messages": [
-                {"role": message.role, "parts": [plain(part) for part in message.parts]}
-                for message in self.messages
-            ],
-            "schema": dict(self.schema),
-        }
+        messages = [{"role": m.role, "parts": [*map(plain, m.parts)]} for m in self.messages]
+        return {"messages": messages, "schema": dict(self.schema)}
 
     @property
     def sha256(self) -> str:

@@ -48,10 +48,9 @@ _collected: dict[str, Trajectories] = {}
 
 
 def collect(settings: Settings, gates: Gates) -> Trajectories:
-    """Episodes of the expert, a random policy and the cheat, if any, and more of the random policy.
+    """Episodes of the expert, the cheat, if any, and a random policy, without cameras and reward.
 
-    They depend on no camera and no reward. ``ValueError`` for settings that the scripts cannot
-    drive, by key.
+    ``ValueError`` for settings that the scripts cannot drive, by key.
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
     key = repr((blind, gates))
@@ -81,8 +80,7 @@ def _fly_all(blind: Settings, gates: Gates) -> Trajectories:
 
 
 def _blind(settings: Settings, episodes: int) -> Settings:
-    """So many episodes at once, without cameras and reward. Success does not end them: programs
-    are judged up to the goal, and ranges would tell what success is."""
+    """So many episodes at once. Success does not end them: ranges would tell what success is."""
     episode = replace(settings.episode, end_on_success=False)
     return replace(settings, cams=(), num_envs=episodes, reward=NONE, episode=episode)
 

@@ -8,7 +8,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 import needlehoop
 from needlehoop.envs.settings import compose_settings
 from needlehoop.gym.env import GymnasiumEnv
-from needlehoop.gym.stable_baselines import StableBaselinesVecEnv
 
 WORDS = ["episode.max_steps=5", "image_size=36"]
 
@@ -55,10 +54,3 @@ def test_ppo_learns_on_it_and_its_monitor_counts():
     assert list(model.ep_success_buffer) == [False] * 12
     action, _ = model.predict(env.reset(), deterministic=True)
     assert action.shape == (4, 5)
-
-
-def test_its_pictures_stand_in_one():
-    settings = compose_settings(["cams=[seg_side]", "num_envs=2"])
-    env = StableBaselinesVecEnv(settings, "rgb_array")
-    env.reset()
-    assert env.render().shape == (960, 480, 3)

@@ -13,7 +13,6 @@ import pytest
 import torch
 
 from needlehoop.cli import main as cli
-from needlehoop.config import composing
 from needlehoop.envs.settings import Settings
 from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
@@ -95,16 +94,14 @@ def test_what_is_read_off_follows_from_the_tasks_phases():
 @pytest.mark.parametrize("name", built_in())
 def test_each_phase_of_each_task_needs_something_that_is_read_off(name):
     asked = quantities(find(name))
-    assert asked.phases == tuple(phase.name for phase in find(name).phases)
     assert set(asked.needed.values()) <= {*asked.points, *asked.gaps}
     assert {point for gap in asked.gaps.values() for point in gap} <= {*asked.points}
-    assert len(set(asked.names)) == len(asked.names)
 
 
 def test_a_task_without_two_places_a_phase_is_refused():
-    for phases in ((), (Phase("turn", "near", ("target", "joints")),)):
-        with pytest.raises(ValueError, match="task reach has no phases between two places"):
-            quantities(replace(find("reach"), phases=phases))
+    odd = replace(find("reach"), phases=(Phase("turn", "near", ("target", "joints")),))
+    with pytest.raises(ValueError, match="task reach has no phases between two places"):
+        quantities(odd)
 
 
 def test_a_moment_is_in_the_phase_after_the_last_fact_that_holds():
@@ -180,24 +177,17 @@ def test_the_score_is_the_mean_over_phases_of_what_each_needs():
     two = _results([_errors([0.0] * 3, 6, 0.0, 0), blind], [blind, blind])
     assert two.score("rgb").value == pytest.approx(0.5)
     assert two.scores_by_seed("rgb") == [1, 0]
-
-
-def test_intervals_narrow_with_episodes_and_hold_the_truth():
+    # An episode without a phase counts in the others.
+    few, blind = (_errors([value] * 3, 4, 0.0, 0) for value in (5.0, 10.0))
+    few[1:, 2], few[0, 2], blind[0, 2] = 2.0, np.nan, np.nan
+    assert _results([few], [blind]).score("rgb").value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
+    # Intervals narrow with episodes, and hold the truth.
     few, many = (
         _results([own], [own]).error("rgb", "reach", ASKED.needed["reach"]).interval
         for own in (_errors([5.0] * 3, n, 2.0, 1) for n in (8, 800))
     )
     assert many.high - many.low < 0.3 < few.high - few.low
     assert many.low < 5 < many.high
-
-
-def test_an_episode_without_a_phase_counts_in_the_others():
-    found, blind = _errors([5.0] * 3, 4, 0.0, 0), _errors([10.0] * 3, 4, 0.0, 0)
-    for one in (found, blind):
-        one[0, 2] = np.nan
-    found[1:, 2] = 2.0
-    results = _results([found], [blind])
-    assert results.score("rgb").value == pytest.approx((0.5 + 0.5 + 0.8) / 3)
 
 
 def test_what_cannot_be_separated_shares_a_place():
@@ -216,7 +206,6 @@ def test_combinations_are_names_with_plus_or_lists(settings):
     assert camera_sets([["dep_front", "seg_side"], ["rgb_front"]], settings) == wanted
     for given, match in (
         ([], "nothing to probe"),
-        ("rgb_top+rgb_side", "view: 'top' is unknown"),
         (["rgb_default", "rgb_default"], "named twice"),
         (["rgb_top"], "view: 'top' is unknown; choose from default, front, side"),
     ):
@@ -305,18 +294,6 @@ def test_the_same_seed_gives_the_same_bits_beside_other_sets_and_threads(setting
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_bad_settings_stop_before_anything_is_written(tmp_path, capsys):
-    for word, said in (
-        ("seeds=0", "seeds: 0 must be at least 1"),
-        ("fit.updates=0", "fit.updates"),
-        ("cams=rgb_top", "choose from default, front, side"),
-        ("episodes.more=1", "more"),
-    ):
-        assert cli.main(["probe", f"results={tmp_path}", word]) == 2
-        assert said in capsys.readouterr().err
-        assert not list(tmp_path.iterdir())
-
-
 def test_tables_hold_the_papers_lists_against_the_probe(tmp_path):
     """A probe that finds the paper's own returns agrees with them wholly."""
     from needlehoop.study.data import paper
@@ -348,11 +325,3 @@ def test_the_shipped_probe_is_shown_with_its_numbers(tmp_path):
     assert cli.main(["probe", f"results={tmp_path}"]) == 0
     for name in ("ranking.csv", "ranking.md"):
         assert (copy / name).read_bytes() == (shipped / name).read_bytes()
-
-
-def test_probes_share_no_episodes_with_each_other_or_with_training(settings, tmp_path):
-    plan = _plan(settings, tmp_path, ["rgb_default"], 1)
-    seeds = [seed for k in range(5) for seed in plan.episode_seeds(k)]
-    job = composing.compose([], "job")
-    evaluation = job["evaluation"]["seed"]
-    assert len({*seeds, job["seed"], evaluation, evaluation + 1}) == len(seeds) + 3

@@ -112,25 +112,14 @@ class One:
             setattr(self, name, value if value.ndim else value.item())
 
 
-def test_an_expression_is_worth_what_it_says(signals):
+def test_an_expression_is_worth_what_it_says_in_a_batch_and_alone(signals):
+    assert {name for name in FUNCTIONS if any(f"{name}(" in e for e in MEANT)} == set(FUNCTIONS)
     for expression, worth in MEANT.items():
         found = value_of(expression, signals)
-        assert found.shape == (N,)
-        assert found.dtype == torch.float64
         meant = [float(worth(One(signals, i))) for i in range(N)]
         assert found.tolist() == pytest.approx(meant, rel=1e-12, abs=1e-15), expression
-
-
-def test_the_examples_call_every_function():
-    assert {name for name in FUNCTIONS if any(f"{name}(" in e for e in MEANT)} == set(FUNCTIONS)
-
-
-def test_a_row_of_a_batch_is_what_it_is_alone(signals):
-    for expression in MEANT:
-        program = compile_program(f"reward = {expression}")
-        together = program(signals)["reward"]
-        alone = [program(signals[index : index + 1])["reward"].item() for index in range(N)]
-        assert alone == together.tolist(), expression
+        alone = [value_of(expression, signals[index : index + 1]).item() for index in range(N)]
+        assert alone == found.tolist(), expression
 
 
 BRANCHES = """
@@ -200,20 +189,19 @@ def test_a_variable_of_one_branch_is_refused_only_where_it_is_used():
     ],
 )
 def test_terms_are_the_names_of_the_last_sum(end, terms, signals):
-    program = compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}")
+    program, before = (
+        compile_program(f"a = jaw\nb = elapsed\nc = jaw * elapsed\n{end}"),
+        signals.clone(),
+    )
     assert program.terms == terms
     found = program(signals)
     assert tuple(found) == terms
     assert all(term.shape == (N,) and term.dtype == torch.float64 for term in found.values())
     if end.startswith("reward = a + b\nc = 5"):
         torch.testing.assert_close(found["a"], signals.jaw, rtol=0, atol=0)
-
-
-def test_terms_do_not_share_memory_with_the_signals(signals):
-    before = signals.clone()
-    for term in compile_program("reward = elapsed + jaw")(signals).values():
+    # Terms do not share memory with the signals.
+    for term in found.values():
         term += 1
-    assert compile_program("reward = 3")(signals)["reward"].add_(1).tolist() == [4.0] * N
     assert bool((signals == before).all())
 
 
@@ -231,7 +219,6 @@ def test_a_refusal_says_where_and_why():
         ("reward = cos(jaw)", 1, 10, "'cos' is no function; choose from distance"),
         ("reward = distance(goal)", 1, 10, "1 arguments; distance(u, v)"),
         ("reward = distance(goal, tool_quat)", 1, 10, "vectors of different lengths"),
-        ("reward = exp(goal)", 1, 14, "a 3-vector, where a number is needed"),
         ("reward = goal + 1", 1, 10, "Add of a 3-vector and a number"),
         ("reward = 1 if jaw else 0", 1, 15, "a number, where a truth value"),
         ("reward = goal if lifted else 0", 1, 10, "it must be of one kind"),

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 from needle_task import load_reward, start
-from torch import Tensor
 
 from needlehoop import rewards
 from needlehoop.config import composing
@@ -59,22 +58,12 @@ def total(reward, **given) -> float:
     return float(rewards.potential(reward(signals_of(**given))))
 
 
-# The human reward.
-
-
-def test_the_human_terms_have_their_names(human):
-    assert list(terms_of(human)) == [
-        *("grasp", "lift", "hoop", "closed"),
-        *("surround", "pinch"),
-        "time",
-    ]
-
-
 def test_a_perfect_state_is_worth_the_papers_nine_and_our_terms_less_the_time(human):
     paper = replace(human, surround=0.0, pinch=0.0)
     assert total(paper, **PERFECT) == pytest.approx(9.0 - human.time * 0.25)
     ours = human.surround + human.pinch
     assert total(human, **PERFECT) == pytest.approx(9.0 + ours - human.time * 0.25)
+    assert human.time > 0
 
 
 def jaws(angle: float, along: float, aside: float = 0.0) -> dict:
@@ -138,13 +127,7 @@ def test_nearer_is_worth_more_until_the_tolerance(human, term):
     assert [worth[i] for i in range(len(away)) if within[i]] == [full] * int(within.sum())
     outside = np.array(worth)[~within]
     assert (np.diff(outside) < 0).all()
-    assert (outside < full).all()
-    assert (outside > 0).all()
-
-
-@pytest.mark.parametrize("term", DISTANCES)
-def test_a_distance_falls_off_at_the_rate(human, term):
-    moved, facts = DISTANCES[term]
+    assert 0 < outside.min() <= outside.max() < full
     half = (human.tolerance + math.log(2) / human.rate) * human.unit
     assert terms_of(human, **{moved: (half, 0, 0)}, **facts)[term] == pytest.approx(
         getattr(human, term) / 2
@@ -178,32 +161,11 @@ def test_the_closed_bonus_needs_a_grasp_and_a_closed_command(human):
         assert terms_of(human, grasped=grasped, jaw_command=command)["closed"] == paid
 
 
-def test_time_costs(human):
-    costs = [terms_of(human, elapsed=e)["time"] for e in (0.0, 0.5, 1.0)]
-    assert costs == pytest.approx([0.0, -human.time / 2, -human.time])
-    assert human.time > 0
-
-
 @pytest.mark.parametrize("verdict", ["touched", "threaded"])
-@pytest.mark.parametrize("base", [{}, PERFECT, {"grasped": True, "goal": (0.01, 0.0, 0.0)}])
-def test_the_human_reward_does_not_see_the_verdict(human, verdict, base):
-    with_it, without = {**base, verdict: True}, {**base, verdict: False}
-    assert terms_of(human, **with_it) == terms_of(human, **without)
-
-
-@BOTH
-def test_a_reward_does_not_decide_success(values, episode, kind):
-    """Scoring leaves the signals as they were, whatever the reward."""
-    reward = load_reward(values[kind])
-    for given_ in ({}, PERFECT):
-        signals = signals_of(**given_)
-        before = signals.clone()
-        reward(signals)
-        assert bool((signals == before).all())
-        assert bool(TASK.success(episode, signals)) == given_.get("threaded", False)
-
-
-# The sparse one.
+def test_the_human_reward_does_not_see_the_verdict(human, verdict):
+    for base in ({}, PERFECT):
+        with_it, without = {**base, verdict: True}, {**base, verdict: False}
+        assert terms_of(human, **with_it) == terms_of(human, **without)
 
 
 def test_the_sparse_reward_pays_success_alone(values):
@@ -213,28 +175,17 @@ def test_the_sparse_reward_pays_success_alone(values):
     assert terms_of(sparse, **PERFECT) == {"success": 5.0}
 
 
-# Both.
-
-
 @BOTH
 def test_terms_are_a_number_per_environment(values, kind):
     reward = load_reward(values[kind])
     signals = torch.cat([signals_of(), signals_of(**PERFECT), signals_of(grasped=True)])
+    before = signals.clone()
     terms = reward(signals)
+    assert bool((signals == before).all())
     assert all(term.shape == (3,) and term.dtype == torch.float64 for term in terms.values())
     assert rewards.potential(terms).shape == (3,)
     for index, one in enumerate([{}, PERFECT, {"grasped": True}]):
         assert float(rewards.potential(terms)[index]) == total(reward, **one)
-
-
-def test_the_potential_is_the_sum_of_the_terms():
-    def term(*numbers: float) -> Tensor:
-        return torch.tensor(numbers, dtype=torch.float64)
-
-    terms = {"a": term(1.0, 2.0), "b": term(10.0, 20.0), "c": term(-0.5, 0.25)}
-    assert rewards.potential(terms).tolist() == [10.5, 22.25]
-    assert terms["a"].tolist() == [1.0, 2.0]
-    assert rewards.potential({"a": term(3.0)}).tolist() == [3.0]
 
 
 def test_a_value_that_is_no_good_is_refused_by_name(values):
@@ -242,7 +193,7 @@ def test_a_value_that_is_no_good_is_refused_by_name(values):
     for config, said in (
         ({**human, "kind": "humane"}, r"reward\.kind: .*human, sparse"),
         ({**values["sparse"], "bonus": 1.0}, "reward: unknown key bonus; its keys are success"),
-        ({**human, "grasp": "2"}, r"reward\.grasp: .*not a number"),
+        ({**human, "grasp": "two"}, r"reward\.grasp: .*not a number"),
         ({**human, "name": "sparse"}, "'sparse' means another reward; choose a name of your own"),
         ({**human, "name": "a/b"}, r"reward\.name: 'a/b' is no name for a folder"),
     ):

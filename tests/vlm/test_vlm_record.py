@@ -15,14 +15,12 @@ from needlehoop.vlm.conversation import (
     ProgramAnswer,
     Subtasks,
     Verdict,
-    choice,
     in_words,
     papers_totals,
     ranking,
     totals_of,
 )
 from needlehoop.vlm.messages import Message, Png, ProviderError, Reply, Request
-from needlehoop.vlm.questions import agreement
 from needlehoop.vlm.record import MissError, Record, RefusalError
 from needlehoop.vlm.writing import ProgramRules, rows_of, write_program
 
@@ -73,13 +71,6 @@ def test_the_hash_of_a_request_is_golden():
     asked = Request(messages, {"type": "object", "b": 1, "a": [2.5]})
     assert asked.sha256 == "c0533a0cf76d60ec257848db546dddf566c3f96966ae6da0dc21f87deb436f58"
     assert asked.sha256 == Request(messages, {"a": [2.5], "b": 1, "type": "object"}).sha256
-    others = [
-        Request(messages[:2], asked.schema),
-        Request(messages, {"type": "string"}),
-        Request((Message("user", ("Größe?", Png(b"other"))), *messages[1:]), asked.schema),
-        Request((Message("assistant", messages[0].parts), *messages[1:]), asked.schema),
-    ]
-    assert len({asked.sha256, *(other.sha256 for other in others)}) == 5
 
 
 def test_an_exchange_is_a_whole_line(tmp_path):
@@ -121,39 +112,31 @@ def test_a_miss_names_the_commit_of_the_prompts(tmp_path):
     with pytest.raises(MissError, match="nothing is recorded"):
         replay(tmp_path).ask(request("a"), "question")
     live(tmp_path, reply("1")).ask(request("a"), "question")
-    commit = json.loads((tmp_path / "prompts.json").read_text())["commit"]
-    with pytest.raises(MissError, match=re.escape(f"prompts of its commit, {commit}")):
-        replay(tmp_path).ask(request("b"), "rank")
-
-
-def test_a_record_notes_new_prompts_and_keeps_the_old_note(tmp_path):
-    live(tmp_path, reply("1")).ask(request("a"), "question")
     note = tmp_path / "prompts.json"
-    assert json.loads(note.read_text())["sha256"] == PROMPTS
+    noted = json.loads(note.read_text())
+    assert noted["sha256"] == PROMPTS
+    with pytest.raises(MissError, match=re.escape(f"prompts of its commit, {noted['commit']}")):
+        replay(tmp_path).ask(request("b"), "rank")
+    # New prompts are noted, and the old note is kept.
     note.write_text('{"commit": null, "sha256": "beef"}')
     live(tmp_path, reply("3")).ask(request("c"), "question")
     assert json.loads(note.read_text())["sha256"] == PROMPTS
     assert json.loads((tmp_path / "prompts.1.json").read_text())["sha256"] == "beef"
 
 
-def test_a_refusal_is_recorded_replayed_and_asked_again(tmp_path):
+def test_a_refusal_or_a_failure_is_recorded_replayed_and_asked_again(tmp_path):
     with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
         live(tmp_path, reply("", "refused", "SAFETY")).ask(request("a"), "question")
     with pytest.raises(RefusalError, match=r"refused to answer: SAFETY"):
         replay(tmp_path).ask(request("a"), "question")
     assert live(tmp_path, reply("well")).ask(request("a"), "question").answer == "well"
     assert replay(tmp_path).ask(request("a"), "question").answer == "well"
-    with pytest.raises(RefusalError, match="gave an empty answer: MAX_TOKENS"):
-        live(tmp_path, reply("", "empty", "MAX_TOKENS")).ask(request("b"), "question")
-
-
-def test_a_failure_is_recorded_and_raised(tmp_path):
     with pytest.raises(ProviderError, match="down"):
-        live(tmp_path, DOWN).ask(request("a"), "question")
-    (exchange,) = Record(tmp_path).exchanges
-    assert (exchange.outcome, exchange.attempts) == ("failed", (503,))
+        live(tmp_path, DOWN).ask(request("b"), "question")
+    last = Record(tmp_path).exchanges[-1]
+    assert (last.outcome, last.attempts) == ("failed", (503,))
     with pytest.raises(MissError):
-        replay(tmp_path).ask(request("a"), "question")
+        replay(tmp_path).ask(request("b"), "question")
 
 
 def test_a_transcript_is_of_one_model_and_sampling_and_whole(tmp_path):
@@ -187,14 +170,8 @@ def test_an_answer_in_the_wrong_form_goes_back_with_the_reason(tmp_path):
     for asked, (reason, sent) in zip(provider.asked[1:], bad.items(), strict=True):
         assert asked.messages[-2].parts == (sent.answer,)
         assert reason in asked.messages[-1].parts[0]
-
-
-def test_attempts_are_bounded(tmp_path):
-    provider = Scripted(*[reply("no")] * 9)
-    conversation = Conversation(Record(tmp_path, provider), "question", 3)
-    with pytest.raises(NoAnswerError, match=r"no usable answer in 3 attempts.*attempts="):
-        conversation.ask(["?"], Subtasks)
-    assert len(provider.asked) == 3
+    with pytest.raises(NoAnswerError, match=r"no usable answer in 2 attempts.*attempts="):
+        Conversation(Record(tmp_path), "question", 2).ask(["?"], Subtasks)
 
 
 def test_a_transcripts_totals_are_by_conversation_and_of_all(tmp_path):
@@ -232,34 +209,12 @@ def test_a_ranking_is_a_permutation_of_its_list_and_says_how_sure_it_is():
     assert [place["name"] for place in answer["places"]] == ["d", "a", "b+c"]
     assert answer["sure"] == [0.9, 0.5]
     for wrong, said in [
-        (places("d", "a"), r"missing: b\+c; named twice: none"),
         (places("d", "a", "a"), r"missing: b\+c; named twice: a"),
         (places("d", "a", "c+b"), r"'c\+b' is not one of a, b\+c, d"),
-        (places("d", "a", "b+c", sure=()), r"it must be 2 numbers from 0\.5 to 1"),
         (places("d", "a", "b+c", sure=(0.9, 0.49)), r"it must be 2 numbers from 0\.5 to 1"),
     ]:
         with pytest.raises(ValidationError, match=said):
             form.model_validate_json(wrong)
-
-
-def test_a_choice_is_among_what_was_shown_and_its_schema_has_no_notes():
-    form = choice(["front", "side"], ["rgb", "dep"])
-    schema = form.model_json_schema()
-    assert schema["properties"]["view"] == {"type": "string", "enum": ["front", "side"]}
-    assert "title" not in json.dumps(schema)
-    assert "description" not in Subtasks.model_json_schema()["$defs"]["Subtask"]
-    with pytest.raises(ValidationError, match="'top' is not one of front, side"):
-        form.model_validate(
-            {"view": "top", "view_reason": "r", "rendering": "rgb", "rendering_reason": "r"}
-        )
-
-
-def test_agreement_of_samples():
-    assert agreement([["a", "b", "c"]]) is None
-    assert agreement([["a", "b", "c"], ["a", "b", "c"]]) == {"tau_b": 1.0, "same_top": 1.0}
-    found = agreement([["a", "b", "c"], ["a", "c", "b"], ["b", "a", "c"]])
-    assert found["tau_b"] == pytest.approx((1 / 3 + 1 / 3 - 1 / 3) / 3)
-    assert found["same_top"] == pytest.approx(2 / 3)
 
 
 def test_a_refused_program_goes_back_with_the_reason_and_is_kept(tmp_path):

@@ -13,25 +13,17 @@ from PIL import Image
 
 from needlehoop.cli.main import main
 from needlehoop.config import composing
-from needlehoop.envs.settings import compose_settings, settings_from
+from needlehoop.envs.settings import settings_from
 from needlehoop.runs.shipped import CONF
-from needlehoop.vlm.questions import deal, narrowed, of_groups, strengths
+from needlehoop.vlm.questions import deal, of_groups, strengths
 
 NAMES = [f"rgb_p{number:02d}" for number in range(1, 21)]
-
-
-def test_settings_are_narrowed_to_views_of_any_name():
-    settings = compose_settings(["cams=[stereo,dep_front]"])
-    own = narrowed(settings, ["rgb_ecm_left+rgb_ecm_right"])
-    assert own.cams == ("rgb_ecm_left", "rgb_ecm_right")
-    assert ([*own.views], [*own.renderings]) == (["ecm_left", "ecm_right"], ["rgb"])
 
 
 def test_each_name_is_asked_about_once_a_round():
     groups = deal(NAMES, 5, 4)
     assert [len(group) for group in groups] == [5] * 16
     assert set(Counter(name for group in groups for name in group).values()) == {4}
-    assert groups == deal(NAMES, 5, 4)
     assert groups[:4] != groups[4:8]
     assert sorted(map(len, deal(NAMES[:11], 5, 1))) == [3, 4, 4]
     assert deal(NAMES[:5], 5, 4) == [NAMES[:5]]
@@ -99,8 +91,6 @@ def test_pictures_of_a_bench_are_ranked_without_a_simulator(words, server, tmp_p
     assert said.count("image/png") == 3
     assert main(["vlm", "rank", f"pictures={folder}", "size=16"]) == 0
     assert len(server.requests) == 1
-    assert main(["vlm", "rank", f"pictures={folder}", "about=Something else", *words]) == 0
-    assert "Something else" in json.dumps(server.requests[-1])
 
 
 def test_a_mistake_names_the_key(words, server, capsys):
@@ -108,12 +98,9 @@ def test_a_mistake_names_the_key(words, server, capsys):
     for name in "ab":
         Path(f"broken/{name}.png").write_bytes(b"nothing")
     for argument, said in (
-        ("pictures=nowhere", "pictures: nowhere is no folder"),
         ("pictures=results", "two or more pictures"),
         ("pictures=broken", "image file 'broken/a.png'"),
-        ("sets=[rgb_front]", "sets: ['rgb_front'] must be two or more"),
         ("sets=[rgb_front,rgb_top]", "sets: rgb_top: "),
-        ("group=1", "group: 1 must be at least 2"),
     ):
         Path("results").mkdir(exist_ok=True)
         assert main(["vlm", "rank", argument, *words]) == 2
