@@ -37,7 +37,7 @@ _PSM_ACTIONS = {
 """By control mode."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-"""Among the statistics that LeRobot's policies normalise by."""
+"""LeRobot's policies normalise by these, too."""
 
 _SAMPLED = 8
 """Frames of an episode, at most, that statistics of its images are taken over."""
@@ -52,10 +52,8 @@ def write(
 ) -> None:
     """Write a dataset; a frame is what was seen, and the action that was then taken.
 
-    A camera with depth gives two films, ``<camera>`` and ``<camera>_depth``.
-
-    Raises:
-        ValueError: a rate or a size of images that the layout does not have.
+    A camera with depth gives two films, ``<camera>`` and ``<camera>_depth``. ``ValueError``: a rate
+    or a size of images that the layout does not have.
     """
     exact, task = 1.0 / settings.period, settings.definition
     rate = round(exact)
@@ -204,12 +202,7 @@ def spread(values: np.ndarray) -> dict[str, Any]:
         rows, shape = rows.reshape(-1, values.shape[-1]), (-1, 1, 1)
         if values.dtype == np.uint8:
             rows = rows / 255.0
-    found = {
-        "min": rows.min(0),
-        "max": rows.max(0),
-        "mean": rows.mean(0),
-        "std": rows.std(0),
-        **{name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()},
-    }
+    found = {name: getattr(rows, name)(0) for name in ("min", "max", "mean", "std")}
+    found |= {name: np.quantile(rows, share, axis=0) for name, share in _QUANTILES.items()}
     told = {name: row.reshape(shape).tolist() for name, row in found.items()}
     return {**told, "count": [len(values)]}

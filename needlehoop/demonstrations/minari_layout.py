@@ -27,8 +27,7 @@ def write(
     """Write a dataset whose id is its folder's name: ``demos/smooth-v0`` is ``smooth-v0``.
 
     Images are kept as they are (``jpeg_encoding=False``): Minari's default loses depth.
-    ``infos`` has ``success``. Episodes are written one by one, so their number is no matter
-    of memory.
+    ``infos`` has ``success``. Episodes are written one by one, to save memory.
     """
     episodes = iter(episodes)
     first = next(episodes)
@@ -54,23 +53,20 @@ def write(
 
 
 def _observed(episode: Demonstration) -> spaces.Dict:
-    images = {
-        name: spaces.Box(0, 255, rows.shape[1:], np.uint8) for name, rows in episode.images.items()
-    }
-    vectors = {
-        name: spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float32)
-        for name, rows in episode.vectors.items()
-    }
-    return spaces.Dict({**images, **vectors})
+    found: dict[str, spaces.Space] = {}
+    for name, rows in episode.images.items():
+        found[name] = spaces.Box(0, 255, rows.shape[1:], np.uint8)
+    for name, rows in episode.vectors.items():
+        found[name] = spaces.Box(-np.inf, np.inf, rows.shape[1:], np.float32)
+    return spaces.Dict(found)
 
 
 def _episode(episode: Demonstration) -> EpisodeBuffer:
     last = np.arange(len(episode)) == len(episode) - 1
     # Minari has a row of infos for each observation, the one after the reset included.
     success = np.append(False, last & episode.success)
-    observations: Any = {**episode.images, **episode.vectors}
     rows: dict[str, Any] = {
-        "observations": observations,
+        "observations": {**episode.images, **episode.vectors},
         "actions": episode.actions,
         "rewards": episode.rewards,
         "terminations": last & episode.terminated,

@@ -35,11 +35,7 @@ _INK, _PAPER = (34, 38, 46), (255, 255, 255)
 
 
 class Photographer:
-    """Takes pictures of one MjData from the ``picture`` camera, ``size`` px wide.
-
-    Raises:
-        ValueError: a size below 1 or above 4096.
-    """
+    """Takes pictures of one MjData from the ``picture`` camera, ``size`` (1 to 4096) px wide."""
 
     def __init__(self, model: mujoco.MjModel, size: int):
         strict.structure(size, Pixels, "size")
@@ -78,13 +74,10 @@ def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True)
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
-    """Every view x rendering, at the start and at the goal, in tiles of ``size`` px.
+    """Every view x rendering, at the start and at the goal, in tiles of ``size`` px, 16 or more.
 
-    ``raw`` shows the agent's own ``image_size`` pixels instead of a smooth picture.
-
-    Raises:
-        ValueError: ``size`` below 16.
-        RuntimeError: the teacher did not reach the goal state.
+    ``raw`` shows the agent's own ``image_size`` pixels instead of a smooth picture. Errors are as
+    in ``stages``.
     """
     if size < 16:
         raise ValueError(f"size: {size} must be at least 16")
@@ -104,10 +97,8 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
 def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image]:
     """What an agent sees through each camera, start and goal side by side, by camera.
 
-    By default through every rendering of every view; the settings' own cameras are ignored.
-
-    Raises:
-        RuntimeError: the teacher did not reach the goal state.
+    By default through every rendering of every view; the settings' own cameras are ignored. Errors
+    are as in ``stages``.
     """
     shown = tuple(cams) or _cameras(settings)
     seen = stages(replace(settings, cams=shown), "start", "goal").values()
@@ -119,7 +110,6 @@ def tiles(settings: Settings, cams: Sequence[str] = ()) -> dict[str, Image.Image
 
 
 def _cameras(settings: Settings) -> tuple[str, ...]:
-    """Every rendering of every view."""
     return tuple(f"{r}_{v}" for r in _ordered(settings) for v in settings.views)
 
 
@@ -135,10 +125,7 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
     """The images of all cameras at moments of one episode of the task's teacher.
 
     ``wanted``: of ``start``; names of facts, for the first step at which that is true; ``goal``, a
-    few steps after the task is done.
-
-    Raises:
-        RuntimeError: the teacher did not get that far.
+    few steps after the task is done. ``RuntimeError``: the teacher did not get that far.
     """
     # The episode must go on after success.
     s = replace(settings, num_envs=1, episode=replace(settings.episode, end_on_success=False))
@@ -167,9 +154,6 @@ def disturbed_sheet(
     Each tile, ``tile`` px wide, is what one episode drew: a uniform share of the severity's amount
     in ``levels``, as in ``conf/levels``. The episode is the same everywhere. The settings' own
     disturbances are ignored.
-
-    Raises:
-        ValueError: no camera.
     """
     if not settings.cams:
         raise ValueError("cams: choose the cameras to show, such as cams=rgb_front,dep_front")

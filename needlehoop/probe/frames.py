@@ -43,7 +43,6 @@ class Quantities:
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """In order."""
         return tuple(self.ends)
 
     @property
@@ -58,11 +57,7 @@ class Quantities:
 
 
 def quantities(task: Task) -> Quantities:
-    """What can be read off a task's frames.
-
-    Raises:
-        ValueError: a task without phases, or with one whose points are no places.
-    """
+    """What can be read off a task's frames; ``ValueError``: it has no phases between two places."""
     named = {name for phase in task.phases for name in phase.points}
     if not named or any(task.signals[name].shape != (3,) for name in named):
         raise ValueError(f"task {task.name} has no phases between two places each to probe")
@@ -110,14 +105,8 @@ def collect(settings: Settings, episodes: int, per_phase: int) -> Frames:
     """Frames of the first episode of ``episodes`` environments of the settings' seed.
 
     Every batch runs twice: once blind, to know each episode's phases, and once more to look at
-    the steps that were chosen. An image costs more than a step.
-
-    Args:
-        settings: with all cameras; each view is rendered once for all its renderings.
-        per_phase: most frames of one phase of one episode, spread evenly over it.
-
-    Raises:
-        ValueError: the task's phases give nothing to read off.
+    the steps that were chosen. An image costs more than a step. ``per_phase``: most frames of one
+    phase of one episode, spread evenly over it. Errors are as in ``quantities``.
     """
     task = settings.definition
     asked = quantities(task)

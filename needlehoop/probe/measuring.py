@@ -28,8 +28,7 @@ from needlehoop.runs.files import seen
 def probe(plan: Plan, folder: Path) -> None:
     """Measure every camera set of a plan and the baselines, into a folder.
 
-    Raises:
-        ValueError: episodes that do not come to every phase.
+    ``ValueError``: episodes that do not come to every phase.
     """
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
@@ -71,12 +70,8 @@ class Reader:
     """The agent's encoders and trunk, with a linear layer that gives the answers.
 
     A seed gives the same weights, whatever other camera sets are measured. They are drawn here,
-    from torch's global generator; ``learn`` draws minibatches from its own.
-
-    Args:
-        plan: the networks, and how they are trained.
-        learnt: frames to learn from, folded for the encoder.
-        cameras: whose images are read; none: the true state is.
+    from torch's global generator; ``learn`` draws minibatches from its own. ``learnt``: frames to
+    learn from, folded for the encoder. ``cameras``: none to read the true state.
     """
 
     def __init__(self, plan: Plan, learnt: Frames, cameras: Sequence[str], seed: int):

@@ -73,8 +73,7 @@ class Plan:
 def camera_sets(given: str | list[Any], settings: Settings) -> tuple[tuple[str, ...], ...]:
     """Camera sets from a name with ``+`` between cameras, or a list of such or of lists of cameras.
 
-    Raises:
-        ValueError: no camera set, an unknown camera, or a camera set named twice.
+    ``ValueError``: no camera set, an unknown camera, or a camera set named twice.
     """
     found = []
     for one in [given] if isinstance(given, str) else given:

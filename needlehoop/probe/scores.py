@@ -27,9 +27,8 @@ def errors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors of what was read off held-out frames, as ``Frames`` has it.
 
-    Returns:
-        Means ``(episodes, phases, quantities)``, NaN where an episode has no such phase; how many
-        frames each is over, ``(episodes, phases)``.
+    Means ``(episodes, phases, quantities)``, NaN where an episode has no such phase; and how many
+    frames each is over, ``(episodes, phases)``.
     """
     off = (points - frames.points).double()
     by_name = dict(zip(asked.points, off.unbind(1), strict=True))
@@ -47,12 +46,10 @@ def errors(
 
 
 def constant(asked: Quantities, learnt: Frames, frames: Frames) -> tuple[Tensor, Tensor]:
-    """The best constant answer for ``frames``: its ``points`` and ``fact``.
+    """The best constant ``points`` and ``fact`` for ``frames``.
 
     Of places the mean of the phase's training frames; the fact as most training frames are.
-
-    Raises:
-        ValueError: a phase that no training frame shows.
+    ``ValueError``: a phase that no training frame shows.
     """
     points = torch.empty_like(frames.points)
     for phase, name in enumerate(asked.phases):
@@ -82,11 +79,7 @@ def save(path: Path, asked: Quantities, means: np.ndarray, frames: np.ndarray) -
 
 
 def load(folder: Path, asked: Quantities) -> ProbeResults:
-    """The results of a probe from its folder: the files ``seed<k>/<cameras>.csv`` of ``save``.
-
-    Raises:
-        ValueError: a file that is not of a probe of this task.
-    """
+    """The results in a folder: ``seed<k>/<cameras>.csv``; ``ValueError``: of another task."""
     seeds = sorted(folder.glob("seed*"), key=lambda place: int(place.name.removeprefix("seed")))
     means = {}
     for file in sorted(seeds[0].glob("*.csv")):
@@ -104,9 +97,7 @@ def load(folder: Path, asked: Quantities) -> ProbeResults:
 class ProbeResults:
     """Errors and scores of camera sets and baselines, by name.
 
-    Args:
-        means: mean errors ``(seeds, episodes, phases, quantities)``, NaN where an episode has no
-            such phase.
+    ``means``: ``(seeds, episodes, phases, quantities)``, NaN where an episode has no such phase.
     """
 
     def __init__(self, asked: Quantities, means: Mapping[str, np.ndarray]):
@@ -164,9 +155,7 @@ def places(scores: Mapping[str, Estimated]) -> dict[str, tuple[int, int]]:
 def _weighted(means: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Means over the episodes that have a value, ``(seeds, samples, phases, quantities)``.
 
-    Args:
-        means: ``(seeds, episodes, phases, quantities)``.
-        counts: how often each episode counts, ``(seeds, samples, episodes)``.
+    ``counts``: how often each episode counts, ``(seeds, samples, episodes)``.
     """
     has = ~np.isnan(means)
     pairs = "ske,sepq->skpq"

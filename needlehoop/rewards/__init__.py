@@ -38,11 +38,7 @@ class _Sparse:
 def load(config: Mapping[str, Any], task: Task) -> Reward:
     """A reward from its config: ``kind``, the values of that kind, and maybe a ``name``.
 
-    The human reward, the goal and the signals are the task's.
-
-    Raises:
-        ValueError: an unknown kind, invalid values, an invalid name, or Python code that was not
-            allowed.
+    ``ValueError``: an unknown kind, invalid values or name, or Python code that was not allowed.
     """
     _check_kind(config)
     if config["kind"] == function_reward.KIND:

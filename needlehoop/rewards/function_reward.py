@@ -36,8 +36,6 @@ CALL = "call"
 
 @dataclass(frozen=True)
 class _Config:
-    """Values of the kind ``python``."""
-
     kind: str
     function: str
     values: Mapping[str, Any] | None
@@ -46,10 +44,7 @@ class _Config:
 
 @dataclass(frozen=True)
 class FunctionReward:
-    """A function in use, with its keyword arguments ``values``.
-
-    ``origin`` is the name that it was given by, for messages and records.
-    """
+    """A function in use, its keyword arguments, and the name that it was given by."""
 
     function: Callable[..., Any]
     values: Mapping[str, Any]
@@ -58,8 +53,7 @@ class FunctionReward:
     def __call__(self, signals: Signals) -> dict[str, Tensor]:
         """Terms ``(n,)`` float64 by name; a single tensor is the term ``reward``.
 
-        Raises:
-            RewardError: the function returned something else, or a term is not finite.
+        ``RewardError``: the function returned something else, or a term is not finite.
         """
         found = self.function(signals, **self.values)
         terms = {"reward": found} if isinstance(found, Tensor) else found
@@ -96,9 +90,8 @@ def check(config: Mapping[str, Any]) -> None:
 def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     """The config of a reward that somebody typed, ready for ``load``: imports what it names.
 
-    Raises:
-        ValueError: missing or unknown values, no such function, or a function whose text has
-            changed since the run began.
+    ``ValueError``: missing or unknown values, no such function, or one whose text has changed since
+    the run began.
     """
     if config["kind"] != KIND or CALL in config:
         return dict(config)
@@ -113,9 +106,8 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
 def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
     """The config of a reward from a run's files, ready for ``load``: imports what it names.
 
-    Raises:
-        ValueError: it names a function, and the person does not trust the files (``trust``), or
-            there is no source to compare the function with; or as in ``allow``.
+    ``ValueError``: it names a function without ``trust``, or without a source to compare it with;
+    else as in ``allow``.
     """
     if config["kind"] == KIND:
         if not trust:
@@ -126,11 +118,7 @@ def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
 
 
 def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A config that names code, with the function's source, for a run to keep.
-
-    Raises:
-        ValueError: as in ``allow``.
-    """
+    """A config that names code, with the function's source, for a run to keep; see ``allow``."""
     reward, name = load(allow(config)), config["function"]
     file, _, function = name.rpartition(":")
     if file.endswith(".py"):

@@ -80,8 +80,6 @@ class Source:
 
 @dataclass(frozen=True)
 class _Config:
-    """Values of every reward that is a program."""
-
     kind: str
     unit: Positive | None
     clip: tuple[Real, Real] | None
@@ -127,8 +125,7 @@ def _read(config: Mapping[str, Any]) -> tuple[Source, tuple[float, float] | None
 def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramReward:
     """The reward of a config whose ``kind`` is in ``KINDS``; its program may read ``table``.
 
-    Raises:
-        ValueError: missing or unknown values, no such program, or one that is refused.
+    ``ValueError``: missing or unknown values, no such program, or one that is refused.
     """
     source, clip = _read(config)
     try:
@@ -161,10 +158,9 @@ def read(path: Path) -> Source:
 
 
 def scaled(source: Source, unit: float | None, key: str) -> Source:
-    """A program with another unit of its scene, m (``None``: its own); ``key`` is for messages.
+    """A program with another unit of its scene, m (``None``: its own).
 
-    Raises:
-        ValueError: the program has no line that gives its scene unit.
+    ``ValueError``: it has no line that gives its scene unit; ``key`` is what the message names.
     """
     if unit is None:
         return source
@@ -191,9 +187,8 @@ def find(
     may be ``None``. A ``text`` program may also be in the folder ``any``. ``sample`` is which of
     several programs for the same cameras.
 
-    Raises:
-        NotWrittenError: no program; the message has the command that makes it.
-        ValueError: an unknown recording, or no program and no study to write one into.
+    ``NotWrittenError``: no program; the message has the command that makes it. ``ValueError``: an
+    unknown recording, or no program and no study to write one into.
     """
     chosen, name = tuple(cams), file_name(flavour, sample)
     folders = [] if study is None else [Path(results) / study / "vlm" / "rewards"]
@@ -217,19 +212,14 @@ def find(
     )
     if study is None:
         raise ValueError(f"{missing}; with reward.study=null no model can write one")
-    how = command(chosen, flavour, study, results, sample)
-    raise NotWrittenError(f"{missing}; make one with: {how}")
+    place = f"study={study}" + ("" if results == "results" else f" results={results}")
+    place += "" if sample == FIRST else f" samples={sample}"
+    raise NotWrittenError(
+        f"{missing}; make one with: needlehoop vlm reward 'cams=[{','.join(chosen)}]'"
+        f" flavour={flavour} {place} vlm=gemini"
+    )
 
 
 def file_name(flavour: str, sample: int) -> str:
     """The name of a program's file: ``image.txt``, then ``image_2.txt``, …"""
     return f"{flavour}.txt" if sample == FIRST else f"{flavour}_{sample}.txt"
-
-
-def command(
-    cams: Iterable[str], flavour: str, study: str, results: str, sample: int = FIRST
-) -> str:
-    """The command that asks a VLM for a reward, into a study."""
-    place = f"study={study}" + ("" if results == "results" else f" results={results}")
-    place += "" if sample == FIRST else f" samples={sample}"
-    return f"needlehoop vlm reward 'cams=[{','.join(cams)}]' flavour={flavour} {place} vlm=gemini"

@@ -44,10 +44,9 @@ def potential(terms: Mapping[str, Tensor]) -> Tensor:
 
 
 def check_finite(terms: Mapping[str, Tensor], origin: str) -> None:
-    """Check the terms ``(n,)`` of a reward from outside the package.
+    """``RewardError`` if a term ``(n,)`` is not finite.
 
-    Raises:
-        RewardError: a term is not finite. The agent would learn from any number put in its place.
+    The agent would learn from any number put in its place.
     """
     for name, term in terms.items():
         finite = torch.isfinite(term)

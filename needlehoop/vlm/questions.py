@@ -46,7 +46,7 @@ class Questions:
         _check_different("layouts", [*self.layouts])
 
     def check(self, settings: Settings) -> None:
-        """Raises ``ValueError`` for a rendering that the scene does not have."""
+        """``ValueError``: a rendering that the scene does not have."""
         check_names("shown", self.shown, tuple(settings.renderings))
 
 
@@ -70,7 +70,7 @@ class Lists:
                 _check_different(key, sets)
 
     def check(self, settings: Settings, shown: Sequence[str]) -> None:
-        """Raises ``ValueError`` for a camera that the questions do not show."""
+        """``ValueError``: a camera that the questions do not show."""
         key, valid = ("sets", settings.renderings) if self.sets else ("lists", shown)
         for name in chain(*(self.sets or self.lists)):
             try:
@@ -201,12 +201,12 @@ def of_samples(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, Any
 
     By sample: ``rankings``, each the names as ``name`` and ``reason``, best first, and ``sure``.
     """
-    orders = [[entry["name"] for entry in answer["places"]] for answer in answers]
+    ranked = [answer["places"] for answer in answers]
     return {
         "combinations": list(names),
-        "rankings": [answer["places"] for answer in answers],
+        "rankings": ranked,
         "sure": [answer["sure"] for answer in answers],
-        "agreement": agreement(orders),
+        "agreement": _agreement([[entry["name"] for entry in places] for places in ranked]),
     }
 
 
@@ -271,7 +271,7 @@ def strengths(names: Sequence[str], answers: Sequence[Ranked]) -> dict[str, floa
     return {name: round(float(found[number]), 6) for name, number in place.items()}
 
 
-def agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
+def _agreement(orders: Sequence[Sequence[str]]) -> dict[str, float] | None:
     """How far orders of one list, the best first, agree; ``None`` for fewer than two.
 
     ``tau_b``: Kendall's, mean over all pairs. ``same_top``: share with the commonest first place.

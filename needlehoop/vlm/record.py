@@ -81,14 +81,10 @@ class Record:
     The same request, made again, gets the next of its recorded answers. So an interrupted session
     continues where it stopped and pays for nothing twice.
 
-    Args:
-        folder: of ``transcript.jsonl``, with one JSON line per exchange, and ``images/``. It is
-            made at the first writing.
-        provider: whom to ask if the record has no answer; ``None`` to replay.
-        prompts: the hash of the prompts, to be noted beside the record; ``None`` for no note.
-
-    Raises:
-        ValueError: a line is not an exchange, or one is of another provider, model or sampling.
+    ``folder`` has ``transcript.jsonl``, with one JSON line per exchange, and ``images/``; it is
+    made at the first writing. ``provider``: ``None`` to replay. ``prompts``: their hash, to be
+    noted beside the record. ``ValueError``: a line is not an exchange, or one is of another
+    provider, model or sampling.
     """
 
     def __init__(self, folder: Path, provider: Provider | None = None, prompts: str | None = None):
@@ -142,10 +138,7 @@ class Record:
             self.exchanges = kept
 
     def edition(self) -> dict[str, str | None]:
-        """The ``sha256`` and ``commit`` (``None`` outside git) of the prompts last asked here.
-
-        Empty where there is no note.
-        """
+        """``sha256`` and ``commit`` (``None`` outside git) of the prompts last asked; or empty."""
         path = self.folder / EDITION
         return json.loads(path.read_text()) if path.is_file() else {}
 

@@ -212,9 +212,9 @@ def _curves(rows: Sequence[dict[str, str]]) -> str:
     A dash stands where no episode ended.
     """
     # Facts would tell what success is.
-    columns = ["return", *(name for name in rows[0] if name.startswith("term_")), "success"]
-    names = (column.removeprefix("term_") for column in columns[:-1])
-    lines = [", ".join(("step", *names, "done"))]
+    terms = [name for name in rows[0] if name.startswith("term_")]
+    columns = ["return", *terms, "success"]
+    lines = [", ".join(("step", "return", *(name[5:] for name in terms), "done"))]
     for number in dict.fromkeys(_evenly(len(rows), _ROWS)):
         row = rows[number]
         values = (f"{float(row[c]):.3g}".replace("nan", "-") if row[c] else "-" for c in columns)

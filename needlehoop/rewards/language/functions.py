@@ -71,6 +71,7 @@ def _greatest(*numbers: Tensor) -> Tensor:
 _N, _V, _V3 = "number", "vector", "vector3"
 _X, _Y, _Z = (itemgetter((..., index)) for index in range(3))
 _COMPONENT = "component of any vector; i is written out and counts from 0"
+_CHOSEN = "a where the condition holds, else b"
 _CLIPPED = "a, but no less than low and no more than high"
 _TURNED = "3-vector v turned by quaternion q (w, x, y, z)"
 _ROWS = (
@@ -91,11 +92,6 @@ _ROWS = (
     Function("abs(a)", "absolute value", (_N,), torch.abs),
     Function("min(a, b, ...)", "the least", (_N, _N), _least),
     Function("max(a, b, ...)", "the greatest", (_N, _N), _greatest),
-    Function(
-        "where(condition, a, b)",
-        "a where the condition holds, else b",
-        ("truth", "any", "any"),
-        torch.where,
-    ),
+    Function("where(condition, a, b)", _CHOSEN, ("truth", "any", "any"), torch.where),
 )
 FUNCTIONS = {row.signature.partition("(")[0]: row for row in _ROWS}

@@ -66,11 +66,8 @@ class Program:
 def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
     """A program from its source; it may read all signals of the table but the verdicts.
 
-    It is walked once with zeros. What is wrong with it shows there: no value changes which nodes
-    are walked, nor the kinds of their results.
-
-    Raises:
-        ProgramError: the program is refused; ``line``, ``column`` and ``reason`` say why.
+    It is walked once with zeros. What is wrong with it shows there as a ``ProgramError``: no value
+    changes which nodes are walked, nor the kinds of their results.
     """
     body = parse(source).body
     zero = {
@@ -278,12 +275,11 @@ class _Walk:
 
 
 def _number(value: Tensor, node: ast.AST) -> Tensor:
-    """A number as it is; a truth value as 0 or 1. A vector is refused."""
     return _fit(value, "number", node)
 
 
 def _fit(value: Tensor, wish: str, node: ast.AST) -> Tensor:
-    """A value as an argument: ``number``, ``vector``, ``vector3`` or ``vector4``."""
+    """A value as a ``number`` (a truth value is 0 or 1), ``vector``, ``vector3`` or ``vector4``."""
     size = _size(value)
     if wish == "number" and not size:
         return value.double()

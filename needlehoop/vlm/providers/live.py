@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -27,22 +27,12 @@ def live_provider(config: LiveConfig) -> LiveProvider:
     return {"gemini": Gemini, "openai": OpenAi}[config.kind](config)
 
 
-class _Found(NamedTuple):
-    """A reply; ``finish`` is why it ended, and ``refusal`` why it was refused, if it was."""
-
-    text: str
-    refusal: str | None
-    finish: str | None
-    is_cut: bool
-    model: str | None
-    tokens_in: int | None
-    tokens_out: int | None
-
-
 class LiveProvider:
     """A model behind a server; see ``Provider``."""
 
     _package: str
+    _cut: str
+    """Why a model ends at the limit of length."""
 
     def __init__(self, config: LiveConfig):
         self._config, self._key = config, config.read_key()
@@ -58,7 +48,7 @@ class LiveProvider:
         """The reply; ``ProviderError`` if there is none after all tries."""
         config = self._config
         try:
-            found = self._ask(request)
+            return self._ask(request)
         # An SDK lets the errors of its HTTP library and of parsing through, beside its own.
         except Exception as error:
             status = getattr(error, "status_code", getattr(error, "code", None))
@@ -68,18 +58,23 @@ class LiveProvider:
             raise ProviderError(
                 f"vlm={config.kind} ({config.model}): {status}: {said}", status
             ) from None
-        outcome, detail = "answered", ""
-        if found.refusal:
-            outcome, detail = "refused", found.refusal
-        elif not found.text.strip():
-            outcome, detail = "empty", found.finish or "no reason was given"
-        elif found.is_cut:
-            outcome, detail = "truncated", found.finish or ""
-        answer, detail, model = map(self._strike, (found.text, detail, found.model or config.model))
-        return Reply(outcome, answer, detail, model, found.tokens_in, found.tokens_out, (200,))
 
-    def _ask(self, request: Request) -> _Found:
+    def _ask(self, request: Request) -> Reply:
         raise NotImplementedError
+
+    def _reply(
+        self, text: str, refusal: str | None, finish: str | None, model: str | None, *tokens: Any
+    ) -> Reply:
+        """``finish`` is why the model ended, and ``refusal`` why it refused, if it did."""
+        outcome, detail = "answered", ""
+        if refusal:
+            outcome, detail = "refused", refusal
+        elif not text.strip():
+            outcome, detail = "empty", finish or "no reason was given"
+        elif finish == self._cut:
+            outcome, detail = "truncated", finish
+        answer, detail, model = map(self._strike, (text, detail, model or self._config.model))
+        return Reply(outcome, answer, detail, model, *tokens, (200,))
 
     def _strike(self, text: str) -> str:
         """A text without the key: a server may repeat it."""
@@ -89,7 +84,7 @@ class LiveProvider:
 class OpenAi(LiveProvider):
     """OpenAI's chat completions, which Ollama and vLLM serve too."""
 
-    _package = "openai"
+    _package, _cut = "openai", "length"
 
     def __init__(self, config: LiveConfig):
         super().__init__(config)
@@ -100,7 +95,7 @@ class OpenAi(LiveProvider):
             max_retries=config.tries - 1,
         )
 
-    def _ask(self, request: Request) -> _Found:
+    def _ask(self, request: Request) -> Reply:
         form = {"name": "answer", "schema": dict(request.schema), "strict": True}
         found = self._client.chat.completions.create(
             model=self._config.model,
@@ -113,7 +108,7 @@ class OpenAi(LiveProvider):
         finish, text = choice.finish_reason, choice.message.content or ""
         refusal = choice.message.refusal or (finish if finish == "content_filter" else None)
         tokens = (usage.prompt_tokens, usage.completion_tokens) if usage else (None, None)
-        return _Found(text, refusal, finish, finish == "length", found.model, *tokens)
+        return self._reply(text, refusal, finish, found.model, *tokens)
 
     def _message(self, message: Message) -> dict[str, Any]:
         def piece(part: Part) -> dict[str, Any]:
@@ -130,7 +125,7 @@ class OpenAi(LiveProvider):
 class Gemini(LiveProvider):
     """Google's Gemini."""
 
-    _package = "google.genai"
+    _package, _cut = "google.genai", "MAX_TOKENS"
 
     def __init__(self, config: LiveConfig):
         super().__init__(config)
@@ -149,7 +144,7 @@ class Gemini(LiveProvider):
         key = self._key or _NO_KEY
         self._client = self._sdk.Client(api_key=key, vertexai=False, http_options=http)
 
-    def _ask(self, request: Request) -> _Found:
+    def _ask(self, request: Request) -> Reply:
         form = {"response_json_schema": dict(request.schema)}
         found = self._client.models.generate_content(
             model=self._config.model,
@@ -164,14 +159,13 @@ class Gemini(LiveProvider):
             text = "".join(part.text for part in parts if part.text and not part.thought)
         if found.prompt_feedback and found.prompt_feedback.block_reason:
             blocked = found.prompt_feedback.block_reason.value
-        is_cut = finish == "MAX_TOKENS"
-        refusal = blocked or (None if is_cut or finish == "STOP" else finish)
+        refusal = blocked or (None if finish in (self._cut, "STOP") else finish)
         usage = found.usage_metadata
         tokens = (usage.prompt_token_count, usage.candidates_token_count) if usage else (None, None)
         if tokens[1] is not None:
             # Thoughts are billed as output.
             tokens = (tokens[0], tokens[1] + (usage.thoughts_token_count or 0))
-        return _Found(text, refusal, finish, is_cut, found.model_version, *tokens)
+        return self._reply(text, refusal, finish, found.model_version, *tokens)
 
     def _content(self, message: Message) -> Any:
         make = self._types.Part

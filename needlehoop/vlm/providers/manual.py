@@ -8,7 +8,6 @@ import sys
 import time
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from needlehoop.runs.files import write_whole
 from needlehoop.vlm.config import ManualConfig
@@ -32,11 +31,7 @@ class Manual:
 
     def __init__(self, config: ManualConfig, folder: Path):
         self._config, self._folder = config, folder
-        self.who: dict[str, Any] = {
-            "provider": config.kind,
-            "model": config.model,
-            "sampling": {},
-        }
+        self.who = {"provider": config.kind, "model": config.model, "sampling": {}}
 
     def ask(self, request: Request) -> Reply:
         """The answer, once its file is there; ``UnansweredError`` when the time to wait is over.
@@ -81,10 +76,7 @@ class Manual:
 
 
 def write_request(request: Request, place: Path) -> None:
-    """A request as ``request.md``, its pictures as ``01.png``, …, and ``schema.json``.
-
-    The folder is made here; ``request.md`` is written last.
-    """
+    """``schema.json``, pictures ``01.png``, … and, last, ``request.md``, in a folder made here."""
     place.mkdir(parents=True, exist_ok=True)
     # The pictures of all turns are numbered through.
     numbers = count(1)
