@@ -31,7 +31,7 @@ def probe(options: argparse.Namespace) -> None:
     from needlehoop.learning.algorithm_config import PpoConfig
     from needlehoop.probe import measuring, report, scores
     from needlehoop.probe.frames import quantities
-    from needlehoop.probe.plan import Plan, camera_sets
+    from needlehoop.probe.measuring import Plan, camera_sets
     from needlehoop.runs.files import CONFIG, new_folder, seen, write_whole
     from needlehoop.runs.machine import provenance
     from needlehoop.runs.run import Run

@@ -182,8 +182,7 @@ def vlm_check(options: argparse.Namespace) -> int:
     Exit status 1 where it is refused.
     """
     from needlehoop.config.strict import Count, Positive
-    from needlehoop.rewards.language.grammar import ProgramError
-    from needlehoop.rewards.language.program import compile_program
+    from needlehoop.rewards.language.program import ProgramError, compile_program
     from needlehoop.rewards.program_reward import Flavour, find, read, scaled
     from needlehoop.runs.files import check_name
     from needlehoop.vlm.config import Gates

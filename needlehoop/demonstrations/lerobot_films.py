@@ -89,10 +89,7 @@ def streams(episode: Demonstration, depths: Mapping[str, Span]) -> dict[str, np.
 def film(
     path: Path, size: int, rate: int, span: Span | None
 ) -> Iterator[Callable[[np.ndarray], None]]:
-    """What adds images to a film of square ones, which is whole when the context ends.
-
-    ``rate``: frames a second; ``span``: the depths that it shows, ``None`` for colours.
-    """
+    """Adds square images of ``size`` px to a film; ``span``: its depths, ``None`` for colours."""
     kind = _COLOUR if span is None else _GREY
     frames = imageio_ffmpeg.write_frames(str(path), (size, size), fps=rate, **kind)
 

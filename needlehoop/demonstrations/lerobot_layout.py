@@ -34,7 +34,6 @@ _PSM_ACTIONS = {
     "tip": ("x", "y", "z", "turn", "jaw"),
     "pose": ("x", "y", "z", "turn_x", "turn_y", "turn_z", "jaw"),
 }
-"""By control mode."""
 
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 """LeRobot's policies normalise by these, too."""

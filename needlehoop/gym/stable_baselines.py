@@ -81,15 +81,12 @@ class StableBaselinesVecEnv(VecEnv):
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Not possible: the environments are one object."""
         raise NotImplementedError("environments in one batch share their attributes")
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:
-        """Not possible: the environments are one object."""
         raise NotImplementedError("environments in one batch have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """No environment is."""
         return [False] * len(list(self._get_indices(indices)))
 
     def _rows(self, moment: StepResult) -> list[dict[str, Any]]:

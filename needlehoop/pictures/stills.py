@@ -87,9 +87,8 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     renderings, views = _ordered(s), list(s.views)
 
     def tile(row: int, block: int, column: int) -> Image.Image:
-        kind = renderings[row]
-        image = states[block][f"{kind}_{views[column]}"]
-        return scaled(image, s.renderings[kind], size, raw)
+        image = states[block][f"{renderings[row]}_{views[column]}"]
+        return scaled(image, s.renderings[renderings[row]], size, raw)
 
     return sheet(renderings, ("start", "goal"), views, size, tile)
 
@@ -213,6 +212,5 @@ def sheet(
             x = left + column * (size + gap)
             write((x + size // 2, 3 * head // 2), said, anchor="mm")
             for row in range(len(rows)):
-                at = (x, 2 * head + row * (size + gap))
-                made.paste(tile(row, block, column), at)
+                made.paste(tile(row, block, column), (x, 2 * head + row * (size + gap)))
     return made

@@ -10,8 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from needlehoop.probe.frames import Quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH
-from needlehoop.probe.scores import ProbeResults
+from needlehoop.probe.scores import CONSTANT, TRUTH, ProbeResults
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import LISTS
 from needlehoop.study.render.style import COLOURS, DASHES, new_figure, save, styled
@@ -89,24 +88,22 @@ def agreements(results: ProbeResults) -> pd.DataFrame:
         own = {name: results.scores_by_seed(name) for name in scores}
         first, second = ({name: own[name][seed] for name in own} for seed in (one, two))
         sides.append((f"seed {one}", f"seed {two}", first, second))
-    rows = []
-    for name, against, predicted, theirs in sides:
-        found = agreement(predicted, theirs)
-        rows.append(
-            {
-                "list": name,
-                "against": against,
-                "n": found.n,
-                "tau-b": f"{found.tau:.2f}",
-                "p of tau-b": _chance(found.tau_p),
-                "rho": f"{found.rho:.2f}",
-                "p of rho": _chance(found.rho_p),
-                "best found": "yes" if found.top_hits else "no",
-                "worst found": "yes" if found.bottom_hits else "no",
-                "regret": f"{found.regret:.2f}",
-            }
-        )
-    return pd.DataFrame(rows)
+    compared = [(name, against, agreement(own, theirs)) for name, against, own, theirs in sides]
+    return pd.DataFrame(
+        {
+            "list": name,
+            "against": against,
+            "n": found.n,
+            "tau-b": f"{found.tau:.2f}",
+            "p of tau-b": _chance(found.tau_p),
+            "rho": f"{found.rho:.2f}",
+            "p of rho": _chance(found.rho_p),
+            "best found": "yes" if found.top_hits else "no",
+            "worst found": "yes" if found.bottom_hits else "no",
+            "regret": f"{found.regret:.2f}",
+        }
+        for name, against, found in compared
+    )
 
 
 def _published(asked: Quantities) -> Iterator[tuple[str, str, Mapping[str, float]]]:

@@ -16,8 +16,11 @@ import torch
 from torch import Tensor
 
 from needlehoop.probe.frames import KINDS, Frames, Quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH
+from needlehoop.runs.files import SIGNALS
 from needlehoop.study.stats.statistics import Estimated, Interval
+
+TRUTH, CONSTANT = SIGNALS, "constant"
+"""Baselines beside the camera sets: the true state read by the same trunk, and a constant."""
 
 _RESAMPLES = 2_000
 

@@ -12,8 +12,7 @@ from torch import Tensor
 
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Names, OneOf, Positive, Real
-from needlehoop.rewards.language.grammar import ProgramError
-from needlehoop.rewards.language.program import Program, compile_program
+from needlehoop.rewards.language.program import Program, ProgramError, compile_program
 from needlehoop.rewards.terms import check_finite, potential
 from needlehoop.runs.reading import named, read_text
 from needlehoop.runs.shipped import RECORDINGS
@@ -27,7 +26,6 @@ FLAVOURS = {"vlm_text": "text", "vlm_img": "image"}
 Flavour = Annotated[str, OneOf(*FLAVOURS.values())]
 
 KINDS = ("file", *FLAVOURS)
-"""Kinds of rewards that are programs."""
 
 FIRST = 1
 """The sample that is used unless another is asked for."""
@@ -44,8 +42,7 @@ class NotWrittenError(ValueError):
 class ProgramReward:
     """A program in use, and where its text came from. Its terms must be finite.
 
-    ``clip`` is the least and the most that the total may be. The term ``clipped`` is the difference
-    between the clipped total and the sum of the terms.
+    ``clip``: the least and the most that the total may be; the term ``clipped`` makes it so.
     """
 
     program: Program
@@ -84,7 +81,7 @@ class _Config:
     unit: Positive | None
     clip: tuple[Real, Real] | None
     program: Mapping[str, Any] | None
-    """A run's own, as ``Source``."""
+    """A run's own ``Source``."""
 
     def __post_init__(self) -> None:
         if self.clip is not None and not self.clip[0] < self.clip[1]:

@@ -28,7 +28,7 @@ _KINDS = (".png", ".jpg", ".jpeg")
 
 @dataclass(frozen=True)
 class Album:
-    """All cameras' pictures of the stages of one episode.
+    """All cameras' pictures of the stages of one episode; the agent's images have ``pixels``.
 
     They are kept because their bytes are part of a request. Another machine may draw a pixel
     differently, and its requests would then match no recorded answer.
@@ -37,7 +37,6 @@ class Album:
     pictures: Mapping[str, Mapping[str, Png]]
     """By stage (see ``description.stages_of``, and ``SEEN``) and camera."""
     pixels: int
-    """Of the agent's images."""
     names: Sequence[str] = ()
     """The stages as they are named to the model, in order; none: by their own names."""
 

@@ -46,11 +46,11 @@ class Inquiry(AbstractContextManager):
                     f" {', '.join(transcripts())}"
                 )
         elif isinstance(vlm, ManualConfig):
-            from needlehoop.vlm.providers.manual import Manual
+            from needlehoop.vlm.manual import Manual
 
             self.record = Record(self.folder, Manual(vlm, self.folder), prompts)
         else:
-            from needlehoop.vlm.providers.live import live_provider
+            from needlehoop.vlm.live import live_provider
 
             self.record = Record(self.folder, live_provider(vlm), prompts)
 

@@ -54,13 +54,8 @@ def collect(settings: Settings, gates: Gates) -> Trajectories:
     """
     blind = _blind(replace(settings, seed=gates.seed), gates.episodes)
     key = repr((blind, gates))
-    if key not in _collected:
-        _collected.clear()
-        _collected[key] = _fly_all(blind, gates)
-    return _collected[key]
-
-
-def _fly_all(blind: Settings, gates: Gates) -> Trajectories:
+    if key in _collected:
+        return _collected[key]
     simulation = build(blind)
     flights = {
         who: _fly(simulation, controller(who, blind))
@@ -71,12 +66,14 @@ def _fly_all(blind: Settings, gates: Gates) -> Trajectories:
     last = {who: flight.last() for who, flight in flights.items()}
     if CHEAT in last:
         last[CHEAT].elapsed = last["expert"].elapsed.clone()
-    # Uniformly random actions, of more episodes.
     own = replace(blind, num_envs=gates.random_episodes)
     steps = _fly(build(own), controller("random", own), whole=True).signals
     before, after = steps[:-1].reshape(-1), steps[1:].reshape(-1)
     after.elapsed = before.elapsed.clone()
-    return Trajectories(moments, last, before, after, _stopped(blind, gates.stop_episodes))
+    stopped = _stopped(blind, gates.stop_episodes)
+    _collected.clear()
+    _collected[key] = Trajectories(moments, last, before, after, stopped)
+    return _collected[key]
 
 
 def _blind(settings: Settings, episodes: int) -> Settings:

@@ -31,7 +31,6 @@ Ranked = dict[str, Any]
 """An answer, as ``conversation.ranking``: ``places``, best first, and how ``sure`` they are."""
 
 _SEED = 0
-"""Of the groups."""
 
 
 @dataclass(frozen=True)

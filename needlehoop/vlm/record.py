@@ -25,22 +25,20 @@ EDITION = "prompts.json"
 
 
 class Exchange(BaseModel):
-    """One request and its reply; ``outcome`` to ``attempts`` are as in ``Reply``.
+    """One canonical request and its reply; ``outcome`` to ``attempts`` are as in ``Reply``.
 
-    ``seconds`` is the time of all tries, ``time`` the start of the first (UTC).
+    ``sha256`` is the request's; ``model`` the one asked for; ``seconds`` the time of all tries;
+    ``time`` the start of the first (UTC); ``conversation`` is ``question``, ``rank``, ``rank/2``,
+    ``reward/text`` or ``reward/<cameras>/image``.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     sha256: str
-    """The hash of the canonical request."""
     conversation: str
-    """``question``, ``rank``, ``rank/2``, ``reward/text`` or ``reward/<cameras>/image``."""
     request: dict[str, Any]
-    """In its canonical form."""
     provider: str
     model: str
-    """The model asked for."""
     sampling: dict[str, Any]
     outcome: str
     answer: str

@@ -16,8 +16,7 @@ import numpy as np
 from PIL import Image
 
 from needlehoop.envs.settings import Settings
-from needlehoop.rewards.language.grammar import ProgramError
-from needlehoop.rewards.language.program import compile_program
+from needlehoop.rewards.language.program import ProgramError, compile_program
 from needlehoop.rewards.program_reward import KINDS
 from needlehoop.runs.files import METRICS, VIDEO
 from needlehoop.runs.run import Run

@@ -200,7 +200,6 @@ def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, 
     assert (near, far) == (view.near, view.far)
     nearness = np.concatenate([one.images["dep_front"][:-1, ..., 3] for one in shown]) / 255
     given = view.far - nearness * (view.far - view.near)
-    assert len(np.unique(given)) > 50
     assert np.abs(depth - given).max() <= (far - near) / 4095
     stats = json.loads((out / "meta/stats.json").read_text())["observation.images.dep_front_depth"]
     assert near <= stats["min"][0][0][0] < stats["mean"][0][0][0] < stats["max"][0][0][0] <= far

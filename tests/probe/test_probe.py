@@ -18,9 +18,18 @@ from needlehoop.learning.encoder import EncoderConfig
 from needlehoop.learning.networks import HeadConfig
 from needlehoop.probe import frames, measuring
 from needlehoop.probe.frames import KINDS, Frames, collect, phase_of, quantities
-from needlehoop.probe.plan import CONSTANT, TRUTH, Episodes, Fit, Plan, camera_sets
+from needlehoop.probe.measuring import Episodes, Fit, Plan, camera_sets
 from needlehoop.probe.report import agreements, ranking, ranking_figure
-from needlehoop.probe.scores import ProbeResults, constant, errors, load, places, save
+from needlehoop.probe.scores import (
+    CONSTANT,
+    TRUTH,
+    ProbeResults,
+    constant,
+    errors,
+    load,
+    places,
+    save,
+)
 from needlehoop.study.stats.statistics import Estimated, Interval
 from needlehoop.tasks.contract import Phase
 from needlehoop.tasks.registry import built_in, find

@@ -8,7 +8,7 @@ import tracemalloc
 import pytest
 from needle_task import compile_program
 
-from needlehoop.rewards.language.grammar import MAX_SOURCE, ProgramError
+from needlehoop.rewards.language.program import MAX_SOURCE, ProgramError
 
 OK = "reward = elapsed\n"
 

@@ -12,7 +12,7 @@ from reward_program import PROGRAM
 
 from needlehoop.config import composing
 from needlehoop.rewards.language.functions import FUNCTIONS
-from needlehoop.rewards.language.grammar import ProgramError
+from needlehoop.rewards.language.program import ProgramError
 from needlehoop.scene.signals import Signals, vocabulary
 from needlehoop.tasks.needle_hoop import TASK
 

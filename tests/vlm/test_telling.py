@@ -84,7 +84,7 @@ def test_a_task_without_words_is_refused_in_a_line(monkeypatch, tmp_path, capsys
 @pytest.mark.parametrize("task", OTHERS)
 def test_questions_on_moments_are_those_of_the_task(task, tmp_path, monkeypatch):
     s, provider = made(task), Obliging()
-    monkeypatch.setattr("needlehoop.vlm.providers.live.live_provider", lambda _: provider)
+    monkeypatch.setattr("needlehoop.vlm.live.live_provider", lambda _: provider)
     monkeypatch.setattr(inquiry, "open_album", lambda *_: album(s))
     config = InquiryConfig(str(tmp_path), "main", 64, 1, False)
     with Inquiry(s, config, CONFIG) as opened:

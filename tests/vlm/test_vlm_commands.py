@@ -83,6 +83,11 @@ def programs(*worths: int | str) -> list[str]:
     return [json.dumps({"explanation": "e", "program": source}) for source in sources]
 
 
+def shown(server: Server) -> list[int]:
+    """Pictures in the first message of each request."""
+    return [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
+
+
 def test_question_leaves_answers_a_transcript_and_pictures(study):
     found = json.loads((study / "questions.json").read_text())
     assert list(found["answers"]) == [
@@ -131,10 +136,7 @@ def test_everything_asked_again_offline_gives_the_same_files(study, words, serve
     assert f"transcript: {8 + 3 + 7 + 3 + 3} prompts" in said
     assert "2 invalid answers\nthe paper:  25 prompts, 14137 tokens" in said
     before, after = contents(study), contents(Path("results/again/vlm"))
-    tables = ("questions.json", "questions.csv", "rankings.json", "rankings.csv")
-    rewards = ("text.txt", "text.attempts.jsonl", "image.txt", "image.attempts.jsonl")
-    rewards = {f"rewards/dep_front+seg_side/{name}" for name in rewards}
-    assert set(after) == {*tables, "agreement.csv", "totals.csv", *rewards}
+    assert len(after) == 6 + 4
     assert {name: before[name] for name in after} == after
 
 
@@ -173,18 +175,15 @@ def test_lists_are_ranked_afresh_each_in_a_conversation_of_its_own(study, words,
     own = [chosen, "lists=[[rgb_default,dep_front+seg_side],[rgb_front,rgb_side]]", "samples=2"]
     assert main(["vlm", "rank", *words, *own]) == 0
     assert [len(body["contents"]) for body in server.requests] == [1] * 4
-    shown = [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
     # The cameras of a list, at four stages and as the agent sees them.
-    assert shown == [3 * 5, 2 * 5] * 2
+    assert shown(server) == [3 * 5, 2 * 5] * 2
     assert conversations(study) == [f"rank_{how}/{name}" for name in ("1", "2", "1/2", "2/2")]
     found = json.loads((study / f"rankings_{how}.json").read_text())
     assert [entry["sure"] for entry in found["lists"]] == [[[0.75]] * 2] * 2
     assert not (study / "rankings.json").exists()
 
 
-def test_a_model_told_nothing_says_first_what_it_takes_the_task_to_be(
-    study, words, server, monkeypatch
-):
+def test_a_model_told_nothing_first_takes_a_guess(study, words, server, monkeypatch):
     told = dict.fromkeys(TASK.signals, ([0.0], [1.0]))
     monkeypatch.setattr("needlehoop.vlm.description.ranges", lambda _: told)
     server.script = ['{"task": "to pick"}', *programs("import os", 3)]
@@ -219,8 +218,7 @@ def test_reward_shows_the_cameras_pictures_or_none(study, words, server, capsys)
     assert main(["vlm", "reward", *words, CAMS]) == 2
     assert "overwrite=true" in capsys.readouterr().err
     assert main(["vlm", "reward", *words, CAMS, "flavour=text"]) == 0
-    shown = [sum("inlineData" in p for p in b["contents"][0]["parts"]) for b in server.requests]
-    assert shown == [2, 0]
+    assert shown(server) == [2, 0]
     folder = study / "rewards/dep_front+seg_side"
     assert (folder / "image.txt").read_text() == (folder / "text.txt").read_text() == GOOD
     (row,) = lines_of(folder / "image.attempts.jsonl")
@@ -307,9 +305,6 @@ def test_a_program_is_revised_after_a_training(study, words, server, tmp_path, c
     line = json.loads((place / "text_3.descent.json").read_text())["line"]
     assert [Path(one["program"]).name for one in line] == ["text.txt", "text_2.txt"]
     assert line[0]["run"] == str(run)
-    (run / "config.yaml").write_text("reward: {kind: human}\n")
-    assert main([*text, f"revise={run}"]) == 2
-    assert "was trained on no program" in capsys.readouterr().err
 
 
 MISTAKES = [

@@ -96,8 +96,7 @@ def test_a_picture_has_all_that_the_agent_is_given(settings):
     assert (both[:, 96:98] == 255).all()
     assert (both[:, 98:] == 77).all()
     assert all_channels(depth, replace(kinds["dep"], colour="none")).shape == (96, 96, 3)
-    for name in ("rgb", "seg", "segdep"):
-        assert (all_channels(colours, kinds[name]) == colours.transpose(1, 2, 0)).all()
+    assert (all_channels(colours, kinds["segdep"]) == colours.transpose(1, 2, 0)).all()
 
 
 def test_a_reward_prompt_says_what_signals_and_functions_are(asked):

@@ -19,17 +19,12 @@ import torch
 from torch import Tensor
 
 from needlehoop.rewards.language.functions import ARITHMETIC, COMPARISONS, FUNCTIONS, JUNCTIONS
-from needlehoop.rewards.language.grammar import (
-    MAX_CONSTANT,
-    ProgramError,
-    foreign,
-    literal,
-    parse,
-    refuse,
-    summed,
-)
 from needlehoop.scene.signals import Signal, Signals, vocabulary
 
+MAX_SOURCE = 10_000
+"""Characters in a program."""
+MAX_CONSTANT = 1e6
+"""The largest number that may be written."""
 MAX_NODES = 2000
 """Names, numbers and operations in a program."""
 MAX_DEPTH = 64
@@ -40,7 +35,17 @@ MAX_EXPONENT = 8
 """The largest exponent, which must be written out."""
 
 RESULT = "reward"
-"""The variable that holds a program's value."""
+
+
+class ProgramError(ValueError):
+    """A refused program, and why; ``line`` and ``column`` count from 1."""
+
+    def __init__(self, line: int, column: int, reason: str):
+        super().__init__(line, column, reason)
+        self.line, self.column, self.reason = line, column, reason
+
+    def __str__(self) -> str:
+        return f"line {self.line}, column {self.column}: {self.reason}"
 
 
 @dataclass(frozen=True)
@@ -69,13 +74,63 @@ def compile_program(source: str, table: Mapping[str, Signal]) -> Program:
     It is walked once with zeros. What is wrong with it shows there as a ``ProgramError``: no value
     changes which nodes are walked, nor the kinds of their results.
     """
-    body = parse(source).body
+    body = _parse(source).body
     zero = {
         name: torch.zeros(1, *row.shape, dtype=torch.bool if row.unit == "bool" else torch.float64)
         for name, row in table.items()
     }
     terms = _Walk(table, SimpleNamespace(**zero)).terms(body)
     return Program(source, tuple(terms), body, table)
+
+
+def _parse(source: str) -> ast.Module:
+    """A program's tree; ``ProgramError`` if it is too long, not ASCII, or not Python."""
+    if len(source) > MAX_SOURCE:
+        raise ProgramError(1, 1, f"{len(source)} characters; a program has at most {MAX_SOURCE}")
+    if not source.isascii():
+        letter = next(one for one in source if not one.isascii())
+        before, _, _ = source.partition(letter)
+        column = len(before.rpartition("\n")[2]) + 1
+        raise ProgramError(before.count("\n") + 1, column, f"{letter!a} is not ASCII")
+    try:
+        return ast.parse(source)
+    except SyntaxError as error:
+        line, column = error.lineno or 1, max(1, error.offset or 1)
+        raise ProgramError(line, column, f"not Python: {error.msg}") from error
+    except (ValueError, MemoryError, RecursionError) as error:
+        # A null character, or brackets and operators too deep inside each other.
+        raise ProgramError(1, 1, f"not Python: {error or 'too deep'}") from error
+
+
+def _refuse(node: ast.AST, reason: str) -> ProgramError:
+    """The error for a node that is not as it must be, at its place."""
+    return ProgramError(getattr(node, "lineno", 1), getattr(node, "col_offset", 0) + 1, reason)
+
+
+def _foreign(node: ast.AST) -> ProgramError:
+    """The error for a kind of node that the language does not have."""
+    return _refuse(node, f"{type(node).__name__} is not in the language")
+
+
+def _literal(node: ast.expr) -> float | None:
+    """A number that is written out, with its sign; ``None`` for anything else."""
+    match node:
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            value = _literal(operand)
+            return None if value is None else -value
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            return value
+    return None
+
+
+def _summed(node: ast.expr) -> list[str]:
+    """The names whose plain sum an expression is; none if it is anything else."""
+    match node:
+        case ast.BinOp(left=ast.Name(id=first), op=ast.Add(), right=ast.Name(id=last)):
+            return [first, last]
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Name(id=last)) if names := _summed(left):
+            return [*names, last]
+    return []
 
 
 def _size(value: Tensor) -> int:
@@ -113,7 +168,7 @@ class _Walk:
             line = (body[-1].end_lineno if body else None) or 1
             raise ProgramError(line, 1, f"{RESULT!r} is not assigned in every branch")
         terms = self._summands or {RESULT: self._variables[RESULT]}
-        return {name: _number(one, last) for name, one in terms.items()}
+        return {name: _fit(one, last) for name, one in terms.items()}
 
     # Statements.
 
@@ -121,7 +176,7 @@ class _Walk:
         for statement in body:
             self._statements += 1
             if self._statements > MAX_STATEMENTS:
-                raise refuse(statement, f"a program has at most {MAX_STATEMENTS} statements")
+                raise _refuse(statement, f"a program has at most {MAX_STATEMENTS} statements")
             match statement:
                 case ast.Assign(targets=[ast.Name(id=name)], value=expression):
                     value = self._value(expression)
@@ -133,13 +188,13 @@ class _Walk:
                 case ast.If():
                     self._if(statement)
                 case _:
-                    raise foreign(statement)
+                    raise _foreign(statement)
 
     def _assign(
         self, statement: ast.stmt, name: str, value: Tensor, summands: dict[str, Tensor]
     ) -> None:
         if name in self._table or name in FUNCTIONS or name.startswith("_"):
-            raise refuse(
+            raise _refuse(
                 statement,
                 f"{name!r}: a variable's name begins with a letter, and is no signal or function",
             )
@@ -149,7 +204,7 @@ class _Walk:
 
     def _summed(self, target: str, expression: ast.expr) -> dict[str, Tensor]:
         """The variables and signals that the result is the plain sum of, outside every if."""
-        names = summed(expression)
+        names = _summed(expression)
         plain = target == RESULT and not self._ifs and RESULT not in names
         if not plain or len(set(names)) < len(names):
             return {}
@@ -179,10 +234,10 @@ class _Walk:
     def _value(self, node: ast.expr) -> Tensor:
         self._nodes += 1
         if self._nodes > MAX_NODES:
-            raise refuse(node, f"a program has at most {MAX_NODES} names, numbers and operations")
+            raise _refuse(node, f"a program has at most {MAX_NODES} names, numbers and operations")
         self._depth += 1
         if self._depth > MAX_DEPTH:
-            raise refuse(node, f"more than {MAX_DEPTH} operations inside each other; split it up")
+            raise _refuse(node, f"more than {MAX_DEPTH} operations inside each other; split it up")
         found = self._expression(node)
         self._depth -= 1
         return found
@@ -191,7 +246,7 @@ class _Walk:
         match node:
             case ast.Constant(value=bool() | int() | float() as value):
                 if value > MAX_CONSTANT:
-                    raise refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
+                    raise _refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
                 dtype = torch.bool if isinstance(value, bool) else torch.float64
                 return torch.tensor([value], dtype=dtype)
             case ast.Name(id=name):
@@ -200,12 +255,12 @@ class _Walk:
                 return torch.logical_not(self._truth(operand))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
                 value = self._value(operand)
-                value = value if _size(value) else _number(value, node)
+                value = value if _size(value) else _fit(value, node)
                 return torch.neg(value) if isinstance(sign, ast.USub) else value
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                base, exponent = _number(self._value(left), node), literal(right)
+                base, exponent = _fit(self._value(left), node), _literal(right)
                 if exponent is None or abs(exponent) > MAX_EXPONENT:
-                    raise refuse(
+                    raise _refuse(
                         right, f"an exponent is a number, written out, of at most {MAX_EXPONENT}"
                     )
                 return torch.pow(base, float(exponent))
@@ -214,7 +269,7 @@ class _Walk:
             case ast.BoolOp(op=op, values=operands):
                 return reduce(JUNCTIONS[type(op)], map(self._truth, operands))
             case ast.Compare(left=left, ops=ops, comparators=others):
-                values = [_number(self._value(one), node) for one in (left, *others)]
+                values = [_fit(self._value(one), node) for one in (left, *others)]
                 return _compare(node, ops, values)
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 condition = self._truth(test)
@@ -222,11 +277,11 @@ class _Walk:
             case ast.Call(func=ast.Name(id=name), args=given, keywords=[]):
                 return self._call(node, name, given)
             case ast.Call():
-                raise refuse(
+                raise _refuse(
                     node, "a call is a function's name and its arguments, without keywords"
                 )
             case _:
-                raise foreign(node)
+                raise _foreign(node)
 
     def _name(self, node: ast.AST, name: str) -> Tensor:
         """The value of a variable or a signal."""
@@ -234,58 +289,54 @@ class _Walk:
             return self._variables[name]
         if name not in self._table:
             own = f"; variables: {', '.join(self._variables)}" if self._variables else ""
-            raise refuse(
+            raise _refuse(
                 node, f"{name!r} is unknown; signals: {', '.join(vocabulary(self._table))}{own}"
             )
         if self._table[name].source == "verdict":
-            raise refuse(node, f"{name!r} is the verdict, which no program may read")
+            raise _refuse(node, f"{name!r} is the verdict, which no program may read")
         return getattr(self._signals, name)
 
     def _truth(self, node: ast.expr) -> Tensor:
         value = self._value(node)
         if value.dtype != torch.bool:
-            raise refuse(node, f"{_kind(value)}, where a truth value such as a < b is needed")
+            raise _refuse(node, f"{_kind(value)}, where a truth value such as a < b is needed")
         return value
 
     def _call(self, node: ast.Call, name: str, given: list[ast.expr]) -> Tensor:
         if name not in FUNCTIONS:
-            raise refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
+            raise _refuse(node, f"{name!r} is no function; choose from {', '.join(FUNCTIONS)}")
         signature, _, takes, run = FUNCTIONS[name]
         more = len(given) - len(takes)
         if more < 0 or (more and "..." not in signature):
-            raise refuse(node, f"{len(given)} arguments; {signature}")
+            raise _refuse(node, f"{len(given)} arguments; {signature}")
         if name == "where":
             condition = self._truth(given[0])
             return _choose(node, condition, self._value(given[1]), self._value(given[2]))
         if name == "component":
-            vector, index = _fit(self._value(given[0]), "vector", node), literal(given[1])
+            vector, index = _fit(self._value(given[0]), node, "vector"), _literal(given[1])
             if index is None or index not in range(_size(vector)):
-                raise refuse(node, f"an index is one of 0 to {_size(vector) - 1}, written out")
+                raise _refuse(node, f"an index is one of 0 to {_size(vector) - 1}, written out")
             return vector[..., int(index)]
         values = [
-            _fit(self._value(argument), wish, argument)
+            _fit(self._value(argument), argument, wish)
             for argument, wish in zip(given, takes + takes[-1:] * more, strict=True)
         ]
         if set(takes) == {"vector"} and len({_size(value) for value in values}) > 1:
-            raise refuse(node, f"vectors of different lengths; {signature}")
+            raise _refuse(node, f"vectors of different lengths; {signature}")
         return run(*values)
 
 
 # Operations on values.
 
 
-def _number(value: Tensor, node: ast.AST) -> Tensor:
-    return _fit(value, "number", node)
-
-
-def _fit(value: Tensor, wish: str, node: ast.AST) -> Tensor:
+def _fit(value: Tensor, node: ast.AST, wish: str = "number") -> Tensor:
     """A value as a ``number`` (a truth value is 0 or 1), ``vector``, ``vector3`` or ``vector4``."""
     size = _size(value)
     if wish == "number" and not size:
         return value.double()
     if size and wish in ("vector", f"vector{size}"):
         return value
-    raise refuse(node, f"{_kind(value)}, where a {wish} is needed")
+    raise _refuse(node, f"{_kind(value)}, where a {wish} is needed")
 
 
 def _compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> Tensor:
@@ -293,7 +344,7 @@ def _compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> T
     found = []
     for op, a, b in zip(ops, values, values[1:], strict=False):
         if type(op) not in COMPARISONS:
-            raise refuse(node, f"{type(op).__name__} is not in the language")
+            raise _refuse(node, f"{type(op).__name__} is not in the language")
         found.append(COMPARISONS[type(op)](a, b))
     return reduce(torch.logical_and, found)
 
@@ -301,22 +352,22 @@ def _compare(node: ast.Compare, ops: list[ast.cmpop], values: list[Tensor]) -> T
 def _arithmetic(node: ast.AST, op: ast.operator, a: Tensor, b: Tensor) -> Tensor:
     run = ARITHMETIC.get(type(op))
     if run is None:
-        raise refuse(node, f"{type(op).__name__} is not in the language")
+        raise _refuse(node, f"{type(op).__name__} is not in the language")
     if not _size(a) and not _size(b):
-        return run(_number(a, node), _number(b, node))
+        return run(_fit(a, node), _fit(b, node))
     if _size(a) == _size(b) and run in (torch.add, torch.sub):
         return run(a, b)
     if run is torch.mul and not _size(a):
         a, b = b, a
     if run in (torch.mul, torch.div) and not _size(b):
-        return run(a, _number(b, node).unsqueeze(-1))
-    raise refuse(node, f"{type(op).__name__} of {_kind(a)} and {_kind(b)}")
+        return run(a, _fit(b, node).unsqueeze(-1))
+    raise _refuse(node, f"{type(op).__name__} of {_kind(a)} and {_kind(b)}")
 
 
 def _choose(node: ast.AST, condition: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """``a`` in the environments where the condition holds, else ``b``."""
     if _kind(a) != _kind(b):
         if _size(a) or _size(b):
-            raise refuse(node, f"either {_kind(a)} or {_kind(b)}; it must be of one kind")
-        a, b = _number(a, node), _number(b, node)
+            raise _refuse(node, f"either {_kind(a)} or {_kind(b)}; it must be of one kind")
+        a, b = _fit(a, node), _fit(b, node)
     return torch.where(condition.unsqueeze(-1) if _size(a) else condition, a, b)

@@ -63,7 +63,12 @@ class LiveProvider:
         raise NotImplementedError
 
     def _reply(
-        self, text: str, refusal: str | None, finish: str | None, model: str | None, *tokens: Any
+        self,
+        text: str,
+        refusal: str | None,
+        finish: str | None,
+        model: str | None,
+        tokens: tuple[int | None, int | None],
     ) -> Reply:
         """``finish`` is why the model ended, and ``refusal`` why it refused, if it did."""
         outcome, detail = "answered", ""
@@ -72,9 +77,9 @@ class LiveProvider:
         elif not text.strip():
             outcome, detail = "empty", finish or "no reason was given"
         elif finish == self._cut:
-            outcome, detail = "truncated", finish
+            outcome, detail = "truncated", self._cut
         answer, detail, model = map(self._strike, (text, detail, model or self._config.model))
-        return Reply(outcome, answer, detail, model, *tokens, (200,))
+        return Reply(outcome, answer, detail, model, *tokens, attempts=(200,))
 
     def _strike(self, text: str) -> str:
         """A text without the key: a server may repeat it."""
@@ -108,7 +113,7 @@ class OpenAi(LiveProvider):
         finish, text = choice.finish_reason, choice.message.content or ""
         refusal = choice.message.refusal or (finish if finish == "content_filter" else None)
         tokens = (usage.prompt_tokens, usage.completion_tokens) if usage else (None, None)
-        return self._reply(text, refusal, finish, found.model, *tokens)
+        return self._reply(text, refusal, finish, found.model, tokens)
 
     def _message(self, message: Message) -> dict[str, Any]:
         def piece(part: Part) -> dict[str, Any]:
@@ -165,7 +170,7 @@ class Gemini(LiveProvider):
         if tokens[1] is not None:
             # Thoughts are billed as output.
             tokens = (tokens[0], tokens[1] + (usage.thoughts_token_count or 0))
-        return self._reply(text, refusal, finish, found.model_version, *tokens)
+        return self._reply(text, refusal, finish, found.model_version, tokens)
 
     def _content(self, message: Message) -> Any:
         make = self._types.Part
