@@ -87,11 +87,7 @@ _REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 
 
 def refilled(page: str) -> str:
-    """The page with the tables of today's runs.
-
-    Raises:
-        ValueError: a table has no place in it.
-    """
+    """The page with the tables of today's runs; ``ValueError`` if one has no place in it."""
     for marker, table in TABLES.items():
         head = f"<!-- {marker} -->\n"
         before, found, after = page.partition(head)

@@ -56,11 +56,7 @@ def share(successes: Sequence[float]) -> Estimated:
 
 
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
-    """Each camera set's runs, their mean, and the chance that one of the best set beats one.
-
-    Args:
-        done: what success is called.
-    """
+    """Each camera set's runs, their mean, and the chance that one of the best set beats one."""
     groups = {str(name): own for name, own in runs.groupby("cameras")}
     order = [*means(runs)]
     best = groups[order[0]]["success"].tolist()

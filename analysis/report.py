@@ -15,12 +15,7 @@ OUT = ROOT / "results" / "report.html"
 
 
 def as_html(page: Path, beside: Path) -> str:
-    """A Markdown page as HTML that holds its pictures.
-
-    Args:
-        page: of docs/.
-        beside: the folder of the file that will hold it, which links start from.
-    """
+    """A page of docs/ as HTML that holds its pictures; links start from the folder ``beside``."""
     parser = MarkdownIt()
     tokens = parser.parse(page.read_text())
     for inner in (one for token in tokens for one in token.children or ()):

@@ -39,9 +39,7 @@ def is_two_sided(cameras: str) -> bool:
 def add(to: Path, studies: Sequence[Path]) -> None:
     """Add the finished runs of studies to a folder's tables.
 
-    Raises:
-        ValueError: no such study, or a run was trained under amounts that no option of
-            ``disturb`` has.
+    ``ValueError``: a run was trained under amounts that no option of ``disturb`` has.
     """
     records = [run for folder in studies for run in read_study(folder).runs if run.finished]
     for name, rows_of in ((RUNS, _run), (STRESS, _stress)):

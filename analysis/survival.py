@@ -19,8 +19,7 @@ MODERATE = "moderate"
 def survival(stress: pd.DataFrame) -> pd.DataFrame:
     """A row for each tested run: success undisturbed, its mean over axes, and under all at once.
 
-    Args:
-        stress: a row for each condition, all of one severity but for the undisturbed.
+    ``stress`` has a row for each condition, all of one severity but for the undisturbed.
     """
     axes = stress.query("axis not in (@NONE, @ALL)")
     found = {

@@ -139,7 +139,7 @@ def load_policy(
     Raises:
         ValueError: no trained policy there.
     """
-    from needlehoop.api.trained import actor_in
+    from needlehoop.api.making import actor_in
     from needlehoop.learning.policy import Policy
     from needlehoop.runs.shipped import AGENT
 

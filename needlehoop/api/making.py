@@ -1,4 +1,4 @@
-"""An environment's settings from names, or from a run: for ``make_env`` and the like."""
+"""Settings of environments from names or from a run, and the policies of runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from needlehoop import rewards
 from needlehoop.config import strict
 from needlehoop.config.strict import Count, Seed
 from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.learning.agent import Actor
+from needlehoop.learning.evaluate import load_agent, told_policy, which_policy
+from needlehoop.learning.job import checked_job, pick_device
+from needlehoop.learning.networks import PolicySpec
 from needlehoop.learning.subject import flown_job
+from needlehoop.learning.weights import read_actor, read_spec
+from needlehoop.runs.files import POLICIES
 from needlehoop.runs.run import Run
 
 
@@ -23,9 +29,7 @@ def settings(
 ) -> Settings:
     """Settings from the arguments of ``needlehoop.make_env``; errors as there.
 
-    Args:
-        cams: a list, or a text that joins them by ``,`` or, as in tables, by ``+``.
-        more: further settings; those that are ``None`` are left as they are.
+    ``cams`` may be a text that joins them by ``,`` or, as in tables, by ``+``.
     """
     cams = cams if isinstance(cams, str) else ",".join(map(str, cams))
     option = None if callable(reward) else reward
@@ -42,11 +46,7 @@ def settings_of(
     trust: bool = False,
     overrides: str | Iterable[str] = (),
 ) -> Settings:
-    """The settings of a run's environment; arguments and errors as in ``make_env_of``.
-
-    Args:
-        seed: ``None``: that of its final evaluation, unseen in training.
-    """
+    """The settings of a run's environment; arguments and errors as in ``make_env_of``."""
     job, _ = flown_job(Run.open(Path(run)).config(), _listed(overrides), trust)
     chosen = job.evaluation.final_seed if seed is None else seed
     return replace(
@@ -58,3 +58,28 @@ def settings_of(
 
 def _listed(overrides: str | Iterable[str]) -> list[str]:
     return [overrides] if isinstance(overrides, str) else list(overrides)
+
+
+def actor_in(
+    run: str | Path, device: str, policy: str | None = None, precision: str | None = None
+) -> tuple[PolicySpec, Actor, str]:
+    """What a run's policy sees, the policy, and which it is in words.
+
+    It is read from its file, and the last one from the checkpoint where it has no file. Arguments
+    and errors as in ``needlehoop.load_policy``; ``precision`` of the convolutions is the run's by
+    default.
+    """
+    where, chosen = Path(run), pick_device(device)
+    weights, origin = where, str(where)
+    if where.is_dir():
+        which, steps = which_policy(Run(where), policy)
+        weights, origin = where / POLICIES[which], f"{told_policy(which, steps)}, of {where}"
+    elif policy is not None:
+        raise ValueError(f"policy: {where} is a policy already; choose one of a run's folder")
+    other = {} if precision is None else {"precision": precision}
+    if where.is_dir() and not weights.exists():
+        opened = Run.open(where)
+        job = replace(checked_job(opened.config()), **other)
+        return job.spec, load_agent(opened, job, chosen).actor, origin
+    spec = replace(read_spec(weights), **other)
+    return spec, read_actor(weights, spec, chosen), origin

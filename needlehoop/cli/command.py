@@ -40,8 +40,6 @@ class Command(NamedTuple):
     arguments: tuple[tuple[tuple[str, ...], dict[str, Any]], ...]
     config: str | None
     """``conf/<config>.yaml`` has its keys."""
-    goes_on: bool
-    """Whether the same command goes on after Ctrl-C."""
 
     def add(self, name: str, parsers: Any) -> None:
         """Add its parser to those of argparse; the help shows its config."""
@@ -62,14 +60,12 @@ COMMANDS: dict[str, Command] = {}
 
 
 def command(
-    *arguments: tuple[tuple[str, ...], dict[str, Any]],
-    config: str | None = None,
-    goes_on: bool = False,
+    *arguments: tuple[tuple[str, ...], dict[str, Any]], config: str | None = None
 ) -> Callable[[Run], Run]:
     """A decorator that makes a command of a function; ``vlm_rank`` is ``needlehoop vlm rank``."""
 
     def add(run: Run) -> Run:
-        COMMANDS[run.__name__.replace("_", " ")] = Command(run, arguments, config, goes_on)
+        COMMANDS[run.__name__.replace("_", " ")] = Command(run, arguments, config)
         return run
 
     return add
@@ -102,8 +98,7 @@ def environment(
 def new_file(out: str | Path, suffix: str, overwrite: bool, key: str = "out") -> Path:
     """The path of a file, or with no suffix of a folder, that is to be written.
 
-    Raises:
-        ValueError: another suffix, or something is there and may not be overwritten.
+    Raises ``ValueError`` for another suffix, or where something is and may not be overwritten.
     """
     path = Path(out)
     if suffix and path.suffix.lower() != suffix:

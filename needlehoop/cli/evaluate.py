@@ -170,10 +170,7 @@ def stress(options: argparse.Namespace) -> None:
 
 
 def _asked(options: argparse.Namespace, command: str, **kinds: Any) -> tuple[Any, list[str]]:
-    """What was typed beside a run: the command's own settings, and words that change the run's.
-
-    ``kinds`` are types of the command's own keys, beside those of all such commands.
-    """
+    """What was typed beside a run: the command's own settings, and words that change the run's."""
     from needlehoop.config import composing
     from needlehoop.config.changing import parted
 
@@ -187,8 +184,7 @@ def _flown(
 ) -> tuple[Job, Agent, dict[str, Any], str]:
     """A run's agent and its evaluation as numbers and in lines, as it was asked for.
 
-    Args:
-        later: how many seeds after that of the run's own evaluation, if none was typed.
+    If no seed was typed, it is ``later`` than that of the run's own evaluation by so many.
     """
     from needlehoop.config.changing import check
 
@@ -225,13 +221,20 @@ def _flown(
 )
 def expert(options: argparse.Namespace) -> None:
     """Run a scripted controller and print what came of it."""
+    from needlehoop.config.options import typed
+
     kinds = {"controller": str, "grasps": strict.Names | None, "overwrite": bool}
     settings, asked = environment(options, "expert", episodes=Count, video_episodes=Count, **kinds)
-    who, grasps = asked.controller, _grasps(asked.grasps, options)
+    who, grasps = asked.controller, asked.grasps
+    from needlehoop.tasks.layout import GRASPS, ArmEpisode
+
+    if grasps is not None:
+        strict.check_names("grasps", grasps, GRASPS)
+    elif not typed(options.overrides, "episode.grasp"):
+        grasps = GRASPS
     if options.video is not None:
         new_file(options.video, ".mp4", asked.overwrite, "--video")
     from needlehoop.envs.controllers import run_trials
-    from needlehoop.tasks.layout import ArmEpisode
 
     tried = {"episodes": settings}
     if isinstance(settings.episode, ArmEpisode):
@@ -258,16 +261,3 @@ def expert(options: argparse.Namespace) -> None:
     record(simulation, controller(who, settings), asked.video_episodes, options.video)
     if not options.json:
         print(f"video: {options.video}")
-
-
-def _grasps(grasps: tuple[str, ...] | None, options: argparse.Namespace) -> tuple[str, ...]:
-    """Those that ``grasps`` names; by default all, or none where ``episode.grasp=`` names one."""
-    from needlehoop.tasks.layout import GRASPS
-
-    if grasps is None:
-        typed = any(word.startswith("episode.grasp=") for word in options.overrides)
-        return () if typed else GRASPS
-    strict.check_names("grasps", grasps, GRASPS)
-    if not grasps:
-        raise ValueError(f"grasps: name one or more of {', '.join(GRASPS)}")
-    return grasps

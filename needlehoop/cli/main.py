@@ -44,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Here, and not when Python ends, which would show a trace if nobody reads any more.
         print(end="", flush=True)
     except KeyboardInterrupt:
-        more = "; the same command goes on" if command.goes_on else ""
+        # Models' answers are recorded one by one.
+        more = "; the same command goes on" if options.command.startswith("vlm") else ""
         print(f"needlehoop {options.command}: stopped{more}", file=sys.stderr)
         return 130
     except BrokenPipeError:

@@ -89,7 +89,7 @@ def _export_policy(asked: Any) -> None:
     from needlehoop.runs.shipped import AGENT
 
     out = new_file(asked.out or "policy.onnx", ".onnx", asked.overwrite)
-    from needlehoop.api.trained import actor_in
+    from needlehoop.api.making import actor_in
     from needlehoop.learning.policy import PRECISION, onnx_bytes
 
     spec, actor, origin = actor_in(asked.run or AGENT, "cpu", precision=PRECISION)

@@ -6,7 +6,7 @@ import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from needlehoop.cli.command import argument, command
 from needlehoop.runs.files import CONFIG
@@ -15,24 +15,18 @@ if TYPE_CHECKING:
     from needlehoop.study.stats.findings import StudyFindings
 
 _STUDY = "a study's folder, such as results/main"
-_OUT = "where to write (the study's folder; of several, a folder beside the first, as a_vs_b)"
+_BESIDE = "where to write (the study's folder; of several, a folder beside the first, as a_vs_b)"
+_OUT = argument("--out", type=Path, metavar="FOLDER", help=_BESIDE)
 
 
-def _one_study(help_: str = _STUDY, **more: Any) -> Any:
-    return argument("study", metavar="STUDY", help=help_, **more)
-
-
-def _out(help_: str = _OUT, **more: Any) -> Any:
-    return argument("--out", type=Path, metavar="FOLDER", help=help_, **more)
-
-
-@command(_one_study(), _out())
+@command(argument("study", metavar="STUDY", help=_STUDY), _OUT)
 def plot(options: argparse.Namespace) -> None:
     """Draw a study's figures and write its tables."""
     from needlehoop.study.render.figures import draw
     from needlehoop.study.report.tables import write_tables
 
-    findings, out = _open(options.study, options.out)
+    findings = _open(options.study)
+    out = options.out or findings.study.folder
     for drawn in draw(findings, out / "figures"):
         print(drawn.file or f"{drawn.name}: not drawn, {drawn.missing}")
     for path in write_tables(findings, out / "tables"):
@@ -40,29 +34,28 @@ def plot(options: argparse.Namespace) -> None:
     _say_left_out(findings)
 
 
-@command(_one_study(f"{_STUDY}; of several, one page", nargs="+"), _out())
+@command(
+    argument("study", metavar="STUDY", help=f"{_STUDY}; of several, one page", nargs="+"), _OUT
+)
 def report(options: argparse.Namespace) -> None:
     """Write a study's report: one HTML page with everything in it."""
     from needlehoop.study.render.figures import draw
     from needlehoop.study.report.page import write_report
 
-    opened = [_open(study, options.out) for study in options.study]
-    if len(opened) == 1:
-        out = opened[0][1]
-    else:
-        titles = [findings.title for findings, _ in opened]
-        if len({*titles}) < len(titles):
-            raise ValueError(f"studies: {', '.join(titles)} are not different names")
-        out = options.out or opened[0][1].parent / _joint(titles, "_and_")
-    parts = []
-    for findings, _ in opened:
+    opened = [_open(study) for study in options.study]
+    folder, titles = opened[0].study.folder, [findings.title for findings in opened]
+    if len({*titles}) < len(titles):
+        raise ValueError(f"studies: {', '.join(titles)} are not different names")
+    beside = folder if len(opened) == 1 else folder.parent / _joint(titles, "_and_")
+    out, parts = options.out or beside, []
+    for findings in opened:
         _draw_cameras(findings)
-        figures = out / "figures" if len(opened) == 1 else out / "figures" / findings.title
+        figures = out / "figures" / (findings.title if len(opened) > 1 else "")
         parts.append((findings, draw(findings, figures)))
     page = out / "report.html"
     write_report(parts, page, f"needlehoop report {' '.join(options.study)}")
     print(page)
-    for findings, _ in opened:
+    for findings in opened:
         _say_left_out(findings)
 
 
@@ -96,7 +89,7 @@ def _draw_cameras(findings: StudyFindings) -> None:
             print(path)
 
 
-@command(argument("study", metavar="FOLDER", nargs="+", help="of runs, or of studies"), _out())
+@command(argument("study", metavar="FOLDER", nargs="+", help="of runs, or of studies"), _OUT)
 def compare(options: argparse.Namespace) -> None:
     """Set runs, or studies with other settings, beside each other.
 
@@ -136,7 +129,7 @@ def _joint(names: list[str], word: str) -> str:
     return joint if len(joint) <= 100 else f"{names[0]}{word}{len(names) - 1}_others"
 
 
-@command(_one_study("a study's folder", type=Path))
+@command(argument("study", metavar="STUDY", help="a study's folder", type=Path))
 def status(options: argparse.Namespace) -> None:
     """Show what of a study is done, running, stopped, failed or missing.
 
@@ -151,18 +144,17 @@ def status(options: argparse.Namespace) -> None:
     print(describe(standings(study, ends), study))
 
 
-def _open(study: str, out: Path | None) -> tuple[StudyFindings, Path]:
-    """What is to be shown, and the folder for it."""
+def _open(study: str) -> StudyFindings:
+    """What is to be shown."""
     from needlehoop.study.stats.findings import study_findings
 
-    folder = Path(study)
-    findings = study_findings(folder)
+    findings = study_findings(Path(study))
     if not findings.results:
-        reasons = "".join(f"\n  {one}" for one in findings.left_out)
-        raise ValueError(f"{folder}: no run with a final value yet{reasons}")
-    return findings, out or folder
+        reasons = "".join(f"\n  {one}" for one in findings.study.left_out)
+        raise ValueError(f"{study}: no run with a final value yet{reasons}")
+    return findings
 
 
 def _say_left_out(findings: StudyFindings) -> None:
-    if findings.left_out:
-        print(f"left out: {len(findings.left_out)}", *findings.left_out, sep="\n  ")
+    if findings.study.left_out:
+        print(f"left out: {len(findings.study.left_out)}", *findings.study.left_out, sep="\n  ")

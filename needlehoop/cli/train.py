@@ -27,16 +27,11 @@ KNOWN = (ValueError, OSError, ArithmeticError, MemoryError, HydraException)
 def run(words: Sequence[str], command: str) -> None:
     """Train what a command line asks for: one run, or with ``-m`` several.
 
-    Args:
-        command: ``python train.py`` or ``needlehoop train``.
-
-    Raises:
-        SystemExit: with one line that names the mistake; or a sweep's run has failed.
+    ``command`` is ``python train.py`` or ``needlehoop train``. Raises ``SystemExit`` with one line
+    that names the mistake, or where a sweep's run has failed.
     """
     name = command.removeprefix("python ")
     with _in_a_line(name):
-        for word in words:
-            sweep.check_plugin(word)
         given, _ = composing.prepare(words)
 
     # A closure: the process of a launcher has another command line.
@@ -68,23 +63,14 @@ def _in_a_line(name: str) -> Iterator[None]:
         # No reward is imported to tell whether it is what failed.
         if not isinstance(error, KNOWN) and type(error).__name__ != "RewardError":
             raise
-        sys.exit(f"{name}: {in_a_line(error)}")
-
-
-def in_a_line(error: BaseException) -> str:
-    """What an error says, in a line that a terminal may show."""
-    first = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
-    return printable(first)
+        first = next(iter(str(error).strip().splitlines()), "") or type(error).__name__
+        sys.exit(f"{name}: {printable(first)}")
 
 
 def _run_one(
     composed: DictConfig, command: str, typed: Sequence[str], folders: Sequence[str]
 ) -> float:
-    """One run; under ``-m`` called once for each.
-
-    Returns:
-        Its objective, for a sweeper that searches; NaN where the run failed or is not done.
-    """
+    """One run; under ``-m`` called once for each. Its objective, for a sweeper that searches."""
     from needlehoop.training.loop import start
 
     values, own = composing.plain(composed), HydraConfig.get()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SUMMARY = "Ask a vision-language model about cameras and rewards; check reward programs."
 
 
-@command(KEYS, config="vlm_question", goes_on=True)
+@command(KEYS, config="vlm_question")
 def vlm_question(options: argparse.Namespace) -> None:
     """Ask which views and renderings suit the task's parts."""
     from needlehoop.config import composing, strict
@@ -36,7 +36,7 @@ def vlm_question(options: argparse.Namespace) -> None:
     _report(inquiry, "questions.csv")
 
 
-@command(KEYS, config="vlm_rank", goes_on=True)
+@command(KEYS, config="vlm_rank")
 def vlm_rank(options: argparse.Namespace) -> None:
     """Ask for rankings of camera sets."""
     from needlehoop.config import composing, strict
@@ -76,7 +76,7 @@ def vlm_rank(options: argparse.Namespace) -> None:
     _report(inquiry, f"rankings{how}.csv", f"agreement{how}.csv")
 
 
-@command(KEYS, config="vlm_reward", goes_on=True)
+@command(KEYS, config="vlm_reward")
 def vlm_reward(options: argparse.Namespace) -> None:
     """Ask for a reward program for a camera set.
 

@@ -28,21 +28,16 @@ _NO_EFFECT = ("engine.kind", "engine.threads", "picture.")
 
 
 def differing(before: Mapping[str, Any], now: Mapping[str, Any], but: Iterable[str]) -> str:
-    """Names of the settings that two configs have otherwise and that affect results.
+    """Names of the settings that two configs have otherwise, ``but`` those that may differ.
 
     Of the engine that is its renderer alone: its kind and threads give the same bits.
-
-    Args:
-        but: keys that may differ.
     """
-    one, other = ({**values, **_renderer(values)} for values in (before, now))
+    one, other = (
+        {**values, "engine.renderer": (values.get("engine") or {}).get("renderer")}
+        for values in (before, now)
+    )
     keys = {*one, *other} - {*but, "engine"}
     return ", ".join(sorted(key for key in keys if plain(one.get(key)) != plain(other.get(key))))
-
-
-def _renderer(values: Mapping[str, Any]) -> dict[str, Any]:
-    engine = values.get("engine")
-    return {"engine.renderer": engine.get("renderer")} if isinstance(engine, Mapping) else {}
 
 
 def plain(value: Any) -> Any:
@@ -64,17 +59,11 @@ def changed(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """A run's settings after the words, and those among them that are no longer the run's.
 
-    A group's option replaces the group; another word sets one value.
+    A group's option replaces the group; another word sets one value. Where a key is unknown, the
+    ``command``'s keys are named beside the others.
 
-    Args:
-        words: as on the command line: ``task=wide``, ``episode.grasp=friction``.
-        command: whose keys are named beside the others where one is unknown.
-
-    Returns:
-        All settings; and the new values by their whole key, ``episode.grasp``.
-
-    Raises:
-        ValueError: an unknown key, option or value, or a key that may not be changed.
+    Returns all settings; and the new values by their whole key, ``episode.grasp``. Raises
+    ``ValueError`` for an unknown key, option or value, or a key that may not be changed.
     """
     given = list(words)
     tops = check(given, recorded, command)

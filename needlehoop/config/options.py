@@ -33,14 +33,9 @@ def typed(words: Iterable[str], key: str) -> list[str]:
 
 
 def register(words: Iterable[str], folders: Sequence[Path], task: str | None = None) -> None:
-    """Tell Hydra of the options that a command line may choose.
+    """Tell Hydra of the options that a command line may choose; of ``folders``, ours is the first.
 
-    Args:
-        folders: config folders; ours is the first.
-        task: of a run; else the command line chooses it.
-
-    Raises:
-        ValueError: a sweep over several tasks, or a file that cannot be read.
+    A run decides its ``task``. Raises ``ValueError`` for a sweep over several tasks.
     """
     given = list(words)
     _register_cameras(given, folders)

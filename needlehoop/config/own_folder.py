@@ -24,19 +24,16 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
     """A command line as Hydra takes it, and the config folders that it named.
 
     ``conf_dir=`` is taken out. ``task_dir=`` becomes a whole path, and chooses its only task if no
-    task is named.
-
-    Raises:
-        ValueError: one that is no config folder, or has a name that is taken; several tasks and
-            none named.
+    task is named. Raises ``ValueError`` for one that is no config folder, or has a taken name.
     """
     given = list(words)
     folders = [Path(path).expanduser().resolve() for path in typed(given, KEY)]
     for folder in folders:
         _check(folder, KEY)
     rest = [word for word in given if not word.startswith(f"{KEY}=")]
-    chosen, task = task_folder(rest), typed(rest, "task")
-    if chosen is not None:
+    task, named = typed(rest, "task"), ["", *typed(rest, TASK_KEY)][-1].strip("'\"")
+    if named not in ("", "null"):
+        chosen = Path(named).expanduser().resolve()
         _check(chosen / "conf", TASK_KEY)
         rest = [word for word in rest if not word.startswith(f"{TASK_KEY}=")]
         rest += [f"{TASK_KEY}={in_quotes(str(chosen))}"]
@@ -45,14 +42,6 @@ def part(words: Iterable[str]) -> tuple[list[str], list[Path]]:
     elif task:
         folders += _installed(task[-1], [CONF, *folders])
     return rest, folders
-
-
-def task_folder(words: Iterable[str]) -> Path | None:
-    """The folder that ``task_dir=`` names, if it does; of several the last."""
-    found = typed(words, TASK_KEY)
-    if not found or found[-1] in ("", "null"):
-        return None
-    return Path(found[-1].strip("'\"")).expanduser().resolve()
 
 
 def in_quotes(path: str) -> str:

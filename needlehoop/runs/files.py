@@ -105,10 +105,7 @@ def check_free(out: Path, overwrite: bool, key: str = "out") -> None:
 def new_folder(out: Path, overwrite: bool) -> Iterator[Path]:
     """A folder to write into, which becomes ``out`` when all went well and else vanishes.
 
-    With ``overwrite`` it replaces what is there, once all is written.
-
-    Raises:
-        ValueError: there is something, and ``overwrite`` is false.
+    With ``overwrite`` it replaces what is there, once all is written; without, that is refused.
     """
     check_free(out, overwrite)
     partial = out.with_name(out.name + ".partial")

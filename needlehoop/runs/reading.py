@@ -24,30 +24,19 @@ class UnreadableError(ValueError):
 
 @contextmanager
 def named(file: Any, advice: str = "") -> Iterator[None]:
-    """Turns an ``UnreadableError`` into a ``ValueError`` that begins with the file.
-
-    Args:
-        file: its path, or a text with its key.
-        advice: what to do, after a semicolon.
-    """
+    """Turns an ``UnreadableError`` into a ``ValueError``: the file, the error, what to do."""
     try:
         yield
     except UnreadableError as error:
         raise ValueError(f"{file} {error}{advice and f'; {advice}'}") from error
 
 
-def read_bytes(path: Path) -> bytes:
-    """What is in a file; ``UnreadableError`` if it can't be opened."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UnreadableError(f"can't be read: {error.strerror}") from error
-
-
 def read_text(path: Path) -> str:
     """A text in UTF-8; ``UnreadableError`` if it can't be opened, is empty or no text."""
     try:
-        text = read_bytes(path).decode("utf-8")
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UnreadableError(f"can't be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise UnreadableError("is no text") from error
     if not text.strip():
@@ -57,14 +46,10 @@ def read_text(path: Path) -> str:
 
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object; ``UnreadableError`` as in ``read_text``, or if it is something else."""
-    return _keys(parse_json(read_text(path)))
-
-
-def parse_json(text: str | bytes) -> Any:
-    """The value of a JSON text; ``UnreadableError`` if it is none."""
+    text = read_text(path)
     try:
-        return json.loads(text)
-    except ValueError as error:
+        return _keys(json.loads(text))
+    except json.JSONDecodeError as error:
         raise UnreadableError("is no JSON, or cut off") from error
 
 

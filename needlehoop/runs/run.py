@@ -25,7 +25,7 @@ from needlehoop.runs.files import (
     write_whole,
 )
 from needlehoop.runs.machine import provenance
-from needlehoop.runs.reading import UnreadableError, named, read_bytes, read_json, read_yaml
+from needlehoop.runs.reading import UnreadableError, named, read_json, read_yaml
 
 _TABLES = (METRICS, EVALUATIONS)
 
@@ -100,21 +100,13 @@ class Run:
 
     @classmethod
     def open(cls, folder: Path, key: str | None = None) -> Run:
-        """A run that exists; ``key`` names the setting that says which, for errors.
-
-        Raises:
-            ValueError: no run there.
-        """
+        """A run that exists; ``ValueError``, with the setting ``key``, where there is none."""
         if not (folder / CONFIG).is_file():
             raise ValueError(f"{f'{key}: ' if key else ''}{folder} is no run: it has no {CONFIG}")
         return cls(folder)
 
     def config(self) -> dict[str, Any]:
-        """The composed config that the run began with.
-
-        Raises:
-            ValueError: the file is damaged.
-        """
+        """The composed config that the run began with; ``ValueError`` if the file is damaged."""
         if self._config is None:
             path = self.folder / CONFIG
             with named(path, ADVICE):
@@ -122,11 +114,7 @@ class Run:
         return self._config
 
     def manifest(self) -> dict[str, Any]:
-        """Versions, commit, machine, times; empty where there is none.
-
-        Raises:
-            ValueError: the file is damaged.
-        """
+        """Versions, commit, machine, times; empty if there is none, ``ValueError`` if damaged."""
         path = self.folder / MANIFEST
         with named(path, ADVICE):
             return read_json(path) if path.exists() else {}
@@ -139,14 +127,14 @@ class Run:
     def append(self, table: str, row: Mapping[str, Any]) -> None:
         """Add a row to a table and see that it is on the disk; NaN and ``None`` are empty cells.
 
-        A table keeps the columns that it began with.
-
-        Raises:
-            RuntimeError: the row lacks a column of the table's.
+        A table keeps the columns that it began with; ``RuntimeError`` if the row lacks one.
         """
         self._cut_back()
         path = self.folder / table
-        columns = _columns(path)
+        columns: list[str] = []
+        if path.exists():
+            with path.open(newline="", encoding="utf-8") as file:
+                columns = next(csv.reader(file), [])
         if missing := [name for name in columns if name not in row]:
             raise RuntimeError(f"{path}: the row lacks {', '.join(missing)}")
         with path.open("a", newline="", encoding="utf-8") as file:
@@ -175,8 +163,7 @@ class Run:
     def checkpoint(self) -> Checkpoint:
         """The last checkpoint; a foreign file can't run anything here.
 
-        Raises:
-            ValueError: there is none, or it is damaged.
+        Raises ``ValueError`` where there is none, or it is damaged.
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
@@ -191,10 +178,7 @@ class Run:
         """Go on from a checkpoint, or from the beginning where there is none.
 
         The rows after it are made again. They stay until then, because a run that is refused
-        keeps what it has.
-
-        Raises:
-            ValueError: a table has lost rows since.
+        keeps what it has. Raises ``ValueError`` where a table has lost rows since.
         """
         self._sizes = checkpoint.sizes if checkpoint else {}
         for name, size in self._sizes.items():
@@ -233,14 +217,6 @@ class Run:
         return path
 
 
-def _columns(path: Path) -> list[str]:
-    """The header of a table; empty where it has not begun."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return next(csv.reader(file), [])
-
-
 def _cell(value: Any) -> Any:
     """Numbers with nine digits, which bring a float32 back to the bit."""
     if isinstance(value, float):
@@ -256,13 +232,9 @@ def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def _read_checkpoint(path: Path) -> Checkpoint:
-    """What is in a file, on the CPU; a foreign one can't run anything here.
-
-    Raises ``UnreadableError`` for one that is damaged or no checkpoint.
-    """
-    data = io.BytesIO(read_bytes(path))
+    """What is in a file, on the CPU; ``UnreadableError`` for one that is damaged."""
     try:
-        found = torch.load(data, map_location="cpu", weights_only=True)
+        found = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
         # Whatever an unpickler can trip over: other bytes fail in ways of their own.
         raise UnreadableError("is damaged: cut off, or something else") from error

@@ -18,7 +18,6 @@ import torch
 from tensordict import TensorDictBase
 from tqdm import tqdm
 
-from needlehoop.learning.agent import Agent
 from needlehoop.learning.evaluate import assess, film, load_agent, on_the_way, report
 from needlehoop.learning.job import Job
 from needlehoop.learning.learner import Learner
@@ -39,36 +38,30 @@ def train(
     weights: dict[str, Any] | None = None,
     until: int | None = None,
 ) -> str:
-    """Train until the job's steps are done, or until a signal asks to stop.
+    """Train until the job's steps are done, a signal asks to stop, or ``until`` of them are done.
 
-    Args:
-        state: the checkpoint to go on from.
-        weights: of another run's agent, to begin with.
-        until: pause after so many of the steps.
+    It goes on from the checkpoint ``state``, or begins with the ``weights`` of another run's agent.
 
-    Returns:
-        ``done``; ``stopped`` by a signal, or ``paused`` by ``until``, with a checkpoint.
-
-    Raises:
-        FloatingPointError: a loss is not finite; what was learnt before is in the checkpoint.
+    Returns ``done``; or ``stopped`` by a signal or ``paused`` by ``until``, with a checkpoint.
+    ``FloatingPointError``: a loss is not finite; what was learnt before is in the checkpoint.
     """
-    with closing(Learner(job, state and state["learner"], weights)) as learner:
-        return _train(learner, run, logger, state, until)
-
-
-def _train(
-    learner: Learner, run: Run, logger: Logger, state: dict[str, Any] | None, until: int | None
-) -> str:
-    """The same, with what learns."""
-    job = learner.job
     columns = job.env.definition.columns
-    began = time.perf_counter() - (state["wall_time"] if state else 0.0)
     shown = {"return": math.nan, "success": math.nan}
-    bar = tqdm(total=job.updates * job.buffer, initial=learner.steps, unit="step", unit_scale=True)
-    with bar, interruption() as asked:
+    whole = {"total": job.updates * job.buffer, "unit": "step", "unit_scale": True}
+    with (
+        closing(Learner(job, state and state["learner"], weights)) as learner,
+        tqdm(initial=learner.steps, **whole) as bar,
+        interruption() as asked,
+    ):
+        began = time.perf_counter() - (state["wall_time"] if state else 0.0)
         for buffer, losses in learner:
             update = learner.done_updates
-            _check_finite(losses, update)
+            for name, value in losses.items():
+                if name.startswith("loss_") and not math.isfinite(value):
+                    raise FloatingPointError(
+                        f"training came apart in update {update}: {name} is {value}; try a smaller"
+                        " algo.learning_rate"
+                    )
             at = {"update": update, "step": learner.steps, "wall_time": time.perf_counter() - began}
             rate = job.buffer / (losses["seconds_collect"] + losses["seconds_update"])
             row = {**at, "steps_per_second": rate, **_episode_columns(buffer, columns), **losses}
@@ -86,7 +79,8 @@ def _train(
                 # Before the checkpoint. A run that is killed between them comes here again, with
                 # the same weights.
                 if job.keep != "last" and _is_best(run):
-                    _keep(job, run, learner.agent, BEST, evaluation)
+                    path, actor = run.folder / BEST, learner.agent.actor
+                    write_weights(path, job.spec, actor, run.config(), job.weights, evaluation)
 
             paused = until is not None and until <= learner.steps and update < job.updates
             stopping = asked.is_set() or paused
@@ -117,28 +111,10 @@ def _episode_columns(buffer: TensorDictBase, facts: Mapping[str, str]) -> dict[s
     }
 
 
-def _check_finite(losses: Mapping[str, float], update: int) -> None:
-    """Raises ``FloatingPointError`` for a loss that is no number."""
-    for name, value in losses.items():
-        if name.startswith("loss_") and not math.isfinite(value):
-            raise FloatingPointError(
-                f"training came apart in update {update}: {name} is {value}; try a smaller"
-                " algo.learning_rate"
-            )
-
-
 def _is_best(run: Run) -> bool:
     """Whether the newest evaluation is the best: by success, then by return; a tie goes to it."""
     marks = [(float(row["success"]), float(row["return"])) for row in run.rows(EVALUATIONS)]
     return marks[-1] >= max(marks)
-
-
-def _keep(
-    job: Job, run: Run, agent: Agent, name: str, evaluation: Mapping[str, Any] | None = None
-) -> None:
-    """Write the agent's policy into its run's folder."""
-    path, spec = run.folder / name, job.spec
-    write_weights(path, spec, agent.actor, run.config(), job.weights, evaluation)
 
 
 def finish(job: Job, run: Run, logger: Logger) -> None:
@@ -147,7 +123,7 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
     torch.set_num_threads(1)
     agent = load_agent(run, job, job.torch_device)
     if job.keep != "best":
-        _keep(job, run, agent, POLICY)
+        write_weights(run.folder / POLICY, job.spec, agent.actor, run.config(), job.weights)
     own = job.evaluation
     films = f", then a film of {own.video_episodes}" if own.video_episodes else ""
     print(f"\nevaluating {own.final_episodes} episodes{films}", flush=True)
@@ -162,13 +138,10 @@ def finish(job: Job, run: Run, logger: Logger) -> None:
 
 
 def start(values: dict[str, Any], overrides: list[str], command: str) -> tuple[str, float]:
-    """Do what a composed config asks for: a new run, or the rest of one.
+    """Do what a composed config asks for: a new run, or the rest of one. See ``open_session``.
 
-    Errors are as in ``open_session``.
-
-    Returns:
-        ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is
-        done, NaN of another.
+    Returns ``done``, ``done before``, ``paused`` or ``stopped``; and the objective of a run that is
+    done, NaN of another.
     """
     until, objective = values["until"], values["objective"]
     with open_session(values, overrides, command) as session:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,19 +9,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import torch
+
 from needlehoop import rewards
-from needlehoop.api.trained import initial_weights
 from needlehoop.config import strict
 from needlehoop.config.changing import differing, plain
 from needlehoop.config.strict import OneOf, check_names
 from needlehoop.envs.settings import Settings, settings_from
+from needlehoop.learning.evaluate import load_agent, which_policy
 from needlehoop.learning.job import Job, Steps, checked_job, typed_job
 from needlehoop.learning.loggers import check_installed
+from needlehoop.learning.networks import check_same
 from needlehoop.learning.subject import flown_job
 from needlehoop.rewards import program_reward
 from needlehoop.runs.files import CHECKPOINT, CONFIG
-from needlehoop.runs.lock import held
-from needlehoop.runs.machine import provenance
+from needlehoop.runs.machine import held, provenance
 from needlehoop.runs.run import Run
 from needlehoop.tasks.contract import Task
 from needlehoop.vlm.config import Gates, InquiryConfig, config_of
@@ -71,11 +72,7 @@ class Session:
 def checked(values: Mapping[str, Any]) -> tuple[Options, Job]:
     """A composed config as what it says of a new run; a missing program is no mistake yet.
 
-    Returns:
-        The options; and the job, with another reward where a model's program is meant.
-
-    Raises:
-        ValueError: a setting is wrong, or some do not go together; says which.
+    The job has another reward where a model's program is meant.
     """
     options = strict.as_type(values, Options)
     inquiry(values)
@@ -84,7 +81,6 @@ def checked(values: Mapping[str, Any]) -> tuple[Options, Job]:
     measured = (*job.env.definition.columns, "return", "return_human")
     check_names("objective", [options.objective], measured)
     check_installed(job)
-    _check_memory(job)
     return options, job
 
 
@@ -93,9 +89,6 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
     """The run that a composed config asks for; its folder is made.
 
     No other process writes into the folder until the context ends, unless the run is finished.
-
-    Args:
-        command: the command before it: ``python train.py`` or ``needlehoop train``.
 
     Raises:
         ValueError: settings that do not go together, or a run that is in the way.
@@ -152,13 +145,9 @@ def _resumed(run: Run, overrides: list[str], trust: bool) -> Iterator[Session]:
 
 
 def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
-    """The rest of a run, for ``open_session``.
+    """The rest of a run, for ``open_session``; errors as there.
 
-    Args:
-        again: whether one that ended before its first checkpoint begins again.
-
-    Raises:
-        ValueError: something in its folder is damaged, or another process is at work there.
+    With ``again``, one that ended before its first checkpoint begins again.
     """
     values = run.config()
     job, _ = flown_job(values, (), trust)
@@ -184,6 +173,30 @@ def _continued(run: Run, trust: bool, again: bool = False) -> Iterator[Session]:
         yield Session(job, run, state)
 
 
+def initial_weights(job: Job) -> dict[str, Any] | None:
+    """The weights that a job begins with: those of the run ``job.init``, if it names one.
+
+    Raises ``ValueError`` for no such run, one that is not trained, or has other networks.
+    """
+    if job.init is None:
+        return None
+    run = Run.open(Path(job.init), "init")
+    theirs = checked_job(run.config())
+    # The order of cameras and which facts are told count as well.
+    for key in ("cams", "obs"):
+        own, other = getattr(theirs.env, key), getattr(job.env, key)
+        if own != other:
+            raise ValueError(f"init: {run.folder} has {key}={own}; this run has {other}")
+    # Their weights replace the first deviation.
+    have, want = (
+        replace(one.spec, precision="", network=replace(one.network, sigma=1.0))
+        for one in (theirs, job)
+    )
+    check_same(have, want, f"init: {run.folder}")
+    which, _ = which_policy(run, None)
+    return load_agent(run, theirs, torch.device("cpu"), which).state_dict()
+
+
 def inquiry(values: Mapping[str, Any]) -> tuple[InquiryConfig, Any]:
     """How a reward would be asked for, and which model; ``ValueError`` names a wrong key."""
     asking = strict.value(values, "asking", Mapping[str, Any])
@@ -203,14 +216,7 @@ def ask_where_missing(values: dict[str, Any], settings: Settings) -> None:
     """Have a model write the program of ``reward=vlm_img`` or ``vlm_text``, if none is recorded.
 
     It is kept in the study's folder, where the reward looks for it. ``vlm=replay`` is not asked:
-    it has only what is recorded.
-
-    Args:
-        settings: its scene and cameras, with any reward.
-
-    Raises:
-        ValueError: no key, or a value that is not valid.
-        RewardError: no reply, or no program that was accepted.
+    it has only what is recorded. Raises ``RewardError`` where no program was accepted.
     """
     reward: Mapping[str, Any] = values["reward"]
     if values["vlm"]["kind"] == "replay" or program_reward.is_recorded(reward):
@@ -247,18 +253,6 @@ def task_note(task: Task) -> dict[str, Any]:
         "phases": [[phase.name, phase.ends] for phase in task.phases],
         "cheat": task.cheat is not None,
     }
-
-
-def _check_memory(job: Job) -> None:
-    """Raises ``ValueError`` for a buffer of images that this machine cannot hold."""
-    pixels = sum(job.env.image_channels.values()) * job.env.image_size**2
-    needed = max(2 * job.buffer, job.algo.frames) * pixels
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if needed > there:
-        raise ValueError(
-            f"image_size: the images of a buffer take {needed / 1e9:,.1f} GB, and this machine has"
-            f" {there / 1e9:,.1f}; choose a smaller image_size, num_envs or algo.horizon"
-        )
 
 
 def _check_same(run: Run, job: Job) -> None:

@@ -9,7 +9,6 @@ import sys
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -28,14 +27,10 @@ from needlehoop.runs.files import (
     taught_by,
     write_whole,
 )
-from needlehoop.runs.lock import HeldError
-from needlehoop.runs.machine import available_cpus
+from needlehoop.runs.machine import HeldError, available_cpus
 from needlehoop.runs.reading import UnreadableError, printable, read_json
 
 _SEARCH, _DIRECTION = "hydra/sweeper=optuna", "hydra.sweeper.direction="
-
-_EXTRA = re.compile(r"hydra/(launcher|sweeper)=(joblib|ray|slurm|optuna)")
-"""A plugin of Hydra's as it is typed; its value is the name of our extra."""
 
 _IN_PATH = ("cams", "seed", "study", "results", "label", "reward.name", "obs.signals")
 _CHOICE_IN_PATH = {"algo": ("ppo", "dagger"), "obs": ("images", "signals")}
@@ -44,15 +39,6 @@ _CHOICE_IN_PATH = {"algo": ("ppo", "dagger"), "obs": ("images", "signals")}
 STOPPED, FAILED, HELD = "stopped", "failed", "under way elsewhere"
 UNDER_WAY = "under way"
 """What a note says until its run has ended: for good, where the process was killed."""
-
-
-def check_plugin(word: str) -> None:
-    """Raises ``ValueError`` for a launcher or a sweeper of Hydra's that is not installed."""
-    if chosen := _EXTRA.fullmatch(word):
-        kind, extra = chosen.groups()
-        package = f"hydra_plugins.hydra_{'submitit' if extra == 'slurm' else extra}_{kind}"
-        if find_spec("hydra_plugins") is None or find_spec(package) is None:
-            raise ValueError(f"{word} is not installed: pip install 'needlehoop[{extra}]'")
 
 
 def direction(words: Sequence[str]) -> list[str]:
@@ -106,10 +92,8 @@ def combinations(words: Iterable[str]) -> list[list[str]]:
 def wrong_programs(runs: Iterable[list[str]]) -> list[str]:
     """What is wrong with the programs of runs, a line for each.
 
-    A program that is not there is no mistake where a model will be asked to write it.
-
-    Raises:
-        ValueError: another mistake in the settings of a run.
+    A program that is not there is no mistake where a model will be asked to write it. Another
+    mistake in the settings of a run is a ``ValueError``.
     """
     from needlehoop import rewards
     from needlehoop.rewards import program_reward
@@ -147,11 +131,7 @@ def camera_sets(experiment: str) -> list[str]:
 
 
 def identity(values: Mapping[str, Any], overrides: list[str]) -> dict[str, Any]:
-    """The names of a sweep's run, for its note; its settings are not checked yet.
-
-    Args:
-        overrides: what makes this run differ from the others.
-    """
+    """The names of a sweep's run, for its note; its settings are not checked yet."""
     return {
         "run": " ".join(overrides),
         "study": values["study"],
@@ -166,10 +146,8 @@ def label_of(
 ) -> str | None:
     """What tells a sweep's run from the others, where cameras, reward and seed do not.
 
-    Args:
-        typed: words of the command line, without flags.
-        params: what an experiment's sweeper adds to them.
-        own: the words that the run itself was composed of.
+    The words that the run was composed of are its ``own``; an experiment's sweeper adds ``params``
+    to those of the command line.
     """
     parse = OverridesParser.create().parse_overrides
     swept = {
@@ -196,14 +174,8 @@ def _is_in_path(values: Mapping[str, Any], word: Override) -> bool:
 def attempt(run: Callable[[], tuple[str, float]], folder: Path, note: Mapping[str, Any]) -> float:
     """Do one run of a sweep and note how it ended; a failure does not stop the others.
 
-    Args:
-        run: does it; returns how it ended in a word, such as ``done``, and its objective.
-
-    Returns:
-        The objective; NaN where the run failed or is not done.
-
-    Raises:
-        KeyboardInterrupt: somebody stopped the run, and with it the sweep.
+    ``run`` returns how it ended in a word, such as ``done``, and its objective, which is NaN where
+    the run failed or is not done. Raises ``KeyboardInterrupt`` where somebody stopped the run.
     """
     write_whole(folder / OUTCOME, json.dumps({**note, "outcome": UNDER_WAY}, indent=2) + "\n")
     objective = math.nan
@@ -228,15 +200,13 @@ def attempt(run: Callable[[], tuple[str, float]], folder: Path, note: Mapping[st
 
 
 def summary(folder: Path) -> tuple[list[str], int]:
-    """How the jobs of a sweep ended, from the notes in its folder.
-
-    Returns:
-        Lines to print, and the number of jobs that failed, were killed, or found their run in
-        the hands of another process.
+    """How the jobs of a sweep ended, from the notes in its folder: in lines to print, and the
+    number of jobs that failed, were killed, or found another process at work on their run.
     """
     outcomes: Counter[str] = Counter()
     lines = []
-    for job in sorted((job for job in folder.iterdir() if job.name.isdigit()), key=_number):
+    jobs = [int(job.name) for job in folder.iterdir() if job.name.isdigit()]
+    for job in (folder / str(number) for number in sorted(jobs)):
         try:
             note = read_json(job / OUTCOME)
         except UnreadableError:
@@ -253,16 +223,8 @@ def summary(folder: Path) -> tuple[list[str], int]:
     return [said, *lines], failed + outcomes[HELD]
 
 
-def _number(folder: Path) -> int:
-    return int(folder.name)
-
-
 def threads(launcher: Mapping[str, Any]) -> int:
-    """Threads for each of a launcher's jobs, so that they do not crowd each other.
-
-    Returns:
-        0, which is every CPU, where jobs run one after the other or have CPUs of their own.
-    """
+    """Threads for each of a launcher's jobs, which share the CPUs; 0 is every CPU."""
     cpus = available_cpus()
     if "n_jobs" in launcher:
         # joblib: -1 is one job per CPU, -2 one fewer, and so on.

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from study_files import PAIRS, change, rows_of, write_run, write_study
+from study_files import change, rows_of, write_run
 
 from analysis.comparisons import CLAIMS, WRITERS, claims, writers_table
 from needlehoop.study.stats.findings import study_findings
@@ -15,15 +15,6 @@ def test_the_papers_own_numbers_bear_its_claims_out():
         better, worse = claim.published
         assert better > worse
         assert not set(claim.better) & set(claim.worse)
-
-
-def test_a_study_like_the_paper_bears_them_out_too(tmp_path):
-    found = claims(study_findings(write_study(tmp_path / "main", PAIRS, seeds=3)), RETURN)
-    assert [*found] == [*CLAIMS]
-    # Made-up returns scatter by 0.3 around the paper's, and some of its own differ by less.
-    clear = [one for one in found.values() if abs(one.value) > 1.0]
-    assert len(clear) > 6
-    assert all(one.interval is not None and one.interval.low > 0 for one in clear)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """What docs/evidence.md says is what the runs in results/ gave; the report holds the findings."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -16,18 +15,6 @@ def test_a_refilled_page_is_the_page():
     assert analysis.refilled(PAGE) == PAGE
     with pytest.raises(ValueError, match=r"evidence\.md: no table claims"):
         analysis.refilled(PAGE.replace("<!-- claims", "<!-- nothing"))
-
-
-def test_success_by_seed_is_what_evaluations_say():
-    seeds: dict[str, list[str]] = {}
-    for path in sorted((ROOT / "results" / "fast").glob("*/*/*/evaluation.json")):
-        share = json.loads(path.read_text())["success"]
-        seeds.setdefault(path.parts[-4], []).append(f"{100 * share:.0f}")
-    rows = PAGE.partition("<!-- results -->\n")[2].partition("\n\n")[0].splitlines()[2:]
-    shown = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
-    assert {row[0]: row[2] for row in shown} == {
-        name: ", ".join(own) for name, own in seeds.items()
-    }
 
 
 def test_a_page_holds_its_pictures_and_its_links_lead_on(tmp_path):

@@ -11,7 +11,6 @@ from analysis.placements import (
     APART,
     CAMERAS,
     ELEVATION,
-    FRONT,
     HIDDEN,
     MODEL,
     PIXELS,
@@ -19,7 +18,6 @@ from analysis.placements import (
     pair_scores,
     places_table,
     scores,
-    single_scores,
 )
 
 
@@ -53,8 +51,3 @@ def test_a_ranking_is_held_against_mean_success():
     assert rows["drawn blindly"]["regret, points"] == "42"
     assert int(rows[MODEL]["above the best rule, %"]) > 95
     assert rows[PIXELS]["above the best rule, %"] == ""
-
-
-def test_the_front_is_nearer_from_either_side():
-    near = single_scores()[FRONT]
-    assert (near["rgb_p06"], near["rgb_p03"], near.idxmin()) == (-2.0, -34.0, "rgb_p13")

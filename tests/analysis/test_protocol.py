@@ -14,7 +14,6 @@ from analysis.protocol import (
     beyond_the_rule,
     changes_table,
     mean_tau,
-    regret,
     sets_table,
     traits_table,
 )
@@ -41,13 +40,6 @@ def test_a_ranking_that_is_right_within_the_classes_knows_more_and_its_reverse_d
     within = [{name: 2 * is_two_sided(name) - MEASURED[name] for name in names} for names in LISTS]
     assert mean_tau(within, MEASURED) > 0.0
     assert beyond_the_rule(within, MEASURED) > 0.9
-
-
-def test_regret_is_the_best_less_the_first_and_ties_share():
-    measured = {"a": 0.9, "b": 0.5, "c": 0.1}
-    assert regret([{"a": 1.0, "b": 2.0, "c": 0.0}], measured) == pytest.approx(0.4)
-    assert regret([dict.fromkeys(measured, 0.0)], measured) == pytest.approx(0.4)
-    assert regret([{"a": 1.0, "b": 1.0, "c": 0.0}], measured) == pytest.approx(0.2)
 
 
 def _runs(success) -> pd.DataFrame:

@@ -48,15 +48,6 @@ def test_a_seed_counts_once_all_camera_sets_have_it(tmp_path):
     assert runs["minutes"].tolist() == [1.5, 1.5]
 
 
-def test_a_seed_counts_once_all_rewards_have_it(tmp_path):
-    for reward, seeds in (("human", (1, 2)), ("vlm_text", (2, 3))):
-        for seed in seeds:
-            written(tmp_path / "main", "rgb_default", seed, reward=reward)
-    add(tmp_path / "kept", [tmp_path / "main"])
-    runs = runs_of(tmp_path / "kept")
-    assert [*zip(runs["reward"], runs["seed"], strict=True)] == [("human", 2), ("vlm_text", 2)]
-
-
 def test_a_run_that_is_there_stays_as_it_is(tmp_path):
     for study, success in (("first", 0.5), ("second", 0.75)):
         written(tmp_path / study, "rgb_default", 1, success=success)

@@ -36,9 +36,7 @@ def evaluated(run: Path, *words: str, capsys) -> dict:
     ("words", "name", "changed"),
     [
         (["seed=7"], "seed-7", None),
-        (["policy=best"], "policy-best", None),
         (["disturb.robot.lost=0.5"], "disturb.robot.lost-0.5", {"disturb.robot.lost": 0.5}),
-        (["views.front.azimuth=5"], "views.front.azimuth-5", {"views.front.azimuth": 5}),
         (
             ["episode.grasp=friction", "episodes=2", "as=a b"],
             "a b",
@@ -105,14 +103,10 @@ def test_the_runs_own_evaluation_stays_as_it_is(run, capsys):
     [
         ("cams=[rgb_front]", "cams: the agent's networks take what the run sees, []"),
         ("episode.control=pose", "episode.control: the agent's networks were made for control"),
-        ("steps=5", "steps: it is no condition under which a trained agent acts; choose from"),
-        ("task=reach", "is another task than the run's, needle_hoop; choose from near, standard"),
-        ("episode.graps=weld", "episode.graps: unknown key 'graps'"),
+        ("task=reach", "task: the run's is needle_hoop; choose from near, standard"),
         ("episodse=3", "episodse: unknown key; choose from as, device"),
         ("policy=worst", "policy: 'worst' is unknown; choose from last, best"),
         ("seed=0", "seed: the run was trained on 0"),
-        ("device=tpu", "device: 'tpu' is unknown; choose from auto, cpu, cuda"),
-        ("as=a/b", "as: 'a/b' is no name for a folder"),
     ],
 )
 def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, said):
@@ -214,14 +208,6 @@ def test_which_policies_are_kept(tmp_path, monkeypatch, capsys):
             assert "has no best.safetensors" in capsys.readouterr().err
     assert "keep: there is no best" in refusal(*TINY, "keep=best", "evaluation.every=4")
     assert "keep: 'some' is unknown; choose from last, best, both" in refusal(*TINY, "keep=some")
-
-
-def test_a_damaged_policy_is_an_error_beside_a_checkpoint_too(run, capsys):
-    assert (run / "checkpoint.pt").exists()
-    policy = run / "policy.safetensors"
-    policy.write_bytes(policy.read_bytes()[:100])
-    assert main(["evaluate", str(run)]) == 2
-    assert f"{policy} is damaged" in capsys.readouterr().err
 
 
 def test_evaluations_say_how_the_sampled_policy_does(tiny_run):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 import yaml
 from tiny_runs import run_train
 
-import needlehoop
 from needlehoop.cli.main import main
 from needlehoop.runs.shipped import CONF
 
@@ -42,14 +40,8 @@ RUN = "results/main/rgb_near/human/seed0"
         (["evaluate", RUN, "views.near.azimuth=25"], "changed      views.near.azimuth=25"),
         (["evaluate", RUN, "reward=sparse", "policy=best"], "policy       best, after"),
         (["watch", RUN, "episodes=1", "video_episodes=1"], "watch.mp4"),
-        (["plot", "results/main"], "results.csv"),
         (["report", "results/main"], "report.html"),
         (["export", "what=policy", f"run={RUN}"], "MB, last, after 64 steps"),
-        (["status", "results/main", "conf_dir=conf", "cams=rgb_near", "steps=64"], "1 done"),
-        (
-            ["demonstrations", f"demonstrator={RUN}", "episodes=2", "out=d", "format=lerobot"],
-            "d: 2 episodes (seed 1000003)",
-        ),
         (
             [
                 *("demonstrations", f"demonstrator={RUN}", "episodes=1", "out=e", "format=lerobot"),
@@ -67,20 +59,11 @@ def test_a_command_takes_its_run(place, monkeypatch, capsys, words, said):
     assert said in capsys.readouterr().out
 
 
-def test_python_takes_it(place, monkeypatch):
-    monkeypatch.chdir(place)
-    assert json.loads(Path(RUN, "manifest.json").read_text())["finished"]
-    env = needlehoop.make_env_of(RUN, num_envs=1, overrides=["views.near.azimuth=25"])
-    assert env.settings.views["near"].azimuth == 25
-    assert needlehoop.load_policy(RUN)(env.reset()).shape == (1, 5)
-
-
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["episodes=1"], "out: give a folder for the dataset, such as out=demos/smooth-v0"),
         (["out=f-v0", "cams=[rgb_front]"], "cams: the agent's networks take what the run sees"),
-        (["out=f-v0", "epsodes=1"], "epsodes: unknown key; choose from"),
     ],
 )
 def test_demonstrations_of_a_run_refuse_in_a_line(place, monkeypatch, capsys, words, said):

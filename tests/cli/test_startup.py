@@ -26,15 +26,12 @@ WITHOUT_TORCH = [
 
 MISSPELT = [
     ["train", "cams=dep_front", "stpes=9"],
-    ["train", "-m", "cams=[dep_front,dep_front]"],
     ["vlm", "rank", "sampels=3"],
     ["probe", "sedes=1"],
 ]
 
 WITH_TORCH = [
     ["vlm", "check", "bad.txt"],
-    ["train", "cams=dep_front", "image_size=22"],
-    ["train", "-m", "cams=[rgb_default]", "reward=vlm_img", "seed=0,1"],
     ["expert", "seed=-1"],
     ["evaluate", str(ROOT / "results/table2/rgb_default/human/seed0"), "episods=1"],
 ]

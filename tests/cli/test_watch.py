@@ -60,19 +60,11 @@ def test_a_task_has_a_shipped_agent_of_its_own(word, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["video_episodes=0"], "video_episodes: 0"),
-        (["episodes=0"], "episodes: 0"),
         (["out=watch.gif"], ".mp4"),
         (["seed=0"], "trained on"),
-        (["episods=1"], "episods: unknown key"),
     ],
 )
 def test_what_cannot_be_watched_is_refused(run, capsys, words, said):
     assert main(["watch", str(run), *words]) == 2
     assert said in capsys.readouterr().err
     assert list(Path().iterdir()) == []
-
-
-def test_a_folder_that_is_no_run_is_refused(tmp_path, capsys):
-    assert main(["watch", str(tmp_path)]) == 2
-    assert "is no run" in capsys.readouterr().err

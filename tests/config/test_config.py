@@ -40,29 +40,20 @@ BAD = [
     *((f"cams={wrong}", ["cams/", wrong.strip("[]").split(",")[-1], CAMERAS]) for wrong in UNKNOWN),
     ("reward=nope", ["reward", "nope", "human", "sparse"]),
     ("task=nope", ["task", "nope", "near", "standard", "wide"]),
-    ("disturb=nope", ["disturb", "nope", "mild", "moderate", "severe"]),
     ("psm=prismatic", ["psm", "prismatic", "serial, parallelogram"]),
     ("episode.grasp=glue", ["episode.grasp", "glue", "weld, friction"]),
-    ("reward.kind=nope", ["reward.kind", "nope", "human, sparse"]),
     ("renderings.dep.depth=far", ["renderings.dep", "depth", "far", "channel, shade, none"]),
     (
         "task.needle_radius=-0.01",
         ["task.needle_radius", "-0.01", "at least 1e-05"],
     ),
-    ("task.needle_radius=nan", ["task.needle_radius", "nan", "not finite"]),
     ("task.workspace_lower=[0,0.5,0]", ["task.workspace_lower", "0.5", "below"]),
-    ("task.needle_position=[0.1]", ["task.needle_position.1", "[0.1]", "required"]),
     ("task.hoop_position=[0,0,high]", ["task.hoop_position.2", "high"]),
-    ("views.front.fovy=180", ["views.front.fovy", "180", "179"]),
-    ("seed=-1", ["seed", "-1", "at least 0"]),
     ("disturb.camera.shfit=0.1", ["shfit", "shift, turn"]),
-    ("disturb.camera.shift=5", ["disturb.camera.shift", "at most 0.1 m"]),
     ("image_size=64.5", ["image_size", "64.5", "whole number"]),
     ("obs.told=[threaded]", ["obs.told", "threaded", "choose from grasped, lifted"]),
     ("imagesize=64", ["imagesize", "unknown", "image_size", "num_envs"]),
-    ("episode.contrl=pose", ["episode.contrl", "unknown", "control", "grasp"]),
     ("+reward.extra=1", ["reward", "extra", "closed_below"]),
-    ("~reward.rate", ["reward", "rate", "closed_below"]),
 ]
 
 
@@ -73,11 +64,6 @@ def test_a_bad_setting_is_refused_with_its_key_and_what_is_valid():
         message = str(caught.value)
         assert [part for part in said if part not in message] == [], override
         assert "\n" not in message, override
-
-
-def test_two_bad_settings_are_both_named():
-    with pytest.raises(ValueError, match=r"image_size.*; num_envs"):
-        compose_settings(["image_size=64.5", "num_envs=1.5"])
 
 
 def test_every_option_of_every_group_composes(tmp_path):
@@ -110,14 +96,6 @@ def test_every_option_of_a_training_group_composes():
         composed = composing.compose(["cams=[seg_side]", f"{group}={option}"], "config")
         assert composed[group], option
         typed_job(composed)
-
-
-def test_no_group_of_the_folder_is_forgotten():
-    folders = {path.name for path in composing.CONF.iterdir() if path.is_dir()}
-    # Sweeps, launchers and what the probe changes have tests of their own.
-    others = {"experiment", "hydra", "probe"}
-    assert folders == {*GROUPS, *TRAINING, *COMMANDS, *others, "cams", "view", "rendering"}
-    assert all(options(group) for group in folders - {"hydra"})
 
 
 def test_every_view_and_rendering_is_offered(settings):
@@ -161,34 +139,6 @@ def test_every_kept_run_is_read_as_it_was_written():
         assert list(job.env.cams) == values["cams"], path
         # It was a study of its own name when it was trained.
         assert path.parts[-4:-1] == tuple(job.place.split("/")[1:]), path
-
-
-def test_settings_are_the_files_values_in_their_types(settings):
-    values = composing.compose()
-    assert settings.task.hoop_position == tuple(values["task"]["hoop_position"])
-    assert settings.episode.max_steps == values["episode"]["max_steps"]
-    assert settings.renderings["seg"].colours["needle"] == (255, 230, 0)
-    assert settings.cams == ()
-
-
-def test_an_override_changes_its_key_and_nothing_else():
-    before, after = composing.compose(), composing.compose(["episode.max_steps=17"])
-    assert after["episode"].pop("max_steps") == 17
-    before["episode"].pop("max_steps")
-    assert after == before
-
-
-def test_a_whole_number_may_be_written_as_a_float():
-    assert compose_settings(["image_size=32.0"]).image_size == 32
-
-
-@pytest.mark.parametrize("option", ["near", "wide"])
-def test_tasks_differ_only_in_their_ranges(option):
-    standard, other = composing.compose()["task"], composing.compose([f"task={option}"])["task"]
-    assert standard.keys() == other.keys()
-    differing = {key for key in standard if standard[key] != other[key]}
-    assert differing
-    assert all(key.endswith("_range") for key in differing)
 
 
 def copy_of_conf(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
@@ -256,11 +206,6 @@ def test_the_python_interface_hands_its_arguments_on(monkeypatch, cams, make, bu
     made = make(cams=cams, reward="sparse", seed=5, overrides=["image_size=12"])
     assert made.cams == (("rgb_front", "seg_side") if cams else ())
     assert (made.reward["kind"], made.seed, made.image_size) == ("sparse", 5, 12)
-
-
-def test_make_env_refuses_a_bad_camera_by_name():
-    with pytest.raises(ValueError, match=r"cams/rgb_top.* rgb_front rgb_side rgb_wrist "):
-        needlehoop.make_env(cams=["rgb_top"])
 
 
 @pytest.mark.parametrize(

@@ -158,17 +158,3 @@ def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):
 def test_a_function_that_is_not_there_is_told_by_its_key(name, message):
     with pytest.raises(ValueError, match=rf"reward.function: .*{message}"):
         compose_settings(["reward=python", f"reward.function={name}"])
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda signals: {}, "expected named terms"),
-        (lambda signals: {"a": 1.0}, "term 'a' of .* is float"),
-        (lambda signals: {"a": signals.goal}, r"is \(2, 3\); expected a tensor \(2,\)"),
-        (lambda signals: {"a": signals.jaw / 0}, r"not finite in environments \[0, 1\]"),
-    ],
-)
-def test_a_function_that_pays_nonsense_stops(function, message):
-    with pytest.raises(rewards.RewardError, match=message):
-        needlehoop.make_env(reward=function, num_envs=2).reset()

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from needlehoop.runs.lock import HeldError, held
+from needlehoop.runs.machine import HeldError, held
 
 ROOT = Path(__file__).parents[2]
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from needlehoop.runs.lock import held
+from needlehoop.runs.machine import held
 with held(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -178,24 +178,6 @@ def test_a_checkpoint_comes_back_as_it_was_saved(run):
     assert {key: checkpoint.state[key] for key in state} == state
 
 
-def test_a_full_disk_leaves_the_previous_checkpoint(run, monkeypatch):
-    run.save({"update": 1, "weights": torch.ones(3)})
-
-    def full(descriptor):
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", full)
-        with pytest.raises(OSError, match="No space left"):
-            run.save({"update": 2, "weights": torch.zeros(3)})
-        with pytest.raises(OSError, match="No space left"):
-            run.note(steps=1)
-    assert run.checkpoint().state["update"] == 1
-    assert torch.equal(run.checkpoint().state["weights"], torch.ones(3))
-    assert run.manifest()["steps"] == 0
-    assert [path.name for path in run.folder.iterdir() if path.suffix == ".partial"] == []
-
-
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"a,b\n1,2\n"])
 def test_a_damaged_file_is_named_where_a_run_goes_on(run, content):
     run.save({"update": 0})

@@ -49,14 +49,6 @@ def test_p_is_the_share_of_orders_at_least_as_strong(sides):
     assert found.tau_p == pytest.approx(share)
 
 
-def test_the_reverse_order_is_all_wrong():
-    rising = named(range(5))
-    found = agreement(named(range(5)[::-1]), rising)
-    assert (found.tau, found.top_hits, found.bottom_hits, found.regret) == (-1.0, 0, 0, 4.0)
-    # This order and its reverse, of 120.
-    assert found.tau_p == pytest.approx(2 / 120)
-
-
 def test_many_camera_sets_are_sampled_with_a_seed():
     rising = named(range(14))
     noisy = named(np.random.default_rng(0).permutation(14))

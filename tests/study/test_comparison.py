@@ -5,14 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from matplotlib.colors import to_hex
 from study_files import change, rows_of, write_run
 
 from needlehoop.cli.main import main
 from needlehoop.study.data.records import Place, read_run, read_study
 from needlehoop.study.report.comparison import (
     compared_runs,
-    comparison_chart,
     comparisons,
     differences,
     outcomes,
@@ -52,19 +50,6 @@ def test_settings_that_differ_are_listed_and_no_others(two):
     rows = rows_of(differences(comparisons([read_study(folder) for folder in two])))
     found = {row["setting"]: (row["a"], row["b"]) for row in rows}
     assert found == {"reward.unit": ("", "0.1"), "num_envs": ("80 / 40", "80")}
-
-
-def test_a_chart_has_a_line_for_each_study_in_each_panel(two):
-    figure = comparison_chart(comparisons([read_study(folder) for folder in two])[0])
-    assert [axes.get_ylabel() for axes in figure.axes] == [
-        "lifted in training",
-        "threaded in training",
-        "return in training",
-    ]
-    for axes in figure.axes:
-        named = [text.get_text() for text in axes.get_legend().get_texts()]
-        assert sorted(named) == ["a", "b"]
-        assert len({to_hex(str(line.get_color())) for line in axes.lines}) == 2
 
 
 def test_runs_differ_by_an_interval_over_their_episodes(runs):
@@ -109,9 +94,7 @@ def test_what_cannot_be_compared_is_said(two, capsys, monkeypatch):
     write_run(Path("other"), "dep_default")
     for words, said in (
         (["a"], "a; name two or more"),
-        (["a", "nowhere"], "nowhere: no such folder"),
         (["a", "other"], "no cameras and reward that two of them have\n  rgb_default/human: a"),
-        (["a/rgb_default/human/seed0"], "name two or more, each once"),
         (["a/rgb_default/human/seed0", "b"], "seed0 is a run, and others are studies"),
     ):
         assert main(["compare", *words]) == 2

@@ -119,12 +119,3 @@ def test_final_values_stand_beside_successes_and_cheats(study):
     ):
         assert [bar.get_width() for bar in axes.patches] == pytest.approx(values)
     assert (success.get_xlabel(), cheats.get_xlabel()) == ("threaded", "cheat")
-
-
-def test_a_study_without_values_is_an_error_that_names_why(tmp_path, capsys):
-    run = write_run(tmp_path / "main", "rgb_default", updates=20)
-    (run / "config.yaml").write_text("")
-    assert main(["plot", str(tmp_path / "main")]) == 2
-    error = capsys.readouterr().err
-    assert "no run with a final value yet" in error
-    assert "config.yaml: has no cams" in error

@@ -2,14 +2,12 @@
 
 import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import torch
-from needlehoop.training.which_run import task_note
 from study_files import BUFFER, UPDATES, change, write_answers, write_run
 
 import needlehoop
@@ -19,9 +17,9 @@ from needlehoop.runs.files import EVALUATION, EVALUATIONS, METRICS
 from needlehoop.runs.run import Run
 from needlehoop.study.data.answers import read_answers
 from needlehoop.study.data.records import Place, read_run, read_study
-from needlehoop.study.stats.predictions import recorded_answers
 from needlehoop.study.stats.run import BEST, RETURN, TRAINING, evaluations, final, steps_to_share
 from needlehoop.tasks.registry import find
+from needlehoop.training.session import task_note
 
 
 @pytest.fixture
@@ -65,7 +63,7 @@ def test_what_a_real_run_writes_is_read(tmp_path):
     (record,) = read_study(tmp_path / "main").runs
     half = final(record)
     assert half is not None
-    assert (half.measures[RETURN], half.success, half.episodes) == (8.5, 1.0, 4)
+    assert (half.measures[RETURN], half.shares["success"], half.episodes) == (8.5, 1.0, 4)
     assert not half.finished
     run.write(EVALUATION, json.dumps({"steps_trained": 20_480, **with_intervals(task, outcome)}))
     run.note(finished=True)
@@ -80,13 +78,9 @@ def test_what_a_real_run_writes_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("config.yaml", "", "config.yaml: has no cams"),
-        ("config.yaml", "cams: [", "config.yaml: while parsing"),
-        ("manifest.json", None, "manifest.json: No such file"),
-        ("manifest.json", '{"task": {"name": 3}}', "manifest.json: "),
-        ("metrics.csv", "", "metrics.csv: "),
+        ("config.yaml", "seed: 0", "config.yaml: has no cams"),
+        ("manifest.json", None, "manifest.json: can't be read"),
         ("metrics.csv", "update,return\n1,2\n", "metrics.csv: has no steps that rise"),
-        ("evaluation.json", '{"return": ', "evaluation.json: "),
         ("config.yaml", "another run's", "is dep_front+seg_side/human/seed0, as is"),
     ],
 )
@@ -115,13 +109,6 @@ def test_a_row_that_was_torn_off_does_not_count(study):
     assert record.steps == 40 * BUFFER
 
 
-def test_a_run_that_was_set_aside_is_not_counted(study):
-    run = study / "rgb_default" / "human" / "seed0"
-    os.rename(run, run.with_name("seed0.1"))
-    found = read_study(study)
-    assert (len(found.runs), found.left_out) == (1, ())
-
-
 def test_the_value_of_an_unfinished_run_is_the_mean_of_its_last_evaluations(study):
     run = study / "rgb_default" / "human" / "seed0"
     (run / "evaluations.csv").write_text(
@@ -130,7 +117,7 @@ def test_the_value_of_an_unfinished_run_is_the_mean_of_its_last_evaluations(stud
     )
     end = final(read_run(run).runs[0])
     assert end is not None
-    assert (end.measures[RETURN], end.success) == (pytest.approx(3.5), pytest.approx(0.5))
+    assert (end.measures[RETURN], end.shares["success"]) == (pytest.approx(3.5), pytest.approx(0.5))
     assert (end.episodes, end.finished, TRAINING in end.measures) == (80, False, False)
     # An evaluation that is older than these does not count, one that is newer does.
     told = json.loads((study / "dep_front+seg_side/human/seed0/evaluation.json").read_text())
@@ -185,10 +172,6 @@ def test_repeated_rankings_have_mean_places_and_stated_probabilities(tmp_path):
     (ranking,) = found.rankings
     assert ranking.places == {"a": pytest.approx(4 / 3), "b": pytest.approx(5 / 3)}
     assert ranking.sure == [("a", "b", 0.9), ("b", "a", 0.6), ("a", "b", 0.8)]
-
-
-def test_the_shipped_recordings_are_read():
-    assert "claude" in [one.source for one in recorded_answers()]
 
 
 def test_the_study_package_imports_no_simulator_and_no_torch():

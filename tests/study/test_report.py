@@ -16,7 +16,6 @@ from study_files import REWARDED, write_run, write_study
 
 from needlehoop.cli.main import main
 from needlehoop.config.composing import compose
-from needlehoop.study.report import page
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "conf"
 
@@ -98,21 +97,6 @@ def test_several_studies_stand_on_one_page(study, tmp_path, capsys):
     shutil.copytree(tmp_path / "other", tmp_path / "b" / "other")
     assert main(["report", str(tmp_path / "other"), str(tmp_path / "b" / "other")]) == 2
     assert "other, other are not different names" in capsys.readouterr().err
-
-
-def test_films_beyond_the_pages_room_are_linked_to(tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "_FILMS", 1_500)
-    for goal in (2.0, 8.0):
-        run = write_run(tmp_path / "main", f"rgb_{goal:.0f}", goal=goal, updates=20)
-        (run / "video.mp4").write_bytes(bytes(1_000))
-        Image.new("RGB", (8, 4)).save(tmp_path / f"rgb_{goal:.0f}.png")
-    (tmp_path / "main" / "cameras").mkdir()
-    for path in tmp_path.glob("*.png"):
-        path.rename(tmp_path / "main" / "cameras" / path.name)
-    assert main(["report", str(tmp_path / "main"), "--out", str(tmp_path / "page")]) == 0
-    text = (tmp_path / "page" / "report.html").read_text()
-    assert re.findall(r'href="(\.[^"]+)"', text) == ["../main/rgb_2/human/seed0/video.mp4"]
-    assert text.count("data:video/mp4;base64,") == 1
 
 
 def test_cameras_without_a_picture_are_drawn_from_a_runs_own_settings(tmp_path):

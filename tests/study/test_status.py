@@ -122,12 +122,3 @@ def test_the_command_prints_a_table_and_what_was_left_out(study, capsys):
     tally = "1 done, 1 running, 1 stopped, 0 failed, 1 missing; 56 min of training left"
     assert f"{tally} with 1 at a time" in said
     assert "left out: seg_side/human/seed0: manifest.json: " in said
-
-
-def test_a_study_without_rates_promises_nothing(tmp_path, capsys):
-    run = write_run(tmp_path / "main", "rgb_default", updates=20)
-    (run / "metrics.csv").unlink()
-    assert main(["status", str(tmp_path / "main")]) == 0
-    assert "unknown of training left" in capsys.readouterr().out
-    assert main(["status", str(tmp_path / "nowhere")]) == 2
-    assert "no such folder" in capsys.readouterr().err

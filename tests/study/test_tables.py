@@ -1,6 +1,5 @@
 """Tables: what is in them, and how numbers are written."""
 
-import csv
 import json
 import shutil
 
@@ -9,7 +8,6 @@ import pandas as pd
 import pytest
 from study_files import PAIRS, REWARDED, change, rows_of, write_answers, write_run, write_study
 
-from needlehoop.study.data import paper
 from needlehoop.study.data.answers import LESS
 from needlehoop.study.data.paper import reward_label
 from needlehoop.study.render.table import Table, p_value, percent, written
@@ -19,7 +17,6 @@ from needlehoop.study.report.tables import (
     stress,
     table_1,
     table_2,
-    write_tables,
 )
 from needlehoop.study.stats.findings import StudyFindings, study_findings
 from needlehoop.study.stats.run import BEST, SUCCESS_OVER_TRAINING
@@ -91,16 +88,6 @@ def test_results_are_in_order_reward_by_reward(findings):
         assert float(row["lifted, %"]) == pytest.approx(lifted, abs=0.51)
 
 
-def test_results_say_what_was_learnt_and_lost_again(tmp_path):
-    run = write_run(tmp_path, "dep_front+seg_side")
-    change(run / "evaluation.json", success=0.1, cheat=0.9)
-    with (run / "evaluations.csv").open(newline="") as file:
-        ways = [float(row["success"]) for row in csv.DictReader(file)]
-    (row,) = rows_of(results(study_findings(tmp_path)))
-    assert (row["success, %"], row["cheat, %"]) == ("10", "90")
-    assert row["success at best, %"] == f"{100 * max(ways):.0f}" != "10"
-
-
 def test_results_say_how_soon_each_seed_succeeds(findings):
     told = set()
     for row, result in zip(rows_of(results(findings))[:14], findings.ranked, strict=True):
@@ -155,19 +142,6 @@ def test_rankings_stand_side_by_side(tmp_path):
     assert "4 of 5 not measured" in {row["regret"] for row in said}
 
 
-def test_a_study_with_an_order_of_its_own_has_a_column_of_its_own(tmp_path):
-    study = write_study(tmp_path / "main", PAIRS[:1], seeds=1)
-    write_answers(study)
-    path = study / "vlm" / "rankings.json"
-    assert "VLM" not in table_2(study_findings(study)).rows
-    lists = json.loads(path.read_text())["lists"]
-    for entry in lists:
-        entry["rankings"][0].reverse()
-    change(path, lists=lists)
-    row = next(r for r in rows_of(table_2(study_findings(study))) if r["the paper's VLM"] == "1")
-    assert row["VLM"] == "5"
-
-
 def test_agreement_is_given_for_each_pair_of_sides(findings):
     rows = rows_of(agreements(findings))
     # Of the paper's VLM, claude, claude asked in three other ways and the paper's measured, by
@@ -216,28 +190,6 @@ def test_disturbances_are_summed_up_over_axes_and_runs(tmp_path):
     assert best["severity 3, %"] == "60 (55 to 65 (over episodes))"
     assert best["hurts most"] == "robot.late 50 %, camera.shift 70 %"
     assert worst["hurts most"] == "camera.shift 30 %, robot.late 50 %"
-
-
-def test_tables_without_rows_any_more_are_removed(findings, tmp_path):
-    before = {path.name for path in write_tables(findings, tmp_path)}
-    assert before == {
-        f"{name}.{kind}"
-        for name in ("results", "table_1", "table_2", "agreement")
-        for kind in ("csv", "md")
-    }
-    run = write_run(tmp_path / "other", "rgb_top")
-    write_tables(study_findings(run.parents[2]), tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"other", "results.csv", "results.md"}
-
-
-def test_the_papers_lists_hold_its_14_camera_sets():
-    lists = paper.lists()
-    assert {name: len(own) for name, own in lists.items()} == {
-        "rgb_dep": 5,
-        "rgb_seg": 5,
-        "dep_seg": 6,
-    }
-    assert {name for members in lists.values() for name in members} == set(paper.measured())
 
 
 def test_predictions_are_held_against_the_commonest_reward(tmp_path):

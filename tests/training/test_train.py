@@ -11,7 +11,6 @@ import sys
 import time
 from pathlib import Path
 
-import imageio.v2 as imageio
 import pytest
 import torch
 import yaml
@@ -115,38 +114,8 @@ def test_the_metrics_have_every_promised_column(finished):
     assert [row["step"] for row in table(finished / "evaluations.csv")] == ["128"]
 
 
-@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not a clone")
-def test_nothing_in_the_repository_is_in_the_main_jobs_way():
-    default = yaml.safe_load((ROOT / "conf/job.yaml").read_text())
-    kept = subprocess.run(
-        ["git", "ls-files", default["results"]],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split()
-    assert kept
-    study = f"{default['results']}/{default['study']}/"
-    assert not [name for name in kept if name.startswith(study)]
-
-
 def weights(run: Path) -> dict[str, torch.Tensor]:
     return torch.load(run / "checkpoint.pt")["learner"]["ppo"]["agent"]
-
-
-@pytest.mark.full
-def test_dm_control_is_trained_on_to_the_same_bits(finished, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    words = ["cams=dep_front,seg_side", "engine=dm_control", *TINY, "obs.frame_stack=2"]
-    run_train(*words, "results=.", "obs.proprio=true", "evaluation.video_episodes=1")
-    run = tmp_path / "main/dep_front+seg_side/human/seed0"
-    assert yaml.safe_load((run / "config.yaml").read_text())["engine"]["kind"] == "dm_control"
-    for name in ("metrics.csv", "evaluations.csv"):
-        assert table(run / name) == table(finished / name)
-    assert (run / "video.mp4").read_bytes() == (finished / "video.mp4").read_bytes()
-    one, other = weights(run), weights(finished)
-    assert one.keys() == other.keys()
-    assert all(torch.equal(one[name], other[name]) for name in one)
 
 
 @pytest.mark.parametrize(
@@ -229,48 +198,6 @@ def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, s
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("words", "places"),
-    [
-        (
-            ["cams=[dep_front,seg_side],[rgb_front,rgb_side]", "seed=0,1"],
-            {
-                "dep_front+seg_side/human/seed0",
-                "dep_front+seg_side/human/seed1",
-                "rgb_front+rgb_side/human/seed0",
-                "rgb_front+rgb_side/human/seed1",
-            },
-        ),
-        (
-            ["cams=rgb_default,seg_side", "reward=sparse"],
-            {"rgb_default/sparse/seed0", "seg_side/sparse/seed0"},
-        ),
-    ],
-    ids=["combinations", "single cameras"],
-)
-@pytest.mark.full
-def test_a_sweep_makes_a_run_for_each(tmp_path, monkeypatch, words, places):
-    monkeypatch.chdir(tmp_path)
-    run_train("-m", *words, *TINY, "steps=64", "evaluation.final_episodes=1")
-    made = {str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("evaluation.json")}
-    assert made == {f"results/main/{place}" for place in places}
-    found = read_study(tmp_path / "results" / "main")
-    assert {str(run.place) for run in found.runs} == places
-    assert found.left_out == ()
-    # A camera that stands alone, as a word, is one of a list in what is kept.
-    kept = [yaml.safe_load(path.read_text())["cams"] for path in tmp_path.rglob("config.yaml")]
-    assert all(isinstance(cams, list) for cams in kept)
-
-
-def test_help_says_what_a_bare_list_means_in_a_sweep(capsys):
-    with pytest.raises(SystemExit) as caught:
-        run_train("--help")
-    assert caught.value.code == 0
-    said = capsys.readouterr().out
-    assert "python train.py cams=dep_front,seg_side reward=human" in said
-    assert "sweep over single cameras" in said
-
-
 VIEWS = ("default", "ecm_left", "ecm_right", "front", "side", "wrist")
 
 
@@ -286,40 +213,6 @@ def test_the_shell_completes_cameras(line, offered, monkeypatch, capsys):
     monkeypatch.setenv("COMP_LINE", f"python train.py {line}")
     run_train("-sc", "query=bash")
     assert capsys.readouterr().out.split() == offered
-
-
-@pytest.mark.full
-def test_a_run_can_be_evaluated_again_beside_its_own_evaluation(finished, capsys):
-    own = (finished / "evaluation.json").read_bytes()
-    words = ["evaluate", str(finished), "episodes=5", "video=true", "video_episodes=2", "--json"]
-    assert cli.main(words) == 0
-    found = json.loads(capsys.readouterr().out)
-    place = finished / "evaluations/episodes-5"
-    assert found == json.loads((place / "evaluation.json").read_text())
-    assert found["episodes"] == 5
-    low, high = found["success_95"]
-    assert low <= found["success"] <= high
-    assert (finished / "evaluation.json").read_bytes() == own
-    lengths = {}
-    for name in (place / "video.mp4", finished / "video.mp4"):
-        with imageio.get_reader(name) as video:
-            lengths[name.parent] = video.count_frames()
-    assert lengths[place] == 2 * lengths[finished]
-    (run,) = read_study(finished.parents[2]).runs
-    assert run.evaluation["episodes"] == 3
-
-
-def test_evaluation_does_not_depend_on_how_many_fly(finished):
-    from dataclasses import replace
-
-    from needlehoop.learning.evaluate import evaluate, load_agent
-    from needlehoop.runs.run import Run
-
-    run = Run.open(finished)
-    job = typed_job(run.config())
-    agent = load_agent(run, job, torch.device("cpu"))
-    few, many = (evaluate(replace(job.env, seed=7), agent, n) for n in (2, 4))
-    assert torch.allclose(few.potential, many.potential[:2], atol=1e-3)
 
 
 def test_evaluate_scores_by_another_reward_and_keeps_the_runs_own_word(finished, capsys):
@@ -366,22 +259,14 @@ def test_a_program_that_the_gates_object_to_is_trained_on_and_said_so(
     assert "refused, rises to 20.000; the most allowed is 9 and a bonus of 2" in manifest["gates"]
 
 
-@pytest.mark.parametrize(
-    "kind", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.full)]
-)
 @pytest.mark.full
-def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(
-    tmp_path, monkeypatch, request, kind
-):
+def test_a_run_stopped_while_it_is_filmed_leaves_no_half_and_goes_on(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = [*TINY, "evaluation.video_episodes=1"]
     frame = film._frame
-    # Whoever runs the tests in the background has Ctrl-C ignored, and so would the run.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
 
     def stopped(*seen):
-        os.kill(os.getpid(), kind)
+        os.kill(os.getpid(), signal.SIGTERM)
         return frame(*seen)
 
     with monkeypatch.context() as patch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -71,35 +71,30 @@ def _ranking(one: Mapping[str, Any]) -> Ranking:
     return Ranking(dict(sorted(places.items(), key=lambda item: item[1])), [*chain(*pairs)])
 
 
-def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> tuple[Answer, ...]:
-    """The answers in the order of Table I, and those that it leaves to Appendix B.
+def as_rows(answers: Mapping[str, Any], asked: Mapping[str, str]) -> list[Answer]:
+    """The answers of ``questions.json`` in the order of Table I, and those of Appendix B.
 
-    Args:
-        answers: as in ``questions.json``.
-        asked: facts in words: cameras were asked for that show them.
+    ``asked`` has facts in words: cameras were asked for that show them.
     """
-    return tuple(_rows({**answers}, asked))
-
-
-def _rows(answers: dict[str, Any], asked: Mapping[str, str]) -> Iterator[Answer]:
-    parts = answers.pop("subtasks")
+    facts = {**answers}
+    parts, suits, layouts = (facts.pop(key) for key in ("subtasks", "suits", "layouts"))
+    placements, _ = facts.pop("placements", {}), facts.pop("layouts_sure", None)
     both = [[parts[part][key] for part in ("first", "second")] for key in ("name", "description")]
-    yield Answer("The task in two subtasks", *map("; ".join, both))
-    suits, layouts = answers.pop("suits"), answers.pop("layouts")
-    placements = answers.pop("placements", {})
-    answers.pop("layouts_sure", None)
+    rows = [Answer("The task in two subtasks", *map("; ".join, both))]
     choices = {"for subtask 1": suits["first"], "for subtask 2": suits["second"]}
-    choices["to see that the goal is reached"] = answers.pop("goal")
-    # What is left are facts.
+    choices["to see that the goal is reached"] = facts.pop("goal")
     choices |= {
-        f"to see that {asked.get(fact, f'it is {fact}')}": own for fact, own in answers.items()
+        f"to see that {asked.get(fact, f'it is {fact}')}": own for fact, own in facts.items()
     }
-    for purpose, choice in choices.items():
-        for what in ("view", "rendering"):
-            yield Answer(f"Best {what} {purpose}", choice[what], choice[f"{what}_reason"])
+    rows += [
+        Answer(f"Best {what} {purpose}", choice[what], choice[f"{what}_reason"])
+        for purpose, choice in choices.items()
+        for what in ("view", "rendering")
+    ]
     best = layouts[0]
-    yield Answer("Best combination of views", best["name"].replace("_", " "), best["reason"])
+    rows.append(Answer("Best combination of views", best["name"].replace("_", " "), best["reason"]))
     for count, how_many in (("1", "one camera"), ("2", "two cameras")):
         if count in placements:
             best = placements[count]["places"][0]
-            yield Answer(f"Best placement of {how_many}", best["name"], best["reason"])
+            rows.append(Answer(f"Best placement of {how_many}", best["name"], best["reason"]))
+    return rows

@@ -12,15 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 from pydantic import TypeAdapter
 
 from needlehoop.runs import files
+from needlehoop.runs.reading import read_json, read_yaml
 
 NONE, ALL = "none", "all"
 """Conditions of a stress test without a disturbance, and with all of them at once."""
 
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _KEYS = ("cams", "obs", "algo", "seed", "steps", "num_envs")
 """What the study uses of a run's config."""
 
@@ -118,11 +117,7 @@ class Study:
 
 
 def read_study(folder: Path) -> Study:
-    """Every ``<cameras>/<reward>/seed<k>`` in a study's folder.
-
-    Raises:
-        ValueError: no such folder.
-    """
+    """Every ``<cameras>/<reward>/seed<k>`` in a study's folder; ``ValueError`` without one."""
     if not folder.is_dir():
         raise ValueError(f"{folder}: no such folder; give a study's, such as results/main")
     runs: dict[Place, Record] = {}
@@ -141,11 +136,7 @@ def read_study(folder: Path) -> Study:
 
 
 def read_run(folder: Path) -> Study:
-    """One run alone, whatever its folder is called.
-
-    Raises:
-        ValueError: no run that can be read.
-    """
+    """One run alone, whatever its folder is called; ``ValueError`` if it can't be read."""
     try:
         return Study(folder, (_record(folder),), ())
     except ValueError as error:
@@ -161,48 +152,34 @@ def _record(folder: Path) -> Record:
             return None
         try:
             return of(path)
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            why = getattr(error, "strerror", None) or " ".join(str(error).split())
-            raise ValueError(f"{name}: {why}") from error
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{name}: {' '.join(str(error).split())}") from error
 
-    config, manifest = read(files.CONFIG, _config), read(files.MANIFEST, _json)
+    config, manifest = read(files.CONFIG, _config), read(files.MANIFEST, read_json)
     cameras = files.seen(config["cams"], bool(config["obs"].get("signals")))
     return Record(
         Place(cameras, folder.parent.name, config["seed"]),
         folder,
         config,
         manifest,
-        read(files.MANIFEST, lambda _: _task(manifest)),
+        TypeAdapter(TaskNote).validate_python(manifest.get("task", UNKNOWN)),
         read(files.METRICS, read_rows),
         read(files.EVALUATIONS, read_rows),
-        read(files.EVALUATION, _json),
+        read(files.EVALUATION, read_json),
         read(files.VIDEO, Path),
         read(files.STRESS, pd.read_csv),
     )
 
 
 def _config(path: Path) -> dict[str, Any]:
-    config = yaml.load(path.read_text(encoding="utf-8"), _LOADER) or {}
+    config = read_yaml(path)
     if missing := [key for key in _KEYS if key not in config]:
         raise ValueError(f"has no {', '.join(missing)}")
     return config
 
 
-def _json(path: Path) -> dict[str, Any]:
-    return TypeAdapter(dict[str, Any]).validate_json(path.read_text(encoding="utf-8"))
-
-
-def _task(manifest: Mapping[str, Any]) -> TaskNote:
-    noted = manifest.get("task")
-    return TypeAdapter(TaskNote).validate_python(noted) if noted else UNKNOWN
-
-
 def read_rows(path: Path) -> pd.DataFrame | None:
-    """A run's table of numbers, in which steps rise; ``None`` before its first row.
-
-    Raises:
-        ValueError: no such table is in it.
-    """
+    """A run's table; ``None`` before its first row, ``ValueError`` if its steps don't rise."""
     # A row without a line's end was cut off by a kill, even if it looks whole.
     whole, _, _ = path.read_text(encoding="utf-8").rpartition("\n")
     rows = pd.read_csv(io.StringIO(whole), dtype=float)

@@ -22,7 +22,6 @@ from needlehoop.study.render.style import (
     COLOURS,
     DASHES,
     INK,
-    in_percent,
     new_figure,
     save,
     short,
@@ -94,7 +93,8 @@ def reward_comparison(findings: StudyFindings) -> Figure:
     draw_panels(grid[:, 1], untitled, partial(smooth, column="success"), findings.goal)
     draw_panels(grid[:, 2], untitled, _evaluated, "")
     for axes in grid[:, 1:].flat:
-        in_percent(axes, room=0.05)
+        axes.set_ylim(-0.05, 1.05)
+        axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
     for axes, said in zip(grid[0, 1:], ("in training", "in evaluations"), strict=True):
         axes.set_title(said, fontweight="normal", fontsize=6.5)
     for axes in grid[:, 2]:
@@ -119,12 +119,8 @@ def draw_panels(
 ) -> None:
     """Draw panels over training below each other: the mean and the interval over seeds.
 
-    Args:
-        column: axes.
-        panels: title and lines of each.
-        curve: a run's values on a grid of steps, NaN where it has none.
-        words: what the curves show.
-        named: whether each panel has its lines' names beside it, in the order of their ends.
+    ``curve`` gives a run's values on a grid of steps, NaN where it has none. Where ``named``, the
+    lines' names stand beside each panel in the order of their ends.
     """
     every = [run for _, lines in panels for _, runs, _ in lines for run in runs]
     # No more points than buffers, or a short run's line has stairs.

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 WIDTH = 85 / 25.4
@@ -14,9 +13,6 @@ WIDTH = 85 / 25.4
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, less the yellow that white paper swallows."""
-
-_LONGEST_NAME = 40
-"""Letters of a camera set's or a reward's name."""
 
 DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#22262e", "#8a8f98"
@@ -57,15 +53,9 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def in_percent(axes: Axes, room: float = 0.0) -> None:
-    """Shares of 0 to 1 from bottom to top, with ``room`` beyond both ends."""
-    axes.set_ylim(-room, 1 + room)
-    axes.set_yticks([0, 0.5, 1], ["0", "50 %", "100 %"])
-
-
 def short(name: str) -> str:
     """A name for which a figure has room."""
-    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+    return name if len(name) <= 40 else f"{name[:39]}…"
 
 
 def save(figure: Figure, stem: Path) -> Path:

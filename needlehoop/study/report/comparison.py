@@ -35,11 +35,7 @@ _SHOWN = ("cameras", "reward", "seeds", "success, %", "success, 95 %", "cheat, %
 
 
 def comparisons(studies: Sequence[Study]) -> list[Comparison]:
-    """Each camera set and reward that two of the studies or more have been trained with.
-
-    Raises:
-        ValueError: two studies of one name, or nothing in common.
-    """
+    """Each camera set and reward that two of the studies or more have been trained with."""
     names = [study.folder.resolve().name for study in studies]
     if len({*names}) < max(len(names), 2):
         raise ValueError(f"studies: {', '.join(names)}; name two or more, of different names")
@@ -56,11 +52,7 @@ def comparisons(studies: Sequence[Study]) -> list[Comparison]:
 
 
 def compared_runs(runs: Sequence[Record]) -> Comparison:
-    """Runs beside each other, named by what differs in their paths.
-
-    Raises:
-        ValueError: fewer than two, one twice, or one without a learning curve.
-    """
+    """Runs beside each other, named by what differs in their paths."""
     folders = [run.folder.resolve() for run in runs]
     if len({*folders}) < max(len(folders), 2):
         raise ValueError(f"runs: {', '.join(map(str, folders))}; name two or more, each once")
@@ -140,12 +132,7 @@ def comparison_chart(one: Comparison) -> Figure:
 
 
 def write_comparison(found: Sequence[Comparison], of: str, out: Path, command: str) -> list[Table]:
-    """Write tables, charts and ``comparison.html`` into a folder; returns the tables.
-
-    Args:
-        of: what stands beside each other, ``study`` or ``run``.
-        command: that makes the page.
-    """
+    """Write tables, charts and ``comparison.html`` into a folder; returns the tables."""
     tables = [differences(found), outcomes(found, of)]
     for table in tables:
         table.write(out)

@@ -60,10 +60,7 @@ def write_page(
 ) -> None:
     """Write a page with as many films in it as fit, and links to the others.
 
-    Args:
-        out: an HTML file.
-        command: that makes this page.
-        opening: HTML that stands before everything else.
+    It names the ``command`` that makes it, and begins with the HTML ``opening``.
     """
     loader = PackageLoader("needlehoop.study.report", "html")
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
@@ -96,7 +93,7 @@ def write_report(
     command: str,
     opening: str = "",
 ) -> None:
-    """Write a page of studies, each with its figures; other arguments as of ``write_page``."""
+    """Write a page of studies, each with its figures; the rest as in ``write_page``."""
     title = " and ".join(findings.title for findings, _ in parts)
     write_page(out, title, (one for part in parts for one in _sections(*part)), command, opening)
 
@@ -126,7 +123,7 @@ def _sections(findings: StudyFindings, figures: Sequence[Drawn]) -> Iterator[Sec
     study, pictures = findings.study, _pictures(findings.study)
     counts = f"{len(study.runs)} runs, {sum(run.finished for run in study.runs)} finished"
     first = [figure for figure in figures if figure.name in _FIRST and figure.file]
-    yield Section(f"Study {findings.title}", [counts, *findings.left_out], first)
+    yield Section(f"Study {findings.title}", [counts, *study.left_out], first)
     for reward in sorted({one.reward for one in findings.results}, key=reward_order):
         results = [one for one in findings.results if one.reward == reward]
         agents = [

@@ -93,35 +93,31 @@ def describe(found: list[Standing], study: Study) -> str:
             "state": one.state,
             "steps": f"{one.done:.0%}",
             "steps/s": written(one.rate, ".0f"),
-            "time left": "" if one.state == DONE else duration(one.left),
+            "time left": "" if one.state == DONE else _duration(one.left),
         }
         for one in found
     ]
     lines = [Table.of("status", str(study.folder), rows).text()] if rows else [f"{study.folder}:"]
     counts = Counter(one.state for one in found)
     tally = ", ".join(f"{counts[state]} {state}" for state in STATES)
-    lines += [f"{tally}; {time_left(found)}"]
+    if left := [one.left for one in found if one.state != DONE]:
+        # Side by side as now.
+        together = max(1, counts[RUNNING])
+        total = None if None in left else sum(filter(None, left)) / together
+        tally += f"; {_duration(total)} of training left with {together} at a time"
+    else:
+        tally += "; nothing left to do"
+    lines.append(tally)
     lines += [f"{one.state}: {one.place}: {one.error}" for one in found if one.error]
     return "\n".join([*lines, *(f"left out: {one}" for one in study.left_out)])
 
 
-def time_left(found: list[Standing]) -> str:
-    """The work left, one run after the other and side by side as now."""
-    open_ = [one for one in found if one.state != DONE]
-    if not open_:
-        return "nothing left to do"
-    side_by_side = max(1, sum(one.state == RUNNING for one in open_))
-    known = [one.left for one in open_ if one.left is not None]
-    total = sum(known) / side_by_side if len(known) == len(open_) else None
-    return f"{duration(total)} of training left with {side_by_side} at a time"
-
-
-def duration(seconds: float | None) -> str:
+def _duration(seconds: float | None) -> str:
     """Seconds as ``2 h 05 min``."""
     if seconds is None:
         return "unknown"
-    minutes = round(seconds / 60)
-    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
 
 
 def _last_sign(run: Record) -> float:

@@ -33,6 +33,10 @@ TO_SOON = f"M steps to {100 * _SOON:.0f} %"
 _SEVERITY = 3
 """Of disturbances that are summed up: what a lab or an operating room shows."""
 
+_AGREEMENT = (
+    *("tau-b", "p of tau-b", "rho", "p of rho", "best found", "worst found", "regret", "Brier"),
+)
+
 Row = dict[str, str]
 """Cells by heading."""
 
@@ -171,16 +175,16 @@ def agreements(findings: StudyFindings) -> Table:
             for members, scores in one.lists.items():
                 row = who | {"list": names.get(members) or ", ".join(sorted(members))}
                 if missing := len(members - set(values)):
-                    remark = f"{missing} of {len(members)} not measured"
-                    rows += (
-                        [row | agreed(None, remark) | {"Brier": ""}] if truth == MEASURED else []
-                    )
+                    if truth == MEASURED:
+                        empty = dict.fromkeys(_AGREEMENT, "")
+                        said = {"regret": f"{missing} of {len(members)} not measured"}
+                        rows.append(row | empty | said)
                     continue
                 both.append((scores, values))
-                brier = written(one.brier(members, values))
-                rows.append(row | agreed(agreement(scores, values)) | {"Brier": brier})
+                brier = {"Brier": written(one.brier(members, values))}
+                rows.append(row | _agreed(agreement(scores, values)) | brier)
             if len(both) > 1:
-                rows.append(who | {"list": "all lists"} | agreed(pooled(both)) | {"Brier": ""})
+                rows.append(who | {"list": "all lists"} | _agreed(pooled(both)))
     note = (
         "Two-sided permutation p-values. Regret: the return lost by taking the predicted best. All"
         " lists: means, with p by orders drawn for each list by itself. Brier: mean squared error"
@@ -189,14 +193,10 @@ def agreements(findings: StudyFindings) -> Table:
     return Table.of("agreement", "Agreement of predictions", rows, note)
 
 
-def agreed(found: Agreement | None, remark: str = "") -> Row:
-    """The columns of an agreement; without one, a remark in its place."""
-    names = ("tau-b", "p of tau-b", "rho", "p of rho", "best found", "worst found", "regret")
-    if found is None:
-        return dict.fromkeys(names, "") | {"regret": remark}
+def _agreed(found: Agreement) -> Row:
     hits = found.top_hits, found.bottom_hits
     told = [
         f"{one} of {found.lists}" if found.lists > 1 else "yes" if one else "no" for one in hits
     ]
     numbers = (written(found.tau), p_value(found.tau_p), written(found.rho), p_value(found.rho_p))
-    return dict(zip(names, (*numbers, *told, written(found.regret)), strict=True))
+    return dict(zip(_AGREEMENT, (*numbers, *told, written(found.regret), ""), strict=True))

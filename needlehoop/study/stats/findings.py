@@ -81,10 +81,6 @@ class StudyFindings:
         return self.study.folder.resolve().name
 
     @property
-    def left_out(self) -> Sequence[str]:
-        return self.study.left_out
-
-    @property
     def main_reward(self) -> str:
         """The reward under which cameras are compared: the human one, or the commonest."""
         rewards = [result.reward for result in self.results]
@@ -135,11 +131,7 @@ class StudyFindings:
 
 
 def study_findings(folder: Path) -> StudyFindings:
-    """What the runs under a study's folder say.
-
-    Raises:
-        ValueError: no such folder.
-    """
+    """What the runs under a study's folder say."""
     study, answers = read_study(folder), read_answers(folder / VLM)
     papers = study.is_of(paper.task()) and any(
         run.place.cameras in paper.measured() for run in study.runs

@@ -59,14 +59,12 @@ def recorded_answers() -> list[Answers]:
 def predictions(
     own: Answers | None, folder: Path, lists: Sequence[Iterable[str]], papers: bool
 ) -> list[Prediction]:
-    """Every prediction that is there, in the order of the columns that show them.
+    """Every prediction of the study in ``folder``, in the order of the columns that show them.
 
     Args:
         own: of the study's own model.
-        folder: of the study that is to be foretold. The probe and short trainings lie beside it.
         lists: to cut scores of single sets into.
-        papers: whether it has the paper's task and camera sets, which all but its own model
-            speak of.
+        papers: whether it has the paper's task and camera sets, which all others speak of.
     """
     found = [said(paper.SOURCE, paper.answers())] if papers else []
     for told in recorded_answers() if papers else ():
@@ -104,8 +102,7 @@ def scored(
 ) -> Prediction:
     """Scores of single sets, list by list; higher is better.
 
-    Args:
-        whole: leave out a list if one of its camera sets has no score; otherwise leave out the set.
+    Where one of a list's sets has no score, the list is left out, or if not ``whole`` the set.
     """
     known = set(scores)
     chosen = [m for m in map(frozenset, lists) if (m <= known if whole else m & known)]

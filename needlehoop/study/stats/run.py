@@ -40,11 +40,6 @@ class Final:
     episodes: int
     finished: bool
 
-    @property
-    def success(self) -> float:
-        """Share of episodes that end with the task done."""
-        return self.shares[SUCCESS]
-
 
 def final(run: Record) -> Final | None:
     """A run's final value; ``None`` where nothing has been evaluated.
