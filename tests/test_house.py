@@ -30,6 +30,7 @@ FLOORS = (
     "demonstrations",
     "api",
     "training",
+    "studio",
     "cli",
 )
 """Packages, from the ground up; each may import those before it."""

@@ -13,11 +13,11 @@ import sys
 from collections.abc import Sequence
 
 import needlehoop
-from needlehoop.cli import fly, look, measure, study, vlm
+from needlehoop.cli import fly, look, measure, studio, study, vlm
 from needlehoop.cli.command import COMMANDS
 from needlehoop.runs.reading import printable
 
-_FILES = [file.__name__ for file in (look, fly, measure, vlm, study)]
+_FILES = [file.__name__ for file in (look, studio, fly, measure, vlm, study)]
 """Where commands are, in the order of the help."""
 
 

@@ -28,7 +28,7 @@ from needlehoop.runs.files import seen
 from needlehoop.runs.machine import available_cpus
 
 
-def probe(plan: Plan, folder: Folder) -> None:
+def probe(plan: Plan, folder: Folder, progress: Callable[..., Any] = tqdm) -> None:
     """Measure every camera set of a plan that its folder lacks, and the baselines.
 
     Raises:
@@ -43,7 +43,7 @@ def probe(plan: Plan, folder: Folder) -> None:
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
     try:
-        with tqdm(total=total, unit="update", dynamic_ncols=True) as bar:
+        with progress(total=total, unit="update", dynamic_ncols=True) as bar:
             for seed, lacking in todo.items():
                 _probe_seed(plan, folder, seed, lacking, bar)
     finally:
