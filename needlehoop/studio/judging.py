@@ -6,6 +6,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,16 +59,18 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
     asked = dict.fromkeys(own.views, Channels(False, False, True))
     # Scene 0 is whole; in scene k there is nothing but thing k.
     camera = Rasteriser(model, 1 + len(paint), asked, own.image_size, 1)
-    counts = []
+    counts: list[Any] = []
     for _ in rollout(simulation, controller("expert", own)):
         data = simulation.engine.data(0)
         fields = {name: np.repeat(getattr(data, name)[None], 1 + len(paint), 0) for name in FIELDS}
         for k in numbers:
             fields["geom_xpos"][k, part != k] = _AWAY
-        frames = camera.render(fields)
-        counts.append([_counts(thing_of[_geoms(frames[v]) + 1], numbers) for v in asked])
-    # By view, whether alone, and thing.
-    pixels, alone = np.mean(counts, 0).transpose(1, 0, 2)
+        labels = [thing_of[_geoms(frame) + 1] for frame in camera.render(fields).values()]
+        counts.append(
+            [[((own[0] == k).sum(), (own[k] == k).sum()) for k in numbers] for own in labels]
+        )
+    # By view and thing.
+    pixels, alone = np.moveaxis(np.mean(counts, 0), -1, 0)
     with np.errstate(invalid="ignore"):
         hidden = 1.0 - pixels / alone
     return {
@@ -81,23 +84,11 @@ def _geoms(frame: Frame) -> np.ndarray:
     return frame.geom.numpy()
 
 
-def _counts(labels: np.ndarray, numbers: range) -> tuple[list[int], list[int]]:
-    """Pixels of each thing in the whole scene, and alone; ``labels`` ``(1 + things, h, w)``."""
-    whole = [int((labels[0] == k).sum()) for k in numbers]
-    return whole, [int((labels[k] == k).sum()) for k in numbers]
-
-
-class Progress:
+class _Bar:
     """Stands in for tqdm's bar; ``told`` gets the share that is done, and may raise to stop."""
 
     def __init__(self, total: int, told: Callable[[float], None]):
         self._total, self._done, self._told = total, 0, told
-
-    def __enter__(self) -> Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
     def update(self) -> None:
         """One more is done."""
@@ -105,7 +96,7 @@ class Progress:
         self._told(self._done / self._total)
 
     def set_description(self, _: str) -> None:
-        """Nothing new, but a time to stop; the page shows no words."""
+        """Nothing more is done, but it is a time to stop."""
         self._told(self._done / self._total)
 
 
@@ -126,17 +117,16 @@ def probe_scores(
     plain = replace(settings, cams=(), disturb=Disturb())
     given = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
     given["heads"] = value(values, "algo", PpoConfig).network
+    plan = as_type(given, Plan)
     with tempfile.TemporaryDirectory() as place:
-        plan = as_type(given, Plan)
-        noted = {"fit": values["fit"]}
-        folder = Folder(Path(place), quantities(settings.definition), noted, False)
-        measuring.probe(plan, folder, lambda total, **_: Progress(total, told))
+        folder = Folder(Path(place), quantities(settings.definition), {}, False)
+        measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, told)))
         results = folder.results(plan.seeds)
     return {name: results.score(name).value for name in results.ranked}
 
 
 def ranking_question(
-    settings: Settings, cams: tuple[str, ...], results: str, size: int, model: str
+    settings: Settings, cams: tuple[str, ...], results: str
 ) -> tuple[Path, list[str]]:
     """Write the question that asks a model to rank cameras, as ``vlm=manual`` does.
 
@@ -144,8 +134,6 @@ def ranking_question(
 
     Args:
         results: folder below which the question is kept. The same cameras have the same place.
-        size: of the pictures, px.
-        model: who answers, for the record.
 
     Returns:
         The question's folder, and the cameras from best to worst; none while there is no answer.
@@ -157,12 +145,13 @@ def ranking_question(
         raise ValueError("cams: there is nothing to rank; show two views or more")
     own = replace(settings, num_envs=1, cams=(), disturb=Disturb())
     stands = {name: view.given for name, view in own.views.items()}
-    told = json.dumps([cams, stands, own.task.name, own.seed, str(own.task)], sort_keys=True)
+    told = json.dumps([cams, stands, own.seed, str(own.task)], sort_keys=True)
     study = f"studio_{hashlib.sha256(told.encode()).hexdigest()[:12]}"
-    config = InquiryConfig(results, study, size, attempts=1, overwrite=False)
-    values = composing.compose((), "vlm_rank")
+    values = composing.compose((), "vlm_rank") | {"results": results, "study": study}
+    config = as_type(values, InquiryConfig)
     lists = as_type({**values, "sets": (cams,), "group": max(5, len(cams))}, Lists)
-    with Inquiry(own, config, ManualConfig("manual", model, wait=0.0, poll=0.05)) as inquiry:
+    manual = ManualConfig("manual", "a person", wait=0.0, poll=0.05)
+    with Inquiry(own, config, manual) as inquiry:
         try:
             found = inquiry.rank(as_type(values, Questions), lists)
         except UnansweredError:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +21,9 @@ from needlehoop.runs.files import EVALUATIONS
 from needlehoop.runs.reading import TABLE, read_text
 from needlehoop.scene.cameras import View, pose_of
 from needlehoop.studio import judging, placing
-from needlehoop.studio.players import BY_HAND, has_sliders
+from needlehoop.studio.players import BY_HAND, Hand, has_sliders
 from needlehoop.studio.stage import Stage
 from needlehoop.studio.world import Frame, World
-
-_NONE = "none"
 
 _CURVES = ("success", "return")
 """Columns of a run's evaluations that are drawn."""
@@ -34,22 +31,18 @@ _CURVES = ("success", "return")
 
 @dataclass(frozen=True)
 class Source:
-    """Where the page's scene came from, and where its files go."""
+    """Where the scene comes from, and where files go."""
 
     layouts: Mapping[str, Callable[[], Settings]]
-    """The task's variants by name, the first as it is shown first; composed when chosen."""
+    """Variants of the task by name, the first as it is shown first; composed when chosen."""
     words: Sequence[str]
-    """Settings that a training needs as well."""
+    """Settings that a training with a saved camera needs as well."""
     conf_dir: str
     """Where views are saved."""
     results: str
     """Where questions to a model are kept."""
     run: Path | None
     """A run's folder, whose curves are shown."""
-    model: str = "a model"
-    """Who answers questions, for the record."""
-    size: int = 384
-    """Pixels of the pictures in questions."""
 
 
 class StoppedError(Exception):
@@ -64,48 +57,64 @@ class Page:
     """
 
     def __init__(self, world: World, source: Source, host: str, port: int):
-        self._world, self._source = world, source
-        self._own = threading.local()
-        self._judging, self._closed = threading.Lock(), threading.Event()
+        self.world, self._source = world, source
+        self._own, self._judging = threading.local(), threading.Lock()
+        self._is_closed = False
         settings = world.wish.settings
         self._focus = {name: view.focus for name, view in settings.views.items()}
-        self._pictures: dict[str, viser.GuiImageHandle] = {}
         self._server = viser.ViserServer(host, port, label="needlehoop studio", verbose=False)
-        self.address = f"http://{host}:{self._server.get_port()}"
+        self._stage = Stage(self._server.scene, self.choose, self._dragged)
+        self._server.initial_camera.look_at = centre = np.asarray(settings.picture.focus)
+        self._server.initial_camera.position = centre + np.array((-0.35, -0.65, 0.4))
         gui = self._server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        self._stage = Stage(self._server.scene, self.choose, self._dragged)
-        centre = np.asarray(settings.picture.focus)
-        self._server.initial_camera.position = centre + np.array((-0.35, -0.65, 0.4))
-        self._server.initial_camera.look_at = centre
-        with self._add_images(settings):
-            self._add_pictures(settings)
+        left = gui.add_panel()
+        left.dock_left()
+        left.set_width(460)
+        with left.add_tab("What the cameras see"):
+            self._add_pictures(gui, settings)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Camera"):
-            self._add_camera(settings)
+            self._add_camera(gui, settings)
         with tabs.add_tab("Arm"):
-            self._add_player(settings)
+            self._add_arm(gui, settings)
         with tabs.add_tab("Judge"):
-            self._add_judges()
+            self._add_judges(gui)
         if source.run is not None:
             with tabs.add_tab("Run"):
-                self._add_curves(source.run)
-        self._fill(self._view)
+                _add_curves(gui, source.run)
+        self._fill()
 
     def run(self, period: float) -> None:
         """Let the world go on, a step every ``period`` s at most, until it is interrupted."""
         while True:
             due = time.monotonic() + period
-            frame = self._world.tick()
+            frame = self.world.tick()
             if frame is not None:
                 self.show(frame)
             time.sleep(max(0.0, due - time.monotonic()))
 
     def close(self) -> None:
         """End the server, and what it is judging."""
-        self._closed.set()
+        self._is_closed = True
         self._server.stop()
+
+    def show(self, frame: Frame) -> None:
+        """Show a moment in every tab."""
+        wish = frame.wish
+        with self._server.atomic(), self._silent():
+            self._stage.show(frame.model, frame.position, frame.quaternion)
+            self._stage.place(wish.settings.views, wish.chosen)
+            for name, picture in frame.pictures.items():
+                self._pictures[name].image = picture
+            self._status.content = frame.status
+            self.play.label = "Pause" if wish.ahead else "Play"
+            self.player.value = wish.player
+            if frame.hand is not None and wish.player != BY_HAND:
+                where = (*(1e3 * x for x in frame.hand.tip), frame.hand.jaw)
+                for slider, value in zip(self.sliders, where, strict=True):
+                    slider.value = value
 
     @contextmanager
     def _silent(self) -> Iterator[None]:
@@ -119,7 +128,6 @@ class Page:
     def _on(self, handle: Any, does: Callable[[], object]) -> Any:
         """Do something when a handle is used; a mistake is told in the tab that made it."""
 
-        @wraps(does)
         def used(event: viser.GuiEvent) -> None:
             if getattr(self._own, "silent", False):
                 return
@@ -136,45 +144,40 @@ class Page:
         (handle.on_click if is_button else handle.on_update)(used)
         return handle
 
-    def _add_images(self, settings: Settings) -> Any:
-        panel = self._server.gui.add_panel()
-        panel.dock_left()
-        panel.set_width(460)
-        return panel.add_tab("What the cameras see")
+    # What the cameras see.
 
-    def _add_pictures(self, settings: Settings) -> None:
-        gui, world = self._server.gui, self._world
+    def _add_pictures(self, gui: viser.GuiApi, settings: Settings) -> None:
+        world = self.world
         kinds = tuple(settings.renderings)
-        rendering = gui.add_dropdown("rendering", kinds, initial_value=world.wish.rendering)
-        self._on(rendering, lambda: world.want(rendering=rendering.value))
-        axis = gui.add_dropdown("disturbance", (_NONE, *AXES))
-        severity = gui.add_slider("severity", 0, 5, 1, 3)
-
-        def disturb() -> None:
-            meaning = AXES[axis.value].meaning if axis.value in AXES else ""
-            self._meaning.content = meaning
-            world.disturb(axis.value, severity.value)
-
-        self._on(axis, disturb)
-        self._on(severity, disturb)
+        self.rendering = gui.add_dropdown("rendering", kinds, initial_value=world.wish.rendering)
+        self._on(self.rendering, lambda: world.want(rendering=self.rendering.value))
+        self.axis = self._on(gui.add_dropdown("disturbance", ("none", *AXES)), self._disturb)
+        self.severity = self._on(gui.add_slider("severity", 0, 5, 1, 3), self._disturb)
         self._meaning = gui.add_markdown("")
-        self.rendering, self.axis, self.severity = rendering, axis, severity
-        for name in settings.views:
-            label = f"{name}: the agent's {settings.image_size} px, and {world.size} px"
-            blank = np.zeros((8, 16, 3), np.uint8)
-            self._pictures[name] = gui.add_image(blank, label=label, jpeg_quality=95)
+        sizes = f"the agent's {settings.image_size} px, and {world.size} px"
+        blank = np.zeros((8, 16, 3), np.uint8)
+        self._pictures = {
+            name: gui.add_image(blank, label=f"{name}: {sizes}", jpeg_quality=95)
+            for name in settings.views
+        }
 
-    def _add_camera(self, settings: Settings) -> None:
-        gui = self._server.gui
+    def _disturb(self) -> None:
+        axis = AXES.get(self.axis.value)
+        self._meaning.content = axis.meaning if axis else ""
+        self.world.disturb(self.axis.value, self.severity.value)
+
+    # Cameras.
+
+    def _add_camera(self, gui: viser.GuiApi, settings: Settings) -> None:
         self.view = gui.add_dropdown("camera", tuple(settings.views))
         self._on(self.view, lambda: self.choose(self.view.value))
         self.position = gui.add_vector3("position, m", (0.0, 0.0, 0.0), step=0.001)
-        self._on(self.position, self._placed)
-        self.fovy = gui.add_slider("field of view, °", 1.0, 150.0, 0.1, 20.0)
-        self.near = gui.add_number("near depth, m", 0.1, min=0.001, step=0.005)
-        self.far = gui.add_number("far depth, m", 1.0, min=0.002, step=0.005)
-        for handle in (self.fovy, self.near, self.far):
-            self._on(handle, self._changed)
+        self._on(self.position, self._moved)
+        self.fovy = self._on(gui.add_slider("field of view, °", 1.0, 150.0, 0.1, 20.0), self._seen)
+        self.near = self._on(
+            gui.add_number("near depth, m", 0.1, min=0.001, step=0.005), self._seen
+        )
+        self.far = self._on(gui.add_number("far depth, m", 1.0, min=0.002, step=0.005), self._seen)
         self.aim = self._on(gui.add_button("Aim at the middle"), self._aim)
         with gui.add_folder("Save"):
             self.name = gui.add_text("name", "my_view")
@@ -183,177 +186,154 @@ class Page:
             self._on(gui.add_button("Save view"), self.save)
             self._saved = gui.add_markdown("")
 
-    def _add_player(self, settings: Settings) -> None:
-        gui, world, source = self._server.gui, self._world, self._source
-        self.layout = gui.add_dropdown("layout", tuple(source.layouts))
-        self._on(self.layout, self._lay_out)
-        self.seed = gui.add_number("episode seed", settings.seed, min=0, step=1)
-        self._on(self.seed, lambda: world.set(seed=int(self.seed.value)))
-        who = (*([BY_HAND] if has_sliders(settings) else []), *world.players)
-        self.player = gui.add_dropdown("who acts", who, initial_value=world.wish.player)
-        self._on(self.player, lambda: world.want(player=self.player.value, hand=None))
-        self.play = gui.add_button("Play")
-        self._on(self.play, lambda: world.play(not world.wish.playing))
-        self._on(gui.add_button("Step"), world.step)
-        self._on(gui.add_button("Restart"), world.restart)
-        self._status = gui.add_markdown("")
-        self.sliders: list[Any] = []
-        if has_sliders(settings):
-            task: Any = settings.task
-            ends = zip("xyz", task.workspace_lower, task.workspace_upper, strict=True)
-            for axis, low, high in ends:
-                low, high = 1e3 * low, 1e3 * high
-                self.sliders.append(gui.add_slider(f"tip {axis}, mm", low, high, 0.1, low))
-            jaw = task.jaw_closed, task.jaw_open
-            self.sliders.append(gui.add_slider("jaw, rad", *jaw, 0.01, jaw[0]))
-            for slider in self.sliders:
-                self._on(slider, self._reach)
-
-    def _add_judges(self) -> None:
-        gui = self._server.gui
-        gui.add_markdown("Of the cameras on this page, in the chosen rendering:")
-        self._on(gui.add_button("Count pixels"), self.count_pixels)
-        self.pixels = gui.add_markdown("")
-        self._on(gui.add_button("Probe (minutes)"), self.probe)
-        self.progress = gui.add_progress_bar(0.0)
-        self.scores = gui.add_markdown("")
-        self._on(gui.add_button("Ask a model"), self.ask)
-        self.question = gui.add_markdown("")
-
-    def _add_curves(self, run: Path) -> None:
-        path = run / EVALUATIONS
-        rows = [*csv.DictReader(read_text(path, TABLE).splitlines())] if path.exists() else []
-        if not rows:
-            self._server.gui.add_markdown(f"{run} has no evaluations yet.")
-        for name in _CURVES if rows else ():
-            data = [np.array([float(row[key] or "nan") for row in rows]) for key in ("step", name)]
-            series = (uplot.Series(label="step"), uplot.Series(label=name, stroke="#c85010"))
-            plain = {"x": uplot.Scale(time=False)}
-            self._server.gui.add_uplot((*data,), series, title=name, scales=plain, aspect=1.8)
-
-    def show(self, frame: Frame) -> None:
-        """Show a moment in every tab."""
-        with self._server.atomic(), self._silent():
-            self._stage.show(frame.model, frame.position, frame.quaternion)
-            self._stage.place(frame.wish.settings.views, frame.wish.chosen)
-            for name, picture in frame.pictures.items():
-                self._pictures[name].image = picture
-            self._status.content = frame.status
-            self.play.label = "Pause" if frame.wish.playing else "Play"
-            self.player.value = frame.wish.player
-            if frame.hand is not None and frame.wish.player != BY_HAND:
-                where = (*(1e3 * x for x in frame.hand.tip), frame.hand.jaw)
-                for slider, value in zip(self.sliders, where, strict=True):
-                    slider.value = value
-
-    # Cameras.
+    @property
+    def _view(self) -> View:
+        return self.world.wish.settings.views[self.world.wish.chosen]
 
     def choose(self, name: str) -> None:
         """Choose the camera that the panel and the handle move."""
-        self._world.want(chosen=name)
-        self._fill(self._view)
+        self.world.want(chosen=name)
+        self._fill()
 
-    def _fill(self, view: View) -> None:
-        """Show a view's numbers."""
+    def _fill(self) -> None:
+        """Show the numbers of the chosen camera."""
+        view = self._view
         with self._silent():
-            self.view.value = self._chosen
+            self.view.value = self.world.wish.chosen
             self.position.value = tuple(pose_of(view)[0].tolist())
             self.fovy.value, self.near.value, self.far.value = view.fovy, view.near, view.far
 
-    @property
-    def _chosen(self) -> str:
-        return self._world.wish.chosen
-
-    @property
-    def _view(self) -> View:
-        return self._world.wish.settings.views[self._chosen]
-
     def _put(self, view: View) -> None:
-        self._world.place(self._chosen, view)
-        self._fill(view)
+        self.world.place(self.world.wish.chosen, view)
+        self._fill()
 
     def _dragged(self, position: np.ndarray, quaternion: np.ndarray) -> None:
-        self._put(placing.posed(self._view, position.tolist(), quaternion.tolist()))
+        self._put(placing.posed(self._view, position, quaternion))
 
-    def _placed(self) -> None:
-        self._put(placing.posed(self._view, self.position.value, pose_of(self._view)[1].tolist()))
+    def _moved(self) -> None:
+        self._dragged(np.array(self.position.value), pose_of(self._view)[1])
 
-    def _changed(self) -> None:
+    def _seen(self) -> None:
         values = {key: getattr(self, key).value for key in ("fovy", "near", "far")}
         self._put(replace(self._view, **values))
 
     def _aim(self) -> None:
-        self._put(placing.aimed(self._view, self._focus[self._chosen]))
+        self._put(placing.aimed(self._view, self._focus[self.world.wish.chosen]))
 
     def save(self) -> None:
         """Write the chosen view into the user's config folder, and say how to train with it."""
         name, folder = self.name.value, self.folder.value
         path = placing.save(self._view, name, folder, self.overwrite.value)
-        camera = f"{self._world.wish.rendering}_{name}"
-        said = placing.train_command(folder, camera, self._source.words)
+        camera = f"cams={self.world.wish.rendering}_{name}"
+        said = " ".join(("python train.py", f"conf_dir={folder}", camera, *self._source.words))
         self._saved.content = f"Written: `{path}`\n\n```\n{said}\n```"
         print(f"{path}\n{said}", flush=True)
 
-    # The arm.
+    # The arm, and who moves it.
+
+    def _add_arm(self, gui: viser.GuiApi, settings: Settings) -> None:
+        world = self.world
+        self.layout = gui.add_dropdown("layout", tuple(self._source.layouts))
+        self._on(self.layout, self._lay_out)
+        self.seed = gui.add_number("episode seed", settings.seed, min=0, step=1)
+        self._on(self.seed, lambda: world.set(seed=int(self.seed.value)))
+        has_arm = has_sliders(settings)
+        who = (*([BY_HAND] if has_arm else []), *world.players)
+        self.player = gui.add_dropdown("who acts", who, initial_value=world.wish.player)
+        self._on(self.player, lambda: world.want(player=self.player.value, hand=None))
+        self.play = self._on(gui.add_button("Play"), lambda: world.play(not world.wish.ahead))
+        self._on(gui.add_button("Step"), world.step)
+        self._on(gui.add_button("Restart"), world.restart)
+        self._status = gui.add_markdown("")
+        self.sliders: list[Any] = []
+        if not has_arm:
+            return
+        task: Any = settings.task
+        for axis, low, high in zip("xyz", task.workspace_lower, task.workspace_upper, strict=True):
+            slider = gui.add_slider(f"tip {axis}, mm", 1e3 * low, 1e3 * high, 0.1, 1e3 * low)
+            self.sliders.append(self._on(slider, self._reach))
+        jaw = gui.add_slider("jaw, rad", task.jaw_closed, task.jaw_open, 0.01, task.jaw_open)
+        self.sliders.append(self._on(jaw, self._reach))
 
     def _lay_out(self) -> None:
-        found = self._source.layouts[self.layout.value]()
-        self._world.set(task=found.task)
+        self.world.set(task=self._source.layouts[self.layout.value]().task)
 
     def _reach(self) -> None:
         x, y, z, jaw = (slider.value for slider in self.sliders)
-        self._world.reach((x / 1e3, y / 1e3, z / 1e3), jaw)
+        self.world.reach(Hand((x / 1e3, y / 1e3, z / 1e3), jaw))
 
     # Judging.
 
-    @property
-    def _shown(self) -> tuple[Settings, tuple[str, ...]]:
-        wish = self._world.wish
-        return wish.settings, tuple(f"{wish.rendering}_{view}" for view in wish.settings.views)
+    def _add_judges(self, gui: viser.GuiApi) -> None:
+        gui.add_markdown("Of the cameras on this page, in the chosen rendering:")
+        self._on(gui.add_button("Count pixels"), self.count_pixels)
+        self.pixels = gui.add_markdown("")
+        self._on(gui.add_button("Probe (minutes)"), self.probe)
+        self._progress = gui.add_progress_bar(0.0)
+        self._scores = gui.add_markdown("")
+        self._on(gui.add_button("Ask a model"), self.ask)
+        self._question = gui.add_markdown("")
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """One judge at a time: each takes all processors."""
+    def _judged(self) -> Iterator[tuple[Settings, tuple[str, ...]]]:
+        """The scene and its cameras, for one judge at a time: each takes all processors."""
         if not self._judging.acquire(blocking=False):
             raise ValueError("the page is judging already; wait for that")
+        wish = self.world.wish
         try:
-            yield
+            yield wish.settings, tuple(f"{wish.rendering}_{v}" for v in wish.settings.views)
         finally:
             self._judging.release()
 
     def count_pixels(self) -> None:
         """Show pixels and share hidden of each thing, by view."""
-        with self._alone():
-            found = judging.visibility(self._shown[0])
-        lines = ["| camera | thing | pixels | hidden |", "|---|---|---|---|"]
-        for view, own in found.items():
-            for thing, seen in own.items():
-                hidden = "–" if np.isnan(seen.hidden) else f"{seen.hidden:.0%}"
-                lines.append(f"| {view} | {thing} | {seen.pixels:.0f} | {hidden} |")
-        self.pixels.content = "\n".join(lines)
+        with self._judged() as (settings, _):
+            found = judging.visibility(settings)
+        rows = [
+            (view, thing, f"{n:.0f}", "–" if np.isnan(hidden) else f"{hidden:.0%}")
+            for view, own in found.items()
+            for thing, (n, hidden) in own.items()
+        ]
+        self.pixels.content = _table(("camera", "thing", "pixels", "hidden"), rows)
 
-    def probe(self, **changes: Any) -> None:
-        """Show the probe's scores; ``changes`` as for ``judging.probe_scores``."""
+    def probe(self) -> None:
+        """Show the probe's scores."""
 
         def told(share: float) -> None:
-            if self._closed.is_set():
+            if self._is_closed:
                 raise StoppedError
-            self.progress.value = 100.0 * share
+            self._progress.value = 100.0 * share
 
-        with self._alone():
-            scores = judging.probe_scores(*self._shown, told, **changes)
-        lines = [f"| {name} | {score:.3f} |" for name, score in scores.items()]
-        self.scores.content = "\n".join(["| cameras | score |", "|---|---|", *lines])
+        with self._judged() as shown:
+            scores = judging.probe_scores(*shown, told)
+        rows = [(name, f"{score:.3f}") for name, score in scores.items()]
+        self._scores.content = _table(("cameras", "score"), rows)
 
     def ask(self) -> None:
         """Write the question that ranks the cameras, or show the answer that lies beside it."""
-        own = self._source
-        with self._alone():
-            folder, order = judging.ranking_question(*self._shown, own.results, own.size, own.model)
-        if order:
-            self.question.content = " > ".join(order)
-        else:
-            self.question.content = (
-                f"Written below `{folder}/asked`. Give `request.md` and its pictures to a model,"
-                " save the answer there as `answer.md`, and click again."
-            )
+        with self._judged() as shown:
+            folder, order = judging.ranking_question(*shown, self._source.results)
+        self._question.content = " > ".join(order) or (
+            f"Written below `{folder}/asked`. Give `request.md` and its pictures to a model,"
+            " save the answer there as `answer.md`, and click again."
+        )
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _add_curves(gui: viser.GuiApi, run: Path) -> None:
+    """Draw what a run's evaluations say over its steps."""
+    path = run / EVALUATIONS
+    rows = [*csv.DictReader(read_text(path, TABLE).splitlines())] if path.exists() else []
+    if not rows:
+        gui.add_markdown(f"{run} has no evaluations yet.")
+        return
+    for name in _CURVES:
+        data = (np.array([float(row[key] or "nan") for row in rows]) for key in ("step", name))
+        series = (uplot.Series(label="step"), uplot.Series(label=name, stroke="#c85010"))
+        scales = {"x": uplot.Scale(time=False)}
+        gui.add_uplot((*data,), series, title=name, scales=scales, aspect=1.8)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,13 +19,13 @@ _DIGITS = 5
 """Of lengths in m and of directions: a hundredth of a millimetre."""
 
 
-def posed(view: View, position: Sequence[float], quaternion: Sequence[float]) -> View:
+def posed(view: View, position: np.ndarray, quaternion: np.ndarray) -> View:
     """A view somewhere else, with its angle, depths and body.
 
     ``position`` ``(3,)`` m and ``quaternion`` ``(4,)``, as ``pose_of`` gives them.
     """
     matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, float))
+    mujoco.mju_quat2Mat(matrix, quaternion)
     _, up, back = matrix.reshape(3, 3).T
     return _standing(view, position, -back, up)
 
@@ -34,28 +34,26 @@ def aimed(view: View, point: np.ndarray) -> View:
     """The same place, looking at a point ``(3,)``, m, in the frame of the view's body.
 
     In the room z is up in its image. On a body, or where it looks along z, up stays as it was.
+
+    Raises:
+        ValueError: the view stands in the point.
     """
     position, quaternion = pose_of(view)
     forward = point - position
     if not forward.any():
         raise ValueError("view: it stands in the point that it is to look at; move it first")
-    is_upright = view.body is None and np.abs(forward[:2]).max() > 1e-6
-    up = (
-        np.array([0.0, 0.0, 1.0])
-        if is_upright
-        else posed(view, position.tolist(), quaternion.tolist()).up
-    )
+    up = np.array((0.0, 0.0, 1.0))
+    if view.body is not None or np.abs(forward[:2]).max() < 1e-6:
+        up = np.asarray(posed(view, position, quaternion).up)
     return _standing(view, position, forward / np.linalg.norm(forward), up)
 
 
-def _standing(view: View, position: Iterable[float], forward: np.ndarray, up: object) -> View:
-    places = {"position": position, "forward": forward, "up": up}
-    rounded = {
-        key: tuple(round(float(x), _DIGITS) + 0.0 for x in value)  # pyright: ignore
-        for key, value in places.items()
-    }
-    nowhere = dict.fromkeys(("target", "azimuth", "elevation", "distance"))
-    return replace(view, **nowhere, roll=0.0, **rounded)  # pyright: ignore
+def _standing(view: View, position: np.ndarray, forward: np.ndarray, up: np.ndarray) -> View:
+    given: dict[str, Any] = dict.fromkeys(("target", "azimuth", "elevation", "distance"))
+    for key, value in (("position", position), ("forward", forward), ("up", up)):
+        # No -0.0 in a file.
+        given[key] = tuple((value.round(_DIGITS) + 0.0).tolist())
+    return replace(view, roll=0.0, **given)
 
 
 def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
@@ -82,9 +80,3 @@ def save(view: View, name: str, folder: str, overwrite: bool) -> Path:
     head = "# Placed with needlehoop studio.\n# Lengths in m, angles in degrees: docs/cameras.md.\n"
     write_whole(path, head + text)
     return path
-
-
-def train_command(folder: str, camera: str, words: Iterable[str]) -> str:
-    """What trains with a saved camera; ``words``: settings of the scene that were typed."""
-    more = "".join(f" {word}" for word in words)
-    return f"python train.py conf_dir={folder} cams={camera}{more}"

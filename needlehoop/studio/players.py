@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -24,27 +23,32 @@ from needlehoop.tasks.layout import ArmLayout, ToolEpisode
 
 BY_HAND, SHIPPED = "by hand", "shipped agent"
 
+_SENSES = ("cams", "image_size", "quality", "obs", "renderings")
+"""Settings that say what a policy sees."""
+
 
 class Player(NamedTuple):
     """Someone who acts."""
 
     make: MakeController
-    sees: Settings | None = None
-    """The environment that a policy was trained in; ``None``: it needs no images."""
+    sees: Mapping[str, Any] = {}
+    """What a policy sees, as settings; empty: it needs no images."""
 
 
-@dataclass(frozen=True)
-class Hand:
+class Hand(NamedTuple):
     """Where a person wants the arm: the tip in m, world frame, and the jaws' angle in rad."""
 
     tip: tuple[float, float, float]
     jaw: float
 
-    def act(self, simulation: Simulation) -> Tensor:
+    @staticmethod
+    def of(memory: Any) -> Hand:
+        """Where the arm's targets are, of a simulation's state."""
+        x, y, z = memory["target"][0].tolist()
+        return Hand((x, y, z), float(memory["jaw"]))
+
+    def act(self, rules: Any, memory: Any) -> Tensor:
         """The action ``(1, action_size)`` that brings the arm's targets nearer to this."""
-        rules, memory = simulation.episode, simulation.state
-        assert isinstance(rules, ToolEpisode)
-        assert memory is not None
         action = torch.zeros(1, rules.action_size, dtype=torch.float64)
         tip = torch.tensor([self.tip], dtype=torch.float64)
         action[:, :3] = (tip - memory["target"]) / rules.translation
@@ -57,42 +61,26 @@ def has_sliders(settings: Settings) -> bool:
     return isinstance(settings.task, ArmLayout) and isinstance(settings.episode, ToolEpisode)
 
 
-def hand_of(simulation: Simulation) -> Hand:
-    """Where the arm's targets are now."""
-    memory = simulation.state
-    assert memory is not None
-    x, y, z = memory["target"][0].tolist()
-    return Hand((x, y, z), float(memory["jaw"]))
-
-
 def players(
     settings: Settings, run: Path | None, trust: bool, device: torch.device
 ) -> dict[str, Player]:
-    """All that can act in an environment, by name; ``run`` is a run's folder.
+    """All that can act in an environment, by name.
 
-    Without a run, the task's shipped agent is among them, if there is one.
+    Those of the run in a folder, or without one the task's shipped agent if it fits.
     """
     found = {name: Player(by_name(name)) for name in controllers(settings)}
+    opened = Run.open(run or agent_of(settings.task.name), "run")
+    job, _ = flown_job(opened.config(), (), trust)
     if run is None:
-        folder = agent_of(settings.task.name)
-        job, _ = flown_job(Run.open(folder).config(), (), trust=False)
-        if _fits(job.env, settings):
-            found[SHIPPED] = _policy(Run.open(folder), job, "last", device)
-    else:
-        opened = Run.open(run, "run")
-        job, _ = flown_job(opened.config(), (), trust)
-        for which, file in POLICIES.items():
-            is_there = (run / file).exists() or (which == "last" and (run / CHECKPOINT).exists())
-            if is_there:
-                found[f"{which} policy"] = _policy(opened, job, which, device)
+        own = job.env
+        fits = own.task.name == settings.task.name
+        fits &= own.episode.control == settings.episode.control
+        fits &= {camera.view for camera in own.cameras} <= {*settings.views}
+        return found | ({SHIPPED: _policy(opened, job, "last", device)} if fits else {})
+    for which, file in POLICIES.items():
+        if (run / file).exists() or (which == "last" and (run / CHECKPOINT).exists()):
+            found[f"{which} policy"] = _policy(opened, job, which, device)
     return found
-
-
-def _fits(trained: Settings, settings: Settings) -> bool:
-    return (trained.task.name, trained.episode.control) == (
-        settings.task.name,
-        settings.episode.control,
-    )
 
 
 def _policy(run: Run, job: Job, which: str, device: torch.device) -> Player:
@@ -103,14 +91,4 @@ def _policy(run: Run, job: Job, which: str, device: torch.device) -> Player:
     def make(simulation: Simulation) -> Controller:
         return loaded()(simulation)
 
-    return Player(make, job.env)
-
-
-def seen_by(player: Player, settings: Settings) -> Settings | None:
-    """The page's scene with what a policy sees of it; errors as for ``Settings``."""
-    if player.sees is None:
-        return None
-    own = player.sees
-    names = ("cams", "image_size", "quality", "obs", "renderings")
-    seen: Mapping[str, object] = {name: getattr(own, name) for name in names}
-    return replace(settings, **seen)  # pyright: ignore
+    return Player(make, {name: getattr(job.env, name) for name in _SENSES})

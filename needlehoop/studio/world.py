@@ -6,6 +6,7 @@ wished for; nothing else touches the simulation.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,14 +15,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from needlehoop.disturbances.axes import Disturb, disturb_of
+from needlehoop.disturbances.axes import disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Moment, Simulation
 from needlehoop.pictures.stills import scaled
 from needlehoop.scene.cameras import View
-from needlehoop.studio.players import BY_HAND, Hand, Player, hand_of, has_sliders, seen_by
+from needlehoop.studio.players import BY_HAND, Hand, Player, has_sliders
 
 Levels = Mapping[str, Mapping[str, Sequence[float]]]
 """Amounts at severities 1, 2, … by axis, by group: ``conf/levels``."""
@@ -39,11 +40,21 @@ class Wish:
     """The view that is moved."""
     hand: Hand | None = None
     """Where a person wants the arm, if anywhere."""
-    playing: bool = False
-    steps: int = 0
-    """Single steps that are to be taken."""
+    ahead: float = 0.0
+    """Steps that are to be taken: infinitely many while somebody plays."""
     restarts: int = 0
     """How often the episode was begun again."""
+
+    @property
+    def scene(self) -> tuple[Any, ...]:
+        """What the simulations depend on."""
+        return self.settings, self.rendering, self.player, self.restarts
+
+    @property
+    def begun(self) -> tuple[Any, ...]:
+        """What the episode depends on, but for the disturbance."""
+        s = self.settings
+        return s.task, s.episode, s.seed, s.psm, self.restarts
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,6 @@ class Frame:
     """One moment, as it is shown."""
 
     model: mujoco.MjModel
-    """The scene; another object where it was built anew."""
     position: np.ndarray
     """Of the bodies ``(nbody, 3)``, m, world frame."""
     quaternion: np.ndarray
@@ -69,10 +79,8 @@ class World:
 
     Args:
         settings: the scene; its views are those of the page.
-        players: who can act, by name.
-        levels: amounts of disturbances.
+        players: who can act, by name; ``player`` does at first.
         rendering: what the cameras show at first.
-        player: who acts at first.
         size: pixels of the finer picture.
     """
 
@@ -90,176 +98,124 @@ class World:
         """Amounts at severities 1, 2, … by axis."""
         self._lock = threading.Lock()
         own = replace(settings, num_envs=1)
-        self._wish = Wish(own, rendering, player, next(iter(settings.views)))
+        self.wish = Wish(own, rendering, player, next(iter(settings.views)))
+        """The last wish."""
         self._done: Wish | None = None
         self._sims: list[Simulation] = []
         self._act: Controller | None = None
-        self._moment: Moment | None = None
-
-    @property
-    def wish(self) -> Wish:
-        """The last wish."""
-        return self._wish
+        self._moment: Any = None
 
     def want(self, **changes: Any) -> None:
         """Change the wish; keys are those of ``Wish``."""
         with self._lock:
-            self._wish = replace(self._wish, **changes)
+            self.wish = replace(self.wish, **changes)
 
     def set(self, **changes: Any) -> None:
         """Change settings of the scene; ``ValueError`` for one that is wrong."""
         with self._lock:
-            self._wish = replace(self._wish, settings=replace(self._wish.settings, **changes))
+            self.wish = replace(self.wish, settings=replace(self.wish.settings, **changes))
 
     def place(self, name: str, view: View) -> None:
         """Put a camera somewhere."""
-        with self._lock:
-            old = self._wish.settings
-            views = {**old.views, name: view}
-            self._wish = replace(self._wish, settings=replace(old, views=views))
+        self.set(views={**self.wish.settings.views, name: view})
 
     def disturb(self, axis: str, severity: int) -> None:
         """Let one thing go wrong, from now on; at severity 0, or of no known axis, nothing."""
-        row = self.ladder.get(axis, ())
-        amounts = {axis: row[severity - 1]} if row and severity else {}
-        self.set(disturb=disturb_of(amounts) if amounts else Disturb())
+        row = (0.0, *self.ladder.get(axis, ()))
+        amount = row[min(severity, len(row) - 1)]
+        self.set(disturb=disturb_of({axis: amount} if amount else {}))
 
-    def reach(self, tip: tuple[float, float, float], jaw: float) -> None:
+    def reach(self, hand: Hand) -> None:
         """Take over from the player, and bring the arm somewhere."""
-        self.want(player=BY_HAND, hand=Hand(tip, jaw), playing=True)
+        self.want(player=BY_HAND, hand=hand, ahead=math.inf)
 
     def play(self, on: bool) -> None:
         """Play or pause; an episode that is over begins again."""
-        if on and self._is_over() and self.wish.player != BY_HAND:
+        if on and self._is_over():
             self.restart()
-        self.want(playing=on)
+        self.want(ahead=math.inf if on else 0.0)
 
     def step(self) -> None:
-        """Pause, and take one step more."""
-        with self._lock:
-            self._wish = replace(self._wish, steps=self._wish.steps + 1, playing=False)
+        """Pause, and take one step more if the episode goes on."""
+        self.want(ahead=0.0 if self._is_over() else 1.0)
 
     def restart(self) -> None:
         """Begin the same episode again."""
-        with self._lock:
-            self._wish = replace(self._wish, restarts=self._wish.restarts + 1)
+        self.want(restarts=self.wish.restarts + 1)
 
     def tick(self) -> Frame | None:
-        """Do what was wished for, and one step if somebody plays; ``None``: nothing changed.
-
-        A wish that cannot be fulfilled is forgotten, and the status says why.
-        """
-        wish, before, error = self._wish, self._done, ""
-        if before is None or self._is_new(wish, before):
-            try:
-                self._build(wish, before)
-            except ValueError as wrong:
-                if before is None:
-                    raise
-                error = str(wrong)
-                with self._lock:
-                    wish = self._wish = replace(before, playing=False)
-        elif wish == before and not self._has_step(wish):
+        """Do what was wished for, and one step if some are ahead; ``None``: nothing changed."""
+        wish, before = self.wish, self._done
+        if wish == before and not wish.ahead:
             return None
-        if self._has_step(wish):
+        if before is None or wish.scene != before.scene:
+            self._build(wish, before)
+        if wish.ahead:
             wish = self._advance(wish)
         self._done = wish
-        return self._frame(wish, error or self._told())
-
-    @staticmethod
-    def _is_new(wish: Wish, before: Wish) -> bool:
-        """Whether the simulations have to be made again."""
-        keys = ("settings", "rendering", "player", "restarts")
-        return any(getattr(wish, key) != getattr(before, key) for key in keys)
-
-    @staticmethod
-    def _has_step(wish: Wish) -> bool:
-        return wish.playing or wish.steps > 0
+        return self._frame(wish)
 
     def _build(self, wish: Wish, before: Wish | None) -> None:
         """Make the simulations: two to look at, and one through which a policy sees.
 
         They take the same steps. The episode goes on where it was, unless it is another.
         """
-        settings = wish.settings
+        settings, player = wish.settings, self.players.get(wish.player)
         shown = replace(settings, cams=tuple(f"{wish.rendering}_{v}" for v in settings.views))
         own = [shown, replace(shown, image_size=self.size)]
-        player = self.players.get(wish.player)
-        seen = seen_by(player, settings) if player else None
-        simulations = [build(one) for one in (*own, *([seen] if seen else []))]
-        old = self._sims[0].snapshot() if before and _same_episode(wish, before) else None
-        for simulation in simulations:
-            moment = simulation.reset()
-            if old is not None:
-                # What goes wrong is new, so its own memory is that of a new episode.
-                wrong = {k: v for k, v in simulation.snapshot().items() if k == "disturbance"}
-                kept = {k: v for k, v in old.items() if k != "disturbance"}
-                simulation.restore({**kept, **wrong})
-                moment = simulation.look()
-            self._moment = moment
-        self._act = player.make(simulations[-1]) if player else None
-        self._sims = simulations
+        own += [replace(settings, **player.sees)] if player and player.sees else []
+        goes_on = before is not None and wish.begun == before.begun
+        old = self._sims[0].snapshot() if goes_on else {}
+        old.pop("disturbance", None)
+        self._sims = [build(one) for one in own]
+        for simulation in self._sims:
+            self._moment = simulation.reset()
+            if goes_on:
+                # What goes wrong is new: it begins here.
+                simulation.restore({**simulation.snapshot(), **old})
+                self._moment = simulation.look()
+        self._act = player.make(self._sims[-1]) if player else None
 
     def _advance(self, wish: Wish) -> Wish:
         """Take a step; returns the wish with that step done, and pauses where an episode ends."""
-        by_hand = wish.player == BY_HAND
-        if by_hand or not self._is_over():
-            assert self._moment is not None
-            if by_hand:
-                action = (wish.hand or hand_of(self._sims[0])).act(self._sims[0])
-            else:
-                assert self._act is not None
-                action = self._act(self._moment.signals)
-            self._moment, *_ = [simulation.step(action) for simulation in self._sims]
-        ends = self._is_over() and not by_hand
+        simulation = self._sims[0]
+        if self._act is None:
+            hand = wish.hand or Hand.of(simulation.state)
+            action = hand.act(simulation.episode, simulation.state)
+        else:
+            action = self._act(self._moment.signals)
+        self._moment, *_ = [simulation.step(action) for simulation in self._sims]
+        ahead = 0.0 if self._is_over() else max(0.0, wish.ahead - 1)
         with self._lock:
-            # Others may have wished for more meanwhile; that is done at the next tick.
-            done = {"steps": max(0, wish.steps - 1), "playing": wish.playing and not ends}
-            if self._wish == wish:
-                self._wish = replace(wish, **done)
-            elif ends:
-                self._wish = replace(self._wish, playing=False)
-        return replace(wish, **done)
+            # Somebody may have paused meanwhile.
+            if self.wish.ahead == wish.ahead:
+                self.wish = replace(self.wish, ahead=ahead)
+        return replace(wish, ahead=ahead)
 
     def _is_over(self) -> bool:
-        moment = self._moment
-        return moment is not None and bool(moment.terminated | moment.truncated)
+        """Whether the episode is. A person by hand may go on after its end."""
+        moment: Moment | None = self._moment
+        is_over = moment is not None and bool(moment.terminated | moment.truncated)
+        return is_over and self.wish.player != BY_HAND
 
-    def _frame(self, wish: Wish, status: str) -> Frame:
+    def _frame(self, wish: Wish) -> Frame:
         small, fine = self._sims[:2]
-        data = small.engine.data(0)
-        kind = wish.settings.renderings[wish.rendering]
-        images, finer = small.images(), fine.images()
+        data, kind = small.engine.data(0), wish.settings.renderings[wish.rendering]
+        seen = [simulation.images() for simulation in (small, fine)]
         pictures = {
             camera.view: np.hstack(
-                [
-                    np.asarray(scaled(shown[camera.name][0].numpy(), kind, self.size))
-                    for shown in (images, finer)
-                ]
+                [np.array(scaled(one[camera.name][0].numpy(), kind, self.size)) for one in seen]
             )
             for camera in small.settings.cameras
         }
+        facts = [name for name, fact in self._moment.facts.items() if bool(fact)]
+        step = f"step {int(self._moment.steps)} of {small.episode.max_steps}"
         return Frame(
             model=small.engine.model,
             position=data.xpos.copy(),
             quaternion=data.xquat.copy(),
             pictures=pictures,
-            status=status,
-            hand=hand_of(small) if has_sliders(wish.settings) else None,
+            status=f"{step}; {', '.join(facts) or 'no fact is true'}",
+            hand=Hand.of(small.state) if has_sliders(wish.settings) else None,
             wish=wish,
         )
-
-    def _told(self) -> str:
-        """The moment in words."""
-        moment = self._moment
-        assert moment is not None
-        facts = [name for name, fact in moment.facts.items() if bool(fact)]
-        limit = self._sims[0].episode.max_steps
-        return f"step {int(moment.steps)} of {limit}; {', '.join(facts) or 'no fact is true'}"
-
-
-def _same_episode(wish: Wish, before: Wish) -> bool:
-    """Whether an episode goes on: cameras, disturbance and player may be others."""
-    keys = ("task", "episode", "seed", "psm")
-    same = all(getattr(wish.settings, key) == getattr(before.settings, key) for key in keys)
-    return same and wish.restarts == before.restarts

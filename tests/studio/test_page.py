@@ -59,7 +59,7 @@ def test_handles_move_the_chosen_camera_and_save_it(page, capsys):
     page.position.value = (0.0, -0.3, 0.25)
     page.fovy.value = 30.0
     page.aim.value = True
-    view = page._world.wish.settings.views["side"]
+    view = page.world.wish.settings.views["side"]
     assert (view.position, view.fovy, view.azimuth) == ((0.0, -0.3, 0.25), 30.0, None)
     assert view.forward[1] > -view.forward[2] > 0.5
     page.rendering.value = "seg"
@@ -74,17 +74,17 @@ def test_handles_move_the_chosen_camera_and_save_it(page, capsys):
 
 
 def test_handles_show_the_world_and_do_not_answer_themselves(page):
-    world = page._world
+    world = page.world
     before = world.wish
-    page.show(world.tick() or world._frame(before, ""))
+    page.show(world._frame(before))
     assert world.wish == before
-    tip = world._frame(before, "").hand.tip
+    tip = world._frame(before).hand.tip
     np.testing.assert_allclose([1e3 * x for x in tip], [s.value for s in page.sliders[:3]])
     page.sliders[0].value += 4.0
     for _ in range(4):
         page.show(world.tick())
     assert page.player.value == "by hand"
-    np.testing.assert_allclose(world._frame(before, "").hand.tip[0], tip[0] + 4e-3, atol=1e-9)
+    np.testing.assert_allclose(world._frame(before).hand.tip[0], tip[0] + 4e-3, atol=1e-9)
     page.axis.value = "picture.blur"
     page.severity.value = 5
     assert world.wish.settings.disturb.picture == {"blur": world.ladder["picture.blur"][4]}
@@ -98,15 +98,15 @@ def test_pixels_are_counted_on_the_page(page):
 
 
 def test_a_closed_page_stops_its_probe(page):
-    page._closed.set()
+    page._is_closed = True
     with pytest.raises(StoppedError):
         page.probe()
 
 
 def test_a_frame_takes_little(page, settings):
     """Ten a second at 256 px leave most of two processors free."""
-    world = World(settings, page._world.players, {}, "rgb", SHIPPED)
-    page._world = world
+    world = World(settings, page.world.players, {}, "rgb", SHIPPED)
+    page.world = world
     page.show(world.tick())
     world.play(True)
     page.show(world.tick())
