@@ -69,6 +69,7 @@ class Page:
         gui = self._server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
+        gui.main_panel.set_width(360)
         left = gui.add_panel()
         left.dock_left()
         left.set_width(460)
@@ -133,9 +134,9 @@ class Page:
                 return
             try:
                 does()
-            except StoppedError:
-                return
-            except (ValueError, RuntimeError, OSError) as error:
+            except (StoppedError, ValueError, RuntimeError, OSError) as error:
+                if self._is_closed:
+                    return
                 if event.client is None:
                     raise
                 event.client.add_notification("That did not work", str(error), color="red")
@@ -171,13 +172,10 @@ class Page:
     def _add_camera(self, gui: viser.GuiApi, settings: Settings) -> None:
         self.view = gui.add_dropdown("camera", tuple(settings.views))
         self._on(self.view, lambda: self.choose(self.view.value))
-        self.position = gui.add_vector3("position, m", (0.0, 0.0, 0.0), step=0.001)
-        self._on(self.position, self._moved)
+        # In mm: a browser's field of viser's loses the sign of "-0" while "-0.3" is typed.
+        self.position = self._on(gui.add_vector3("position, mm", (0.0,) * 3, step=1.0), self._moved)
         self.fovy = self._on(gui.add_slider("field of view, °", 1.0, 150.0, 0.1, 20.0), self._seen)
-        self.near = self._on(
-            gui.add_number("near depth, m", 0.1, min=0.001, step=0.005), self._seen
-        )
-        self.far = self._on(gui.add_number("far depth, m", 1.0, min=0.002, step=0.005), self._seen)
+        self.depths = self._on(gui.add_vector2("depths, mm", (1.0, 2.0), step=5.0), self._seen)
         self.aim = self._on(gui.add_button("Aim at the middle"), self._aim)
         with gui.add_folder("Save"):
             self.name = gui.add_text("name", "my_view")
@@ -200,25 +198,31 @@ class Page:
         view = self._view
         with self._silent():
             self.view.value = self.world.wish.chosen
-            self.position.value = tuple(pose_of(view)[0].tolist())
-            self.fovy.value, self.near.value, self.far.value = view.fovy, view.near, view.far
+            x, y, z = (1e3 * pose_of(view)[0]).tolist()
+            self.position.value = x, y, z
+            self.fovy.value = view.fovy
+            self.depths.value = 1e3 * view.near, 1e3 * view.far
 
     def _put(self, view: View) -> None:
         self.world.place(self.world.wish.chosen, view)
-        self._fill()
 
     def _dragged(self, position: np.ndarray, quaternion: np.ndarray) -> None:
         self._put(placing.posed(self._view, position, quaternion))
+        self._fill()
 
     def _moved(self) -> None:
-        self._dragged(np.array(self.position.value), pose_of(self._view)[1])
+        place = np.array(self.position.value) / 1e3
+        self._put(placing.posed(self._view, place, pose_of(self._view)[1]))
 
     def _seen(self) -> None:
-        values = {key: getattr(self, key).value for key in ("fovy", "near", "far")}
-        self._put(replace(self._view, **values))
+        near, far = (depth / 1e3 for depth in self.depths.value)
+        # While somebody types, they may be out of order.
+        if 0 < near < far:
+            self._put(replace(self._view, fovy=self.fovy.value, near=near, far=far))
 
     def _aim(self) -> None:
         self._put(placing.aimed(self._view, self._focus[self.world.wish.chosen]))
+        self._fill()
 
     def save(self) -> None:
         """Write the chosen view into the user's config folder, and say how to train with it."""

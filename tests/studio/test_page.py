@@ -56,7 +56,7 @@ def page(settings, tiny_run, tmp_path):
 
 def test_handles_move_the_chosen_camera_and_save_it(page, capsys):
     page.view.value = "side"
-    page.position.value = (0.0, -0.3, 0.25)
+    page.position.value = (0.0, -300.0, 250.0)
     page.fovy.value = 30.0
     page.aim.value = True
     view = page.world.wish.settings.views["side"]
@@ -210,20 +210,20 @@ def test_a_camera_is_dragged_saved_and_trains(browser, studio):
     address, _, folder = studio
     browser.get(address)
     until(browser, "Judge")
-    height = fields(browser, "position, m")[2]
+    height = fields(browser, "position, mm")[2]
     before = float(height.get_attribute("value"))
     time.sleep(3)
     drag_up(browser)
-    WebDriverWait(browser, 30).until(lambda _: float(height.get_attribute("value")) > before + 0.01)
-    fill(fields(browser, "position, m")[0], "0.05")
+    WebDriverWait(browser, 30).until(lambda _: float(height.get_attribute("value")) > before + 10)
+    fill(fields(browser, "position, mm")[0], "-50")
     fill(fields(browser, "field of view, °")[-1], "22")
     click(browser, "Aim at the middle")
     fill(fields(browser, "name")[0], "clicked")
     click(browser, "Save view")
     until(browser, "cams=rgb_clicked")
     view = yaml.safe_load((folder / "mine/view/clicked.yaml").read_text())
-    assert (view["position"][0], view["fovy"]) == (0.05, 22.0)
-    assert view["position"][2] > before + 0.01
+    assert (view["position"][0], view["fovy"]) == (-0.05, 22.0)
+    assert view["position"][2] > before / 1e3 + 0.01
     words = [word for word in TINY if not word.startswith(("obs=", "steps="))]
     seen = ["image_size=16", "steps=8", f"results={folder}", f"conf_dir={folder / 'mine'}"]
     run_composed(composed("cams=rgb_clicked", *words, *seen))
