@@ -57,11 +57,11 @@ def studio(options: argparse.Namespace) -> None:
     settings = scene()
     _, folders = composing.prepare(words)
     who = players(settings, run, asked.trust, pick_device(asked.device))
-    trained = [name for name in who if name.endswith("policy")]
     named = [camera.rendering for camera in settings.cameras]
     plain = sorted(settings.renderings, key=lambda name: settings.renderings[name].depth != "none")
     rendering, *_ = *named, *plain
-    first, *_ = *trained, settings.definition.teacher
+    liked = ("last policy", "best policy", settings.definition.teacher, *who)
+    first = next(name for name in liked if name in who)
     world = World(settings, who, asked.levels, rendering, first, asked.size)
     names = variants(settings.task.name, [CONF, *folders])
     source = Source(

@@ -73,7 +73,7 @@ class Page:
         left = gui.add_panel()
         left.dock_left()
         left.set_width(460)
-        with left.add_tab("What the cameras see"):
+        with left.add_tab("Pictures"):
             self._add_pictures(gui, settings)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Camera"):
@@ -173,7 +173,8 @@ class Page:
         self.view = gui.add_dropdown("camera", tuple(settings.views))
         self._on(self.view, lambda: self.choose(self.view.value))
         # In mm: a browser's field of viser's loses the sign of "-0" while "-0.3" is typed.
-        self.position = self._on(gui.add_vector3("position, mm", (0.0,) * 3, step=1.0), self._moved)
+        origin = (0.0, 0.0, 0.0)
+        self.position = self._on(gui.add_vector3("position, mm", origin, step=1.0), self._moved)
         self.fovy = self._on(gui.add_slider("field of view, °", 1.0, 150.0, 0.1, 20.0), self._seen)
         self.depths = self._on(gui.add_vector2("depths, mm", (1.0, 2.0), step=5.0), self._seen)
         self.aim = self._on(gui.add_button("Aim at the middle"), self._aim)

@@ -10,7 +10,13 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from needlehoop.envs.controllers import Controller, MakeController, by_name, controllers
+from needlehoop.envs.controllers import (
+    Controller,
+    MakeController,
+    by_name,
+    controller,
+    controllers,
+)
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.learning.evaluate import acting, load_agent
@@ -68,7 +74,8 @@ def players(
 
     Those of the run in a folder, or without one the task's shipped agent if it fits.
     """
-    found = {name: Player(by_name(name)) for name in controllers(settings)}
+    names = [name for name in controllers(settings) if _drives(name, settings)]
+    found = {name: Player(by_name(name)) for name in names}
     opened = Run.open(run or agent_of(settings.task.name), "run")
     job, _ = flown_job(opened.config(), (), trust)
     if run is None:
@@ -81,6 +88,15 @@ def players(
         if (run / file).exists() or (which == "last" and (run / CHECKPOINT).exists()):
             found[f"{which} policy"] = _policy(opened, job, which, device)
     return found
+
+
+def _drives(name: str, settings: Settings) -> bool:
+    """Whether a scripted controller is made for this control mode."""
+    try:
+        controller(name, settings)
+    except ValueError:
+        return False
+    return True
 
 
 def _policy(run: Run, job: Job, which: str, device: torch.device) -> Player:

@@ -88,6 +88,10 @@ def test_handles_show_the_world_and_do_not_answer_themselves(page):
     page.axis.value = "picture.blur"
     page.severity.value = 5
     assert world.wish.settings.disturb.picture == {"blur": world.ladder["picture.blur"][4]}
+    page.layout.value, page.seed.value = "near", 5
+    near = compose_settings(["task=near"]).task
+    assert (world.wish.settings.task, world.wish.settings.seed) == (near, 5)
+    page.show(world.tick())
 
 
 def test_pixels_are_counted_on_the_page(page):
@@ -97,6 +101,7 @@ def test_pixels_are_counted_on_the_page(page):
     assert all(re.fullmatch(r"\| \w+ \| \w+ \| \d+ \| (\d+%|–) \|", row) for row in rows)
 
 
+@pytest.mark.full
 def test_a_closed_page_stops_its_probe(page):
     page._is_closed = True
     with pytest.raises(StoppedError):
