@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from viser import SceneApi, TransformControlsEvent, TransformControlsHandle
 
+from needlehoop.disturbances.optics import STRANGE
 from needlehoop.engines.rasteriser.solids import surface_of
 from needlehoop.scene.cameras import View, pose_of
 
@@ -69,6 +70,9 @@ class Stage:
         self._bodies = [self._scene.add_frame(name, show_axes=False) for name in names]
         self._poses = np.tile([0.0, 0, 0, 1, 0, 0, 0], (model.nbody, 1))
         for geom in np.flatnonzero(np.isin(model.geom_group, (0, 1))):
+            if model.geom(geom).name.startswith(STRANGE):
+                # Out of sight: only what cameras see is disturbed.
+                continue
             name = f"{names[model.geom_bodyid[geom]]}/geom_{geom}"
             material = model.geom_matid[geom]
             rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]

@@ -85,6 +85,8 @@ def test_handles_show_the_world_and_do_not_answer_themselves(page):
         page.show(world.tick())
     assert page.player.value == "by hand"
     np.testing.assert_allclose(world._frame(before).hand.tip[0], tip[0] + 4e-3, atol=1e-9)
+    page.axis.value = "scene.objects"
+    page.show(world.tick())
     page.axis.value = "picture.blur"
     page.severity.value = 5
     assert world.wish.settings.disturb.picture == {"blur": world.ladder["picture.blur"][4]}
