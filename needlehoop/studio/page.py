@@ -63,6 +63,8 @@ class Page:
         settings = world.wish.settings
         self._focus = {name: view.focus for name, view in settings.views.items()}
         self._server = viser.ViserServer(host, port, label="needlehoop studio", verbose=False)
+        # viser lets any tab open the page to the internet. This one stays where ``host`` says.
+        self._server.request_share_url = lambda verbose=True: None
         self._stage = Stage(self._server.scene, self.choose, self._dragged)
         self._server.initial_camera.look_at = centre = np.asarray(settings.picture.focus)
         self._server.initial_camera.position = centre + np.array((-0.35, -0.65, 0.4))
