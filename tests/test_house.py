@@ -29,6 +29,7 @@ FLOORS = (
     "demonstrations",
     "api",
     "training",
+    "studio",
     "cli",
 )
 """Packages, from the ground up; each may import those before it."""

@@ -5,7 +5,7 @@ A reader is the agent's encoders and trunk, trained to read facts off frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -98,14 +98,14 @@ def camera_sets(given: str | list[Any], settings: Settings) -> tuple[tuple[str, 
     return tuple(found)
 
 
-def probe(plan: Plan, folder: Path) -> None:
+def probe(plan: Plan, folder: Path, progress: Callable[..., Any] = tqdm) -> None:
     """Measure every camera set of a plan and the baselines, into a folder.
 
     ``ValueError``: episodes that do not come to every phase.
     """
     # One torch thread per reader: sums are then rounded alike at any number of threads.
     torch.set_num_threads(1)
-    with tqdm(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
+    with progress(total=plan.seeds * (len(plan.camera_sets) + 1), unit="set") as bar:
         for seed in range(plan.seeds):
             bar.set_description(f"seed {seed}")
             _probe_seed(plan, folder, seed, bar)

@@ -1,0 +1,159 @@
+"""What cameras are worth: pixels of each thing, the probe's score, a question to a model."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from needlehoop.config import composing
+from needlehoop.config.strict import as_type, value
+from needlehoop.disturbances.axes import Disturb
+from needlehoop.engines.contract import FIELDS, Channels, Frame
+from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller, rollout
+from needlehoop.envs.images import things
+from needlehoop.envs.settings import Settings
+from needlehoop.learning.algorithm_config import PpoConfig
+from needlehoop.probe import measuring
+from needlehoop.probe.frames import quantities
+from needlehoop.probe.measuring import Plan
+from needlehoop.probe.scores import load
+from needlehoop.vlm.config import InquiryConfig, ManualConfig
+from needlehoop.vlm.inquiry import Inquiry
+from needlehoop.vlm.messages import UnansweredError
+from needlehoop.vlm.questions import Lists, Questions
+
+_AWAY = 1000.0
+"""Where things go that are not to be seen, m."""
+
+
+class Shown(NamedTuple):
+    """How a thing is seen, mean over an episode's moments."""
+
+    pixels: float
+    """Of the agent's image."""
+    hidden: float
+    """Share of its pixels that other things cover; NaN where it is never in the picture."""
+
+
+def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
+    """How each view shows each thing of the task, over the expert's episode: by view, then thing.
+
+    Things are the classes of flat renderings.
+    """
+    own = replace(settings, num_envs=1, cams=(), disturb=Disturb())
+    simulation = build(own)
+    model, paint = simulation.engine.model, own.definition.paint
+    part = things(model, paint)
+    # By geom id plus one; nothing hit is -1.
+    thing_of, numbers = np.concatenate(([0], part)), range(1, len(paint) + 1)
+    asked = dict.fromkeys(own.views, Channels(False, False, True))
+    # Scene 0 is whole; in scene k there is nothing but thing k.
+    camera = Rasteriser(model, 1 + len(paint), asked, own.image_size, 1)
+    counts: list[Any] = []
+    for _ in rollout(simulation, controller("expert", own)):
+        data = simulation.engine.data(0)
+        fields = {name: np.repeat(getattr(data, name)[None], 1 + len(paint), 0) for name in FIELDS}
+        for k in numbers:
+            fields["geom_xpos"][k, part != k] = _AWAY
+        labels = [thing_of[_geoms(frame) + 1] for frame in camera.render(fields).values()]
+        counts.append(
+            [[((own[0] == k).sum(), (own[k] == k).sum()) for k in numbers] for own in labels]
+        )
+    # By view and thing.
+    pixels, alone = np.moveaxis(np.mean(counts, 0), -1, 0)
+    with np.errstate(invalid="ignore"):
+        hidden = 1.0 - pixels / alone
+    return {
+        view: {thing: Shown(pixels[v, t], hidden[v, t]) for t, thing in enumerate(paint)}
+        for v, view in enumerate(asked)
+    }
+
+
+def _geoms(frame: Frame) -> np.ndarray:
+    assert frame.geom is not None
+    return frame.geom.numpy()
+
+
+class _Bar:
+    """Stands in for tqdm's bar; ``told`` gets the share that is done, and may raise to stop."""
+
+    def __init__(self, total: int, told: Callable[[float], None]):
+        self._total, self._done, self._told = total, 0, told
+
+    def update(self) -> None:
+        """One more is done."""
+        self._done += 1
+        self._told(self._done / self._total)
+
+    def set_description(self, _: str) -> None:
+        """Nothing more is done, but it is a time to stop."""
+        self._told(self._done / self._total)
+
+
+def probe_scores(
+    settings: Settings,
+    cams: tuple[str, ...],
+    told: Callable[[float], None],
+    **changes: Any,
+) -> dict[str, float]:
+    """The probe's score of each camera, and of all together, the best first; takes minutes.
+
+    Args:
+        told: called with the share of the work that is done.
+        changes: to the plan of ``conf/probe.yaml``, such as ``episodes`` or ``fit``.
+    """
+    sets = tuple((name,) for name in cams) + ((cams,) if len(cams) > 1 else ())
+    values = composing.compose((), "probe")
+    plain = replace(settings, cams=(), disturb=Disturb())
+    given = {**values, "env": plain, "camera_sets": sets, "seeds": 1, **changes}
+    given["heads"] = value(values, "algo", PpoConfig).network
+    plan = as_type(given, Plan)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        measuring.probe(plan, folder, lambda total, **_: nullcontext(_Bar(total, told)))
+        results = load(folder, quantities(settings.definition))
+    return {name: results.score(name).value for name in results.ranked}
+
+
+def ranking_question(
+    settings: Settings, cams: tuple[str, ...], results: str
+) -> tuple[Path, list[str]]:
+    """Write the question that asks a model to rank cameras, as ``vlm=manual`` does.
+
+    Asked again, it reads the answer that was put beside the question.
+
+    Args:
+        results: folder below which the question is kept. The same cameras have the same place.
+
+    Returns:
+        The question's folder, and the cameras from best to worst; none while there is no answer.
+
+    Raises:
+        ValueError: fewer than two cameras, a task that is told to no model, or a wrong answer.
+    """
+    if len(cams) < 2:
+        raise ValueError("cams: there is nothing to rank; show two views or more")
+    own = replace(settings, num_envs=1, cams=(), disturb=Disturb())
+    stands = {name: view.given for name, view in own.views.items()}
+    told = json.dumps([cams, stands, own.seed, str(own.task)], sort_keys=True)
+    study = f"studio_{hashlib.sha256(told.encode()).hexdigest()[:12]}"
+    values = composing.compose((), "vlm_rank") | {"results": results, "study": study}
+    config = as_type(values, InquiryConfig)
+    lists = as_type({**values, "sets": (cams,), "group": max(5, len(cams))}, Lists)
+    manual = ManualConfig("manual", "a person", wait=0.0, poll=0.05)
+    with Inquiry(own, config, manual) as inquiry:
+        try:
+            found = inquiry.rank(as_type(values, Questions), lists)
+        except UnansweredError:
+            return config.folder, []
+    return config.folder, [place["name"] for place in found["lists"][0]["rankings"][0]]
