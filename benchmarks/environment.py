@@ -84,8 +84,8 @@ def watch(env: TorchRLEnv) -> dict[str, float]:
     seconds: dict[str, float] = defaultdict(float)
     engine: Any = env.simulation.engine
     engine.step = timed(engine.step, seconds, "physics")
-    begin = env.threads.begin
-    env.threads.begin = timed(lambda work: timed(begin(work), seconds, "images"), seconds, "images")
+    begin = env.begin_look
+    env.begin_look = timed(lambda *ids: timed(begin(*ids), seconds, "images"), seconds, "images")
     return seconds
 
 

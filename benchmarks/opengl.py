@@ -19,7 +19,6 @@ from needlehoop.engines.contract import Frame
 from needlehoop.envs.dm_control_env import load
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.threads import Threads
 
 
 class OpenGLEnvironment(gymnasium.Env):
@@ -32,7 +31,7 @@ class OpenGLEnvironment(gymnasium.Env):
         self._size = size = settings.image_size
         self._environment = load(replace(settings, cams=()), env)
         self._physics = self._environment.physics
-        self._imager = Imager(self._physics.model.ptr, settings, Threads(1))
+        self._imager = Imager(self._physics.model.ptr, settings, 1)
         self._asked = channels_of(settings)
         images: dict[str, spaces.Space] = {}
         for camera in settings.cameras:

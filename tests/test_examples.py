@@ -34,13 +34,6 @@ def test_it_runs(name, given, capsys):
     assert capsys.readouterr().out.strip()
 
 
-def test_all_are_run():
-    (cases,) = (mark.args[1] for mark in test_it_runs.pytestmark)
-    assert {getattr(case, "values", case)[0] for case in cases} == {
-        file.stem for file in EXAMPLES.glob("*.py")
-    }
-
-
 def test_the_transforms_keep_images_images():
     made = example("torchrl_transforms")
     env = made["make"](num_envs=2, frames=3)

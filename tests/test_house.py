@@ -93,32 +93,6 @@ def test_every_package_says_what_lives_there():
         assert ast.get_docstring(ast.parse(init.read_text())), init
 
 
-def file_of(*parts: str) -> Path | None:
-    """The file of a module or package of the house, if there is one."""
-    base = HOME.joinpath(*parts)
-    return next((f for f in (base.with_suffix(".py"), base / "__init__.py") if f in MODULES), None)
-
-
-def files_imported(path: Path) -> set[Path]:
-    """Files of the house that a file imports: modules, or packages whose own names it takes."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("needlehoop"):
-            parts = (node.module or "").split(".")[1:]
-            found |= {
-                file_of(*parts, alias.name) or (file_of(*parts) if parts else None)
-                for alias in node.names
-            }
-    return {file for file in found if file} - {path}
-
-
-def test_no_file_imports_itself_in_a_circle():
-    below = {path: files_imported(path) for path in MODULES}
-    while free := [path for path, rest in below.items() if not rest]:
-        below = {path: rest - {*free} for path, rest in below.items() if path not in free}
-    assert not below, "\n".join(str(path.relative_to(HOME)) for path in below)
-
-
 def words_of_the_first_task(path: Path) -> set[str]:
     """Those that a file has. A task of its own may lift something."""
     found = {one.lower() for one in TASK_WORDS.findall(path.read_text())}

@@ -15,7 +15,6 @@ from tiny_runs import refusal, run_train
 
 import needlehoop
 from needlehoop.cli.main import main
-from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.envs.simulation import Simulation
@@ -65,21 +64,6 @@ def test_a_cube_held_over_the_spot_is_not_placed():
         moment = simulation.step(action)
         assert not moment.facts["success"].any()
     assert moment.facts["has_held"].all()
-
-
-def test_both_engines_have_the_same_bits():
-    words = ["num_envs=2", "cams=[dep_front,seg_side]", "image_size=24", "engine.threads=1"]
-    one, other = (built(*words, f"engine={kind}") for kind in KINDS)
-    act, moment = expert_of(one), one.reset()
-    other.reset()
-    for _ in range(30):
-        action = act(moment.signals)
-        moment, same = one.step(action), other.step(action)
-        assert torch.equal(moment.reward, same.reward)
-        assert torch.equal(one.engine.sensordata(), other.engine.sensordata())
-    assert moment.facts["has_held"].all()
-    images, again = one.images(), other.images()
-    assert all(torch.equal(images[name], again[name]) for name in images)
 
 
 # Everything takes it.
@@ -135,7 +119,6 @@ def test_commands_take_it(capsys, tmp_path):
     own = f"task_dir={FOLDER}"
     assert main(["tasks", own]) == 0
     assert "cube_on_spot: A gantry" in capsys.readouterr().out
-    assert main(["snapshot", own, "size=32", f"out={tmp_path}/a.png"]) == 0
     assert main(["tasks", own, "task=cube_on_spot"]) == 0
     assert "grip_command" in capsys.readouterr().out
     assert main(["export", own, f"out={tmp_path}/arm"]) == 2
@@ -166,10 +149,8 @@ def copied(tmp_path) -> Path:
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ('    goal="placed",\n', "", "missing 1 required keyword-only argument: 'goal'"),
         ('goal="placed"', 'goal="palced"', "goal: no 'palced' among held, placed"),
         ('name="cube_on_spot"', 'name="reach"', "the name 'reach' is taken"),
-        ("TASK = Task(", "TSAK = Task(", "has no TASK"),
         ("from .expert", "from .exprt", "No module named"),
     ],
 )

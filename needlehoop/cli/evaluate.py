@@ -157,12 +157,11 @@ def stress(options: argparse.Namespace) -> None:
     from needlehoop.learning import stress
     from needlehoop.learning.subject import subject
 
-    tested = subject(options.who, conditions, asked.seed, device, asked.trust)
-    chosen = stress.chosen_axes(asked.axes, blind=tested.blind)
+    found, make = subject(options.who, conditions, asked.seed, device, asked.trust)
+    chosen = stress.chosen_axes(asked.axes, blind=not found.cams)
     tried = stress.conditions(asked.levels, chosen, asked.severities, asked.together)
-    engine = replace(tested.settings.engine, threads=asked.threads)
-    settings = replace(tested.settings, engine=engine)
-    rows = stress.stress(settings, tested.make, tried, asked.episodes, asked.num_envs)
+    settings = replace(found, engine=replace(found.engine, threads=asked.threads))
+    rows = stress.stress(settings, make, tried, asked.episodes, asked.num_envs)
     set_aside(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, csv_text(rows[0], (row.values() for row in rows)))

@@ -154,11 +154,7 @@ def uniform(name: str, count: int, *keys: np.ndarray | int) -> np.ndarray:
     """Numbers in [0, 1), float64 ``(n, count)``: the finaliser of SplitMix64 over name and keys.
 
     They depend on nothing else. So an episode is disturbed in the same way whatever runs beside
-    it, and resuming needs no state.
-
-    Args:
-        name: what they are for.
-        keys: seed, environments, episodes, steps: integers, or ``(n,)`` of them.
+    it, and resuming needs no state. ``keys``: integers, or ``(n,)`` of them.
     """
     state = np.full(1, zlib.crc32(name.encode()), np.uint64)
     for key in keys:

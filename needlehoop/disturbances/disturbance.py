@@ -83,10 +83,8 @@ class Disturbance:
     ) -> None:
         """Episodes begin in rows ``ids`` ``(k,)`` of the batch.
 
-        Args:
-            envs: their indices ``(k,)`` among all of the seed.
-            episodes: how many each had before ``(k,)``.
-            control: commands ``(k, nu)`` that hold their starts.
+        ``envs``: their indices ``(k,)`` among all of the seed. ``episodes``: how many each had
+        before ``(k,)``. ``control``: commands ``(k, nu)`` that hold their starts.
         """
         self._seed = seed
         for name, values in (("envs", envs), ("episodes", episodes), ("steps", 0)):
@@ -182,9 +180,8 @@ class Disturbance:
     ) -> dict[str, Tensor]:
         """The images that arrive now: late, frozen or black ones.
 
-        Args:
-            images: taken now ``(k, c, h, w)`` in environments ``ids`` (all by default), by camera.
-            views: of the cameras, by name.
+        ``images``: taken now ``(k, c, h, w)`` in environments ``ids`` (all by default), by camera.
+        ``views``: of the cameras, by name.
         """
         if not self._may(*_DELIVERY):
             return images
@@ -232,10 +229,9 @@ class Disturbance:
 
 
 def failing(drawn: Drawn, steps: np.ndarray, views: int, max_steps: int) -> np.ndarray:
-    """Which view fails now ``(k, views)`` bool: at most one of them.
+    """Which view fails after ``steps`` ``(k,)``, as ``(k, views)`` bool: at most one of them.
 
-    ``drawn``: for how many steps; then when it begins, and which view. ``steps``: taken so far
-    ``(k,)``.
+    ``drawn``: for how many steps; then when it begins, and which view.
     """
     # It begins to fail in the first quarter of an episode's time.
     begins = 1 + np.floor(drawn.free[:, 0] * 0.25 * max_steps)

@@ -52,15 +52,13 @@ def cameras(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cameras, moved along the world's axes, or along their own on a body; turned about their own.
 
+    Returns positions and axes, and factors of the focal lengths ``(n, views)``.
+
     Args:
         position: ``(n, views, 3)`` m, world frame.
         turn: the cameras' axes in columns, ``(n, views, 3, 3)``.
-        drawn: by the keys of ``AXES``.
         time: share of the episode that is over ``(n,)``: a camera drifts all the way in it.
         mounted: which are on a body ``(views,)`` bool.
-
-    Returns:
-        The same two, and factors of the focal lengths ``(n, views)``.
     """
     shift, drift = (drawn[f"camera.{name}"].amount for name in ("shift", "drift"))
     drift = time[:, None, None] * drift

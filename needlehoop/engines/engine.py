@@ -68,9 +68,6 @@ class Engine(ABC):
         views: channels to render by view; empty for no cameras.
         size: image width and height, px.
         quality: of the images, see ``Tracer``.
-
-    Raises:
-        ValueError: a size or scene that can't be rendered.
     """
 
     def __init__(
@@ -174,9 +171,9 @@ class Engine(ABC):
 
     @abstractmethod
     def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
-        """Set a field of MjData or MjModel to ``value`` ``(k, ...)``; nothing is forwarded.
+        """Set a field of MjData or MjModel to ``value`` ``(k, ...)`` in ``rows`` ``(k,)``.
 
-        In environments ``rows`` ``(k,)``. ``at``: index of a part of one environment's field.
+        Nothing is forwarded. ``at``: index of a part of one environment's field.
         """
 
     @abstractmethod

@@ -66,9 +66,9 @@ class Tracer:
     def render(
         self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
     ) -> dict[str, Frame]:
-        """A frame per view, of MjData ``FIELDS`` ``(n, ...)``.
+        """A frame per view of environments ``ids`` ``(k,)``, or of all; all are traced anyway.
 
-        Of environments ``ids`` ``(k,)``, or of all; all are traced anyway.
+        ``fields``: ``FIELDS`` of MjData ``(n, ...)``.
         """
         for name in FIELDS:
             target = getattr(self._data, name).numpy()

@@ -13,7 +13,6 @@ from needlehoop.disturbances.optics import add_objects
 from needlehoop.envs.images import Imager, channels_of, things
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
-from needlehoop.envs.threads import Threads
 from needlehoop.scene.signals import sensors_of
 from needlehoop.scene.spec import add_camera, add_materials, add_sensors, add_table, furnish
 
@@ -38,23 +37,14 @@ def scene_spec(settings: Settings) -> mujoco.MjSpec:
     return spec
 
 
-def compile_scene(settings: Settings) -> mujoco.MjModel:
-    """The compiled scene of the settings."""
-    return scene_spec(settings).compile()
-
-
 def build(settings: Settings, first_env: int = 0) -> Simulation:
-    """A simulation of the settings.
+    """A simulation of the settings; ``ValueError`` for settings that do not go together.
 
-    Args:
-        first_env: index of the first environment among all that share the seed.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
+    ``first_env``: index of the first environment among all that share the seed.
     """
     s, task = settings, settings.definition
-    model = compile_scene(s)
-    imager = Imager(model, s, Threads(s.engine.cpus))
+    model = scene_spec(s).compile()
+    imager = Imager(model, s, s.engine.cpus)
     if s.engine.kind == "dm_control":
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind

@@ -30,8 +30,7 @@ def controllers(settings: Settings) -> tuple[str, ...]:
 def controller(name: str, settings: Settings) -> Controller:
     """A controller for an environment's settings.
 
-    Raises:
-        ValueError: an unknown name, or a script for another control mode.
+    Raises ``ValueError`` for an unknown name, or a script for another control mode.
     """
     if name == "random":
         return random_controller(settings.episode.action_size, settings.seed)
@@ -63,29 +62,21 @@ class Perturbation:
 
     def __init__(self, num_envs: int, size: int, strongest: float, generator: torch.Generator):
         self._strongest, self._generator = strongest, generator
-        self._drift = torch.zeros(num_envs, size, dtype=torch.float64)
-        self._strength = torch.zeros(num_envs, 1, dtype=torch.float64)
+        self.drift = torch.zeros(num_envs, size, dtype=torch.float64)
+        self.strength = torch.zeros(num_envs, 1, dtype=torch.float64)
         self.begin(torch.ones(num_envs, dtype=torch.bool))
 
     def begin(self, mask: Tensor) -> None:
         """Draw a new strength, and forget the noise, where ``mask`` ``(n,)`` is true."""
-        fresh = self._strongest * self._draw(*self._strength.shape)
-        self._strength = torch.where(mask.unsqueeze(-1), fresh, self._strength)
-        self._drift = torch.where(mask.unsqueeze(-1), 0.0, self._drift)
+        fresh = self._strongest * self._draw(*self.strength.shape)
+        self.strength = torch.where(mask.unsqueeze(-1), fresh, self.strength)
+        self.drift = torch.where(mask.unsqueeze(-1), 0.0, self.drift)
 
     def __call__(self, mask: Tensor | None = None) -> Tensor:
         """The next noise ``(n, size)``, float64, where ``mask`` ``(n,)`` is true (everywhere)."""
-        drift = NOISE_MEMORY * self._drift + 2.0 * self._draw(*self._drift.shape) - 1.0
-        self._drift = drift if mask is None else torch.where(mask.unsqueeze(-1), drift, self._drift)
-        return self._strength * self._drift
-
-    def snapshot(self) -> dict[str, Tensor]:
-        """What decides the next noise, but for the generator."""
-        return {"drift": self._drift, "strength": self._strength}
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        """Go on from a ``snapshot``."""
-        self._drift, self._strength = snapshot["drift"], snapshot["strength"]
+        drift = NOISE_MEMORY * self.drift + 2.0 * self._draw(*self.drift.shape) - 1.0
+        self.drift = drift if mask is None else torch.where(mask.unsqueeze(-1), drift, self.drift)
+        return self.strength * self.drift
 
     def _draw(self, *shape: int) -> Tensor:
         return torch.rand(shape, generator=self._generator, dtype=torch.float64)
@@ -124,10 +115,8 @@ def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
 def batches(settings: Settings, episodes: int, size: int) -> Iterator[Simulation]:
     """The first ``episodes`` environments of the settings' seed, ``size`` at a time.
 
-    Episode ``i`` does not depend on how many there are. ``settings.num_envs`` is ignored.
-
-    Raises:
-        ValueError: fewer than one episode.
+    Episode ``i`` does not depend on how many there are. ``settings.num_envs`` is ignored. Raises
+    ``ValueError`` for fewer than one episode.
     """
     if episodes < 1:
         raise ValueError(f"episodes: {episodes} must be at least 1")
@@ -166,16 +155,10 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    outcomes = [
-        outcome_of(simulation, make(simulation)) for simulation in batches(settings, episodes, size)
-    ]
-    return Outcome(
-        {name: torch.cat([o.facts[name] for o in outcomes]) for name in outcomes[0].facts},
-        *(
-            torch.cat([getattr(outcome, name) for outcome in outcomes])
-            for name in ("potential", "human", "steps")
-        ),
-    )
+    parts = [outcome_of(one, make(one)) for one in batches(settings, episodes, size)]
+    facts = {name: torch.cat([one.facts[name] for one in parts]) for name in parts[0].facts}
+    rest = ("potential", "human", "steps")
+    return Outcome(facts, *(torch.cat([getattr(one, name) for one in parts]) for name in rest))
 
 
 def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
@@ -196,10 +179,6 @@ def outcome_of(simulation: Simulation, controller: Controller) -> Outcome:
 
 
 def run_trials(settings: Settings, who: str, episodes: int) -> Outcome:
-    """The outcome of a named controller; ``num_envs`` and cameras of the settings are ignored.
-
-    Raises:
-        ValueError: fewer than one episode, or an unknown controller.
-    """
+    """The outcome of a named controller; ``num_envs`` and cameras of the settings are ignored."""
     blind = replace(settings, cams=())
     return run_batches(blind, episodes, size=200, make=by_name(who))

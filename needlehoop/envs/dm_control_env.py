@@ -93,9 +93,6 @@ def load(settings: Settings, env: int = 0) -> dm_env.Environment:
 
     ``num_envs`` is ignored. Images are height x width x channels, one observation per camera. With
     nothing to observe it reports ``proprio``.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
     """
     engine = replace(settings.engine, kind="dm_control")
     s = replace(settings, engine=engine, num_envs=1)

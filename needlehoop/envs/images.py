@@ -3,33 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from operator import or_
+from typing import Any
 
 import mujoco
 import numpy as np
 import torch
 from torch import Tensor
 
+from needlehoop.config.strict import check_names
 from needlehoop.disturbances.sensors import Spoiler
 from needlehoop.engines.contract import Channels, Frame
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.threads import Threads
 from needlehoop.scene.cameras import Camera, Rendering, View
 from needlehoop.tasks.contract import FlatClass
 
 DARKEST = 0.15
 """Brightness at the far end of a depth-shaded image; 1 at the near end."""
 
+_FEWEST, _MOST = 5, 20
+"""Images that a thread composes at once. Fewer cost more in calls than in work; more do not fit
+the CPU's cache."""
+
 
 class Imager:
-    """Composes the images of the chosen cameras; threads share the environments.
+    """Composes the images of the chosen cameras; any number of threads gives the same bits.
 
-    Raises:
-        ValueError: a flat rendering names a class that there is not.
+    Raises ``ValueError`` where a flat rendering names a class that there is not.
     """
 
-    def __init__(self, model: mujoco.MjModel, settings: Settings, threads: Threads):
+    def __init__(self, model: mujoco.MjModel, settings: Settings, threads: int):
         self._threads = threads
+        # OpenMP's number of threads holds for each thread by itself: let each compute alone.
+        alone = {"initializer": torch.set_num_threads, "initargs": (1,)}
+        self._map: Any = ThreadPoolExecutor(threads, **alone).map if threads > 1 else map
         s, paint = settings, settings.definition.paint
         self._jobs = [(c, s.views[c.view], s.renderings[c.rendering]) for c in s.cameras]
         self.views = {camera.name: camera.view for camera in s.cameras}
@@ -65,7 +73,8 @@ class Imager:
                 images[camera.name][rows] = self._image(camera, view, rendering, seen[camera.view])
 
         count = max(map(len, images.values()), default=0)
-        self._threads.map(compose, self._threads.parts(count))
+        size = min(max(-(-count // self._threads), _FEWEST), _MOST)
+        list(self._map(compose, (slice(at, min(at + size, count)) for at in range(0, count, size))))
         return images
 
     def _image(self, camera: Camera, view: View, rendering: Rendering, frame: Frame) -> Tensor:
@@ -108,12 +117,7 @@ def _palette(
     model: mujoco.MjModel, classes: Mapping[str, FlatClass], rendering: Rendering
 ) -> Tensor:
     """Colour planes ``(3, 1 + ngeom)``: black, then by geom id."""
-    unknown = set(rendering.colours) - set(classes)
-    if unknown:
-        raise ValueError(
-            f"rendering.colours: {', '.join(sorted(unknown))} unknown;"
-            f" choose from {', '.join(classes)}"
-        )
+    check_names("rendering.colours", [*rendering.colours], [*classes])
     palette = torch.zeros(3, 1 + model.ngeom, dtype=torch.uint8)
     for name, colour in rendering.colours.items():
         own = torch.from_numpy(things(model, {name: classes[name]}))

@@ -33,11 +33,8 @@ class Observer:
         """The observation of all ``n`` environments, as nested tensors by name.
 
         ``pixels``: ``(n, frame_stack * channels, h, w)`` uint8 by camera, oldest frame first,
-        an episode's first frame repeated; and what ``read`` gives.
-
-        Args:
-            ids: environments whose images are new (all by default).
-            images: what ``look`` returned for them; by default it looks now.
+        an episode's first frame repeated; and what ``read`` gives. ``ids``: environments whose
+        images are new (all by default). ``images``: what ``look`` returned for them, if it did.
         """
         new = self.look(ids) if images is None else images
         if self._obs.frame_stack > 1:
@@ -60,7 +57,6 @@ class Observer:
 
     def _stack(self, name: str, image: Tensor, ids: Tensor | None) -> Tensor:
         """The last ``frame_stack`` frames, the newest last."""
-        assert self._simulation.state is not None
         begins = self._simulation.state["steps"] == 0
         begins = begins if ids is None else begins[ids]
         filled = image.repeat(1, self._obs.frame_stack, 1, 1)

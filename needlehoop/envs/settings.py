@@ -115,41 +115,25 @@ class Settings:
 def compose_settings(overrides: Iterable[str] = (), name: str = "env") -> Settings:
     """Settings from a config file of ``conf/`` and Hydra overrides.
 
-    Raises:
-        ValueError: an unknown key, option or value; the message lists the valid ones.
+    Raises ``ValueError`` for an unknown key, option or value; it lists the valid ones.
     """
     return settings_from(composing.compose(overrides, name))
 
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
-    """Settings from a composed config that somebody typed; keys of other tools are ignored.
-
-    Raises:
-        ValueError: as in ``compose_settings``.
-    """
+    """Settings from a composed config that somebody typed; keys of other tools are ignored."""
     import_task(values)
-    missing = [name for name in Settings.__dataclass_fields__ if name not in values]
-    if missing:
-        raise ValueError(f"{missing[0]}: missing; every environment needs it")
     found = strict.as_type(with_task(values), Settings)
     return replace(found, reward=rewards.allow(found.reward))
 
 
 def import_task(values: Mapping[str, Any]) -> None:
-    """Import the task that a typed config names, if it is from elsewhere.
-
-    Raises:
-        ValueError: as in ``registry.add``.
-    """
+    """Import the task that a typed config names, if it is from elsewhere; see ``registry.add``."""
     registry.add(*_named(values))
 
 
 def recall_task(values: Mapping[str, Any], trust: bool) -> None:
-    """The same for a config that was read from a run's files, if ``trust``.
-
-    Raises:
-        ValueError: the task is from elsewhere, and there is no trust.
-    """
+    """The same for a config from a run's files; ``ValueError`` for a foreign one without trust."""
     name, folder = _named(values)
     if not trust and registry.is_from_elsewhere(name, folder):
         origin = "an installed package" if folder is None else folder
@@ -171,9 +155,6 @@ def with_task(values: Mapping[str, Any]) -> dict[str, Any]:
     """Composed values with the task's own dataclasses for ``task`` and ``episode``.
 
     A flat rendering that names no colours gets the task's.
-
-    Raises:
-        ValueError: no such task, or a value that is wrong; says its key.
     """
     given = strict.structure(values["task"], Mapping[str, Any], "task")
     task = find(given.get("name"))

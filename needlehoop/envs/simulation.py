@@ -16,7 +16,7 @@ from needlehoop.envs.images import Imager
 from needlehoop.envs.settings import Settings
 from needlehoop.rewards import Reward, potential
 from needlehoop.scene.signals import Readings, Signals
-from needlehoop.tasks.contract import DIVERGED, Memory
+from needlehoop.tasks.contract import DIVERGED
 from needlehoop.tasks.start import Chance, draws
 from needlehoop.tasks.stepping import act, begin, is_terminated, is_truncated, observe
 
@@ -80,7 +80,8 @@ class Simulation:
         self._seed = seed
         self._episodes = np.zeros(self.num_envs, dtype=np.int64)
         self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
-        self.state: Memory | None = None
+        self.state: Any = None
+        """What the task remembers (``Memory``); ``None`` before the first reset."""
 
     def reset(self, mask: Tensor | None = None, stagger: bool = False) -> StepResult:
         """``begin``, then ``look``."""
@@ -123,7 +124,7 @@ class Simulation:
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, nu)``."""
         own = (self.task, self.layout, self.episode)
-        self.state, control = act(*own, self._begun(), action)
+        self.state, control = act(*own, self.state, action)
         self._before = self.engine.sensordata()
         disturbance, displaced = self.disturbance, self.task.robot.displaced
         if disturbance is None:
@@ -133,7 +134,7 @@ class Simulation:
         return disturbance.command(control)
 
     def observe(self) -> StepResult:
-        """Facts, reward and termination after the physics has moved."""
+        """Facts, reward and ends after the physics has moved."""
         return self.look(pays=True)
 
     def step(self, action: Tensor) -> StepResult:
@@ -142,10 +143,7 @@ class Simulation:
         return self.observe()
 
     def images(self, ids: Tensor | None = None) -> dict[str, Tensor]:
-        """What the cameras show now of environments ``ids`` ``(k,)`` (all by default).
-
-        Images ``(k, c, h, w)`` uint8 by camera.
-        """
+        """Images ``(k, c, h, w)`` uint8 by camera of environments ``ids`` (all by default)."""
         disturbance, imager = self.disturbance, self.imager
         if disturbance is None:
             return imager(self.engine.render(ids))
@@ -153,11 +151,9 @@ class Simulation:
         return disturbance.deliver(imager(frames, disturbance.spoiler(ids)), imager.views, ids)
 
     def deal(self, ids: Tensor, envs: Tensor, amounts: Mapping[str, Tensor]) -> None:
-        """Give environments ``ids`` ``(k,)`` other episodes, from the next one on.
+        """Let environments ``ids`` ``(k,)`` be ``envs`` ``(k,)`` of the seed from the next reset.
 
-        Args:
-            envs: indices ``(k,)`` among all of the seed; each begins with its first episode.
-            amounts: of disturbances there ``(k,)``, by axis.
+        They begin with their first episodes. ``amounts``: of disturbances ``(k,)``, by axis.
         """
         rows = ids.numpy()
         self.envs[rows], self._episodes[rows] = envs.numpy(), 0
@@ -172,7 +168,7 @@ class Simulation:
             "seed": torch.tensor(self._seed),
             "episodes": torch.tensor(self._episodes),
             "potential": self._potential.clone(),
-            "task": {name: value.clone() for name, value in self._begun().items()},
+            "task": {name: value.clone() for name, value in self.state.items()},
             "engine": self.engine.snapshot(),
         }
 
@@ -194,7 +190,7 @@ class Simulation:
         if bool(diverged.any()):
             data[diverged] = self._before[diverged]
         own = (self.task, self.layout, self.episode)
-        seen = observe(*own, self._begun(), self._readings(data))
+        seen = observe(*own, self.state, self._readings(data))
         self.state = seen.memory
         self.engine.weld(seen.welds)
         terms = self.reward(seen.signals)
@@ -221,8 +217,3 @@ class Simulation:
         factors = self.disturbance and self.disturbance.physics(ids.numpy())
         if factors is not None:
             self.engine.vary(ids, *factors)
-
-    def _begun(self) -> Memory:
-        if self.state is None:
-            raise RuntimeError("reset before the first step")
-        return self.state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import torch
@@ -15,7 +16,6 @@ from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
-from needlehoop.envs.threads import Threads
 
 
 class TorchRLEnv(EnvBase):
@@ -30,15 +30,11 @@ class TorchRLEnv(EnvBase):
     ``state_dict`` and ``load_state_dict`` carry a run on, bit for bit, in another process.
 
     Args:
-        settings: what to build.
         first_env: index of the first environment among all that share the seed.
         stagger: whether the first episodes are cut off at evenly spread times. Then environments
             in lockstep are at different stages of their episodes.
         length: steps of each environment in a training, for ``disturb.ramp``; ``None``: none
             is under way, and disturbances have their full amounts.
-
-    Raises:
-        ValueError: settings that do not go together, by key.
     """
 
     def __init__(
@@ -52,7 +48,10 @@ class TorchRLEnv(EnvBase):
         self.simulation = build(settings, first_env)
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
-        self.threads = Threads(settings.engine.cpus)
+        self._aside = None
+        if settings.engine.cpus > 1:
+            alone = {"initializer": torch.set_num_threads, "initargs": (1,)}
+            self._aside = ThreadPoolExecutor(1, **alone)
         self._is_restored, self._taken = False, 0
         n = settings.num_envs
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
@@ -118,7 +117,7 @@ class TorchRLEnv(EnvBase):
         self._set_level()
         self.simulation.begin(mask, stagger=self._stagger)
         fresh = None if mask is None or first else mask.nonzero().flatten()
-        images = self.threads.begin(lambda: self._observer.look(fresh))
+        images = self.begin_look(fresh)
         return self._tensordict(self.simulation.look(), ends, fresh, images)
 
     @property
@@ -137,7 +136,7 @@ class TorchRLEnv(EnvBase):
         simulation = self.simulation
         simulation.engine.step(simulation.act(tensordict["action"]))
         # Images and facts are of the same moment: one need not wait for the other.
-        images = self.threads.begin(self._observer.look)
+        images = self.begin_look()
         moment = simulation.observe()
         terminated, truncated = moment.terminated.unsqueeze(-1), moment.truncated.unsqueeze(-1)
         ends = {
@@ -147,6 +146,13 @@ class TorchRLEnv(EnvBase):
             "reward": moment.reward.unsqueeze(-1).float(),
         }
         return self._tensordict(moment, ends, None, images)
+
+    def begin_look(self, ids: Tensor | None = None) -> Callable[[], dict[str, Tensor]]:
+        """Begin to take images, aside where there are CPUs; what is returned waits for them."""
+        if self._aside is not None:
+            return self._aside.submit(self._observer.look, ids).result
+        images = self._observer.look(ids)
+        return lambda: images
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

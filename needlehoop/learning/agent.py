@@ -14,10 +14,7 @@ from needlehoop.learning.networks import Gaussian, PolicySpec, Trunk, Value
 
 
 class Actor(nn.Module):
-    """The policy alone: observations to the action, on plain tensors.
-
-    Evaluations use it, and ``policy.safetensors`` holds it.
-    """
+    """The policy alone, on plain tensors. ``policy.safetensors`` holds it."""
 
     def __init__(self, fold: Fold, trunk: Trunk, head: Gaussian):
         super().__init__()
@@ -27,8 +24,7 @@ class Actor(nn.Module):
     def forward(self, *observed: Tensor, noise: Tensor | None = None) -> Tensor:
         """Actions ``(..., action_size)`` of images ``(..., c, h, w)`` uint8, then vectors.
 
-        Args:
-            noise: standard normal, to draw the actions as in training; ``None``: the mean.
+        ``noise``: standard normal, to draw the actions as in training; ``None``: the mean.
         """
         images, vectors = observed[: self._images], observed[self._images :]
         return self.head.act(self.trunk(*(self.fold(image) for image in images), *vectors), noise)
@@ -37,18 +33,11 @@ class Actor(nn.Module):
 def build_actor(spec: PolicySpec, device: torch.device) -> Actor:
     """An untrained policy; needs no simulator."""
     dtype = convolution_dtype(spec.precision, device)
-    return Actor(Fold(spec.encoder.stem), spec.trunk(dtype), spec.gaussian())
+    return Actor(Fold(spec.encoder.stem), spec.trunk(dtype), Gaussian(spec))
 
 
 class Agent(nn.Module):
-    """A policy; a method of training adds what it learns with.
-
-    Args:
-        dtype: of the convolutions.
-
-    Raises:
-        ValueError: images that do not fit the encoder.
-    """
+    """A policy; a method of training adds what it learns with. ``dtype``: of the convolutions."""
 
     trunk: Any
     gaussian: Any
@@ -75,7 +64,7 @@ class ValueAgent(Agent):
         super().__init__(spec, dtype)
         heads = spec.network
         self.trunks = nn.ModuleList(spec.trunk(dtype) for _ in range(1 if heads.shared else 2))
-        self.gaussian = spec.gaussian()
+        self.gaussian = Gaussian(spec)
         self.value = Value(heads.hidden, len(self.privileged_keys))
 
     @property

@@ -18,10 +18,8 @@ from needlehoop.learning.networks import Normalizer
 class Algorithm:
     """Trains an agent, one buffer after the other; a method of training derives from it.
 
-    Args:
-        agent: updated in place.
-        updates: buffers until the schedules end.
-        seed: decides the minibatches.
+    The agent is updated in place. ``updates``: buffers until the schedules end. ``seed``: decides
+    the minibatches.
     """
 
     agent_class: ClassVar[type[Agent]]

@@ -143,11 +143,7 @@ _GONE = {"shards"}
 
 
 def config_of(values: Any) -> AlgorithmConfig:
-    """The group ``algo`` of a composed config; a run from before there were several is PPO's.
-
-    Raises:
-        ValueError: an unknown kind, or a value that is wrong; says its key.
-    """
+    """The group ``algo`` of a composed config; a run from before there were several is PPO's."""
     given = strict.structure(values, Mapping[str, Any], "algo")
     kind = given.get("kind", PPO)
     strict.check_names("algo.kind", [kind], [*CONFIGS])

@@ -24,13 +24,9 @@ from needlehoop.tasks import registry
 
 
 class MakeEnv:
-    """Makes a part of a job's environments, in this process or in another.
+    """Makes the ``count`` environments of a job from the ``first`` on, in any process.
 
     A user's own task or reward is imported anew there.
-
-    Args:
-        first: index of the first environment among all of the job.
-        threads: of each part.
     """
 
     def __init__(self, job: Job, first: int, count: int, threads: int):

@@ -8,7 +8,7 @@ from typing import Annotated
 import torch
 from torch import Tensor, nn
 
-from needlehoop.config.strict import OneOf, Range
+from needlehoop.config.strict import OneOf, Range, check_names
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
 """Types of convolutions, by name."""
@@ -82,14 +82,8 @@ class Encoder(nn.Module):
     """ML-Agents' ResNet for one camera: a folded image to float32 ``(..., out)``.
 
     Each stack is a 3 x 3 convolution that halves the image, by a max-pool or its stride, and
-    residual blocks with the activation first.
-
-    Args:
-        shape: ``(c, h, w)`` of the camera's image.
-        dtype: of the products; ``torch.bfloat16`` runs them under autocast.
-
-    Raises:
-        ValueError: an image that the stem does not divide or the stacks use up.
+    residual blocks with the activation first. ``shape``: ``(c, h, w)`` of the camera's image.
+    ``dtype``: of the products; ``torch.bfloat16`` runs them under autocast.
     """
 
     def __init__(self, shape: torch.Size, config: EncoderConfig, out: int, dtype: torch.dtype):
@@ -160,19 +154,12 @@ def linear(inner: int, out: int, gain: float = 1.0) -> nn.Linear:
 
 
 def convolution_dtype(precision: str, device: torch.device) -> torch.dtype:
-    """What ``precision`` means on a device; ``auto``: bfloat16 where the processor has it.
-
-    Raises:
-        ValueError: an unknown precision.
-    """
+    """What ``precision`` means on a device; ``auto``: bfloat16 where the processor has it."""
+    check_names("precision", [precision], ("auto", *DTYPES))
     if precision == "auto":
         if device.type == "cuda":
             is_fast = torch.cuda.is_bf16_supported(including_emulation=False)
         else:
             is_fast = torch.cpu._is_avx512_bf16_supported()
         return torch.bfloat16 if is_fast else torch.float32
-    if precision not in DTYPES:
-        raise ValueError(
-            f"precision: {precision!r} is unknown; choose from auto, {', '.join(DTYPES)}"
-        )
     return DTYPES[precision]

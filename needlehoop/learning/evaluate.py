@@ -12,6 +12,7 @@ import torch
 from scipy.stats import binomtest
 from torch import Tensor
 
+from needlehoop.config.strict import check_names
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller, MakeController, Outcome, run_batches
 from needlehoop.envs.observer import Observer
@@ -101,11 +102,11 @@ def film(job_env: Settings, agent: Agent, episodes: int, seed: int, out: Path) -
 def which_policy(run: Run, asked: str | None) -> tuple[str, int | None]:
     """Which of a run's policies is meant, and how many steps it was trained for.
 
-    ``asked``: ``last`` or ``best``; ``None``: the last, or else the best. ``ValueError`` for
-    another word, or where the run has no such policy.
+    ``asked``: ``last`` or ``best``; ``None``: the last, or else the best. Raises ``ValueError``
+    where the run has no such policy.
     """
-    if asked not in (None, *POLICIES):
-        raise ValueError(f"policy: {asked!r} is unknown; choose from {', '.join(POLICIES)}")
+    if asked is not None:
+        check_names("policy", [asked], [*POLICIES])
     best = run.folder / BEST
     last = any((run.folder / name).exists() for name in (CHECKPOINT, POLICY))
     if asked == "last" or (asked is None and (last or not best.exists())):
@@ -126,10 +127,8 @@ def load_agent(run: Run, job: Job, device: torch.device, policy: str = "last") -
     """One of a run's agents.
 
     ``policy``: ``last``, which is the checkpoint's or else that of ``policy.safetensors``; or
-    ``best``, that of ``best.safetensors``. The value function of such a file is untrained.
-
-    Raises:
-        ValueError: there is none, or it is damaged or of another run.
+    ``best``, that of ``best.safetensors``. The value function of such a file is untrained. Raises
+    ``ValueError`` where there is none, or it is damaged or of another run.
     """
     weights, checkpoint = run.folder / POLICIES[policy], run.folder / CHECKPOINT
     agent = build_agent(job, device)

@@ -134,12 +134,11 @@ class Job:
                 f"steps: {self.steps} is less than one buffer of {self.buffer} steps (algo.buffer,"
                 f" or num_envs={self.env.num_envs} × algo.horizon={self.algo.horizon})"
             )
-        for seed in (self.evaluation.seed, self.evaluation.final_seed):
-            if seed == self.env.seed:
-                raise ValueError(
-                    f"evaluation.seed: {self.evaluation.seed} and the next are of evaluations, and"
-                    f" {seed} is the training's; choose another"
-                )
+        if self.env.seed in (self.evaluation.seed, self.evaluation.final_seed):
+            raise ValueError(
+                f"evaluation.seed: {self.evaluation.seed} and the next are of evaluations, and"
+                f" {self.env.seed} is the training's; choose another"
+            )
         if (self.collector.workers or 1) > self.env.num_envs:
             raise ValueError(
                 f"collector.workers: {self.collector.workers} is more than"
@@ -198,45 +197,29 @@ class Job:
 
     @property
     def torch_device(self) -> torch.device:
-        """Where the learner runs; errors as in ``pick_device``."""
+        """Where the learner runs."""
         return pick_device(self.device)
 
 
 def pick_device(name: str) -> torch.device:
     """``auto``, ``cpu``, ``cuda`` or ``cuda:<k>`` as a device.
 
-    Raises:
-        ValueError: a device that torch does not know or that is not there.
+    Raises ``ValueError`` for one that is not on this machine.
     """
-    if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    try:
-        device = torch.device(name)
-    except RuntimeError as error:
-        raise ValueError(f"device: {name!r} is unknown; choose from auto, cpu, cuda") from error
-    if device.type not in ("cpu", "cuda"):
-        raise ValueError(f"device: {name!r} is not supported; choose from auto, cpu, cuda")
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        raise ValueError(f"device: {name!r} is not on this machine; choose auto or cpu")
-    return device
+    gpus = [f"cuda:{i}" for i in range(torch.cuda.device_count())]
+    check_names("device", [name], ("auto", "cpu", *(["cuda", *gpus] if gpus else [])))
+    return torch.device(("cuda" if gpus else "cpu") if name == "auto" else name)
 
 
 def typed_job(values: Mapping[str, Any]) -> Job:
-    """What somebody typed, composed, as a job.
-
-    Raises:
-        ValueError: a value is wrong; says its key.
-    """
+    """What somebody typed, composed, as a job; ``ValueError`` for a wrong value, with its key."""
     import_task(values)
     found = checked_job(values)
     return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
 
 
 def checked_job(values: Mapping[str, Any]) -> Job:
-    """A training config as a job whose reward can run no code; imports no task.
-
-    Errors are as in ``typed_job``.
-    """
+    """The same, with a reward that can run no code; imports no task."""
     own, environment = (
         {name: values[name] for name in kind.__dataclass_fields__ if name in values}
         for kind in (Job, Settings)

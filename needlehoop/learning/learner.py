@@ -31,12 +31,8 @@ _MOST_DIVERGED = 0.01
 class Learner:
     """Collects buffers and learns from them.
 
-    Args:
-        state: of an earlier learner of the job, to go on from.
-        weights: of another run's agent, to begin with.
-
-    Raises:
-        ValueError: the state is of another job, or of another version.
+    ``state``: of an earlier learner of the job, to go on from; ``ValueError`` if it does not fit.
+    ``weights``: of another run's agent, to begin with.
     """
 
     def __init__(
@@ -80,10 +76,7 @@ class Learner:
     def __iter__(self) -> Iterator[tuple[TensorDictBase, dict[str, float]]]:
         """Each buffer ``(num_envs, horizon)``, after it was learnt from, and what is reported.
 
-        The buffer is valid until the next one.
-
-        Raises:
-            FloatingPointError: the physics diverges too often.
+        A buffer is valid until the next. ``FloatingPointError``: the physics diverges too often.
         """
         buffers = iter(self._collector)
         while self.done_updates < self.job.updates:

@@ -20,17 +20,10 @@ WANDB_ID = "wandb_id.txt"
 class Logger:
     """Shows the rows of the CSV files elsewhere, if anywhere.
 
-    Args:
-        values: the run's config.
-        folder: the run's.
-        steps: that it begins with; TensorBoard drops later points of an interrupted training.
-
-    Raises:
-        ValueError: as in ``check_installed``.
+    ``steps``: that it begins with; TensorBoard drops later points of an interrupted training.
     """
 
     def __init__(self, job: Job, values: Mapping[str, Any], folder: Path, steps: int):
-        check_installed(job)
         self._board: Any = None
         if TENSORBOARD in job.logger:
             from torch.utils.tensorboard import SummaryWriter
@@ -50,7 +43,7 @@ class Logger:
             self._run.log(curves, step=step)
 
     def video(self, path: Path) -> None:
-        """The video of the finished run, for wandb."""
+        """Show the video of the finished run at wandb."""
         if self._run is not None:
             import wandb
 

@@ -16,7 +16,7 @@ from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
 
 @dataclass(frozen=True)
 class HeadConfig:
-    """Trunk and heads; part of ``conf/algo``."""
+    """Trunk and heads; ``network`` in ``conf/algo``."""
 
     hidden: Annotated[int, Range(1, 16_384)]
     """Width of the trunk's layers and of each encoder's output."""
@@ -76,10 +76,7 @@ def dense(size: int, heads: HeadConfig) -> list[nn.Module]:
 class Trunk(nn.Module):
     """All observations to one feature vector: encoders side by side, then dense layers.
 
-    Args:
-        images: ``(c, h, w)`` by camera.
-        vectors: lengths of the other observations.
-        dtype: of the convolutions.
+    ``images``: ``(c, h, w)`` by camera. ``vectors``: lengths of the other observations.
     """
 
     def __init__(
@@ -110,11 +107,12 @@ class Trunk(nn.Module):
 class Gaussian(nn.Module):
     """Policy head: a linear mean and a state-independent log-std, squashed by a tanh or not."""
 
-    def __init__(self, inner: int, actions: int, sigma: float, squash: bool):
+    def __init__(self, spec: PolicySpec):
         super().__init__()
-        self._squash = squash
-        self.mean = linear(inner, actions, gain=0.2)
-        self.log_sigma = nn.Parameter(torch.full((actions,), sigma).log())
+        heads = spec.network
+        self._squash = heads.squash
+        self.mean = linear(heads.hidden, spec.actions, gain=0.2)
+        self.log_sigma = nn.Parameter(torch.full((spec.actions,), heads.sigma).log())
 
     def forward(self, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and deviation, before the tanh."""
@@ -158,11 +156,6 @@ class PolicySpec:
     """Length of the action."""
     precision: str
 
-    def __post_init__(self) -> None:
-        for name in (*self.channels, *self.vectors):
-            if not name.isidentifier():
-                raise ValueError(f"senses: {name!r} is no name of a camera or vector")
-
     @property
     def images(self) -> dict[str, torch.Size]:
         """The shape ``(c, h, w)`` of each camera's image."""
@@ -177,11 +170,6 @@ class PolicySpec:
     def trunk(self, dtype: torch.dtype) -> Trunk:
         """A new trunk, whose convolutions compute in ``dtype``."""
         return Trunk(self.images, self.vectors, self.encoder, self.network, dtype)
-
-    def gaussian(self) -> Gaussian:
-        """A new policy head."""
-        heads = self.network
-        return Gaussian(heads.hidden, self.actions, heads.sigma, heads.squash)
 
 
 def check_same(have: PolicySpec, want: PolicySpec, what: str) -> None:

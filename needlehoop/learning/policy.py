@@ -21,16 +21,13 @@ PRECISION = "fp32"
 
 
 class Policy:
-    """``policy(observation)``: the mean action, in [-1, 1].
+    """``policy(observation)``: the mean action, in [-1, 1]; ``origin``: which it is, in words.
 
     An observation maps the run's cameras, and ``proprio``, ``signals`` and ``told`` where it
     had them, to numpy arrays or torch tensors with any leading dimensions. Images are uint8:
     ``(..., h, w, c)`` as from Gymnasium and dm_control, or ``(..., c, h, w)`` as from TorchRL,
     whose TensorDict may be given as it is. The action ``(..., action_size)`` is float32: numpy
     for numpy, torch for torch.
-
-    Args:
-        origin: which policy it is, in words.
     """
 
     def __init__(self, spec: PolicySpec, actor: Actor, origin: str):
@@ -43,11 +40,7 @@ class Policy:
 
     @torch.no_grad()
     def __call__(self, observation: Mapping[str, Any]) -> Any:
-        """The action.
-
-        Raises:
-            ValueError: something is missing, or of another shape or type; says what.
-        """
+        """The action; ``ValueError`` for what is missing, or of another shape or type."""
         given = dict(observation.items())
         given |= given.pop("pixels", {}).items()
         needed = (*self._images, *self._vectors)
@@ -100,9 +93,6 @@ def onnx_bytes(spec: PolicySpec, actor: Actor) -> bytes:
     Its inputs are the run's cameras, uint8 ``(n, c, h, w)``, then ``proprio``, ``signals``
     and ``told`` where it had them, float32 ``(n, length)``; its output is ``action``, float32
     ``(n, action_size)``. Under ``needlehoop`` its metadata have the run's environment.
-
-    Raises:
-        RuntimeError: the exporter is not installed.
     """
     try:
         import_module("onnxscript")

@@ -29,11 +29,7 @@ class RayBuffers:
     """Buffers ``(num_envs, horizon)`` of workers that share the environments equally.
 
     The cluster is that of ``RAY_ADDRESS``, or else a new one on this machine. Each worker acts on
-    a CPU, whatever the learner's device.
-
-    Args:
-        makers: of each worker's environments.
-        steps: of a buffer, over all environments.
+    a CPU, whatever the learner's device. ``steps``: of a buffer, over all environments.
 
     Raises:
         ValueError: Ray is not installed, or its cluster has fewer CPUs than workers.

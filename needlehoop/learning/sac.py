@@ -15,15 +15,11 @@ from needlehoop.learning.agent import Agent
 from needlehoop.learning.algorithm import MemoryAlgorithm, step
 from needlehoop.learning.algorithm_config import SacConfig
 from needlehoop.learning.encoder import linear
-from needlehoop.learning.networks import HeadConfig, PolicySpec, dense
+from needlehoop.learning.networks import Gaussian, HeadConfig, PolicySpec, dense
 
 
 class ActionValue(nn.Module):
-    """The value ``(n, 1)`` of an action ``(n, actions)``, given features ``(n, size)``.
-
-    Args:
-        size: of all inputs together.
-    """
+    """The value ``(n, 1)`` of features, facts and an action; ``size``: of all these together."""
 
     def __init__(self, size: int, heads: HeadConfig):
         super().__init__()
@@ -38,7 +34,7 @@ class SacAgent(Agent):
 
     def __init__(self, spec: PolicySpec, dtype: torch.dtype):
         super().__init__(spec, dtype)
-        self.trunk, self.gaussian = spec.trunk(dtype), spec.gaussian()
+        self.trunk, self.gaussian = spec.trunk(dtype), Gaussian(spec)
         size = self.trunk.size + len(self.privileged_keys) + spec.actions
         self.critics = nn.ModuleList(ActionValue(size, spec.network) for _ in range(2))
 

@@ -31,14 +31,10 @@ class Condition:
 
 
 def chosen_axes(words: Iterable[str], *, blind: bool) -> list[str]:
-    """Axes by their names or their groups', such as ``camera.shift`` and ``scene``.
+    """Axes by their names or their groups', such as ``camera.shift`` and ``scene``; none: all.
 
-    Args:
-        words: none: all axes.
-        blind: whether there are no cameras, so that only the robot can be disturbed.
-
-    Raises:
-        ValueError: no such axis.
+    ``blind``: whether there are no cameras, so that only the robot can be disturbed. Raises
+    ``ValueError`` for an unknown axis.
     """
     given = list(words) or (["robot"] if blind else list(GROUPS))
     check_names("axes", given, (*GROUPS, *AXES))
@@ -56,12 +52,8 @@ def conditions(
 ) -> list[Condition]:
     """Undisturbed, each axis at each severity, and all of these axes at once.
 
-    Args:
-        levels: amounts at severities 1, 2, … by axis, by group: ``conf/levels``.
-        together: severity of all at once.
-
-    Raises:
-        ValueError: there is no such severity, or the levels lack an axis.
+    ``levels``: amounts at severities 1, 2, … by axis, by group: ``conf/levels``. ``together``:
+    severity of all at once. Raises ``ValueError`` for a severity or an axis that they lack.
     """
     given = {f"{g}.{name}": row for g, rows in levels.items() for name, row in rows.items()}
     for key in given.keys() ^ AXES.keys():
@@ -83,12 +75,7 @@ def stress(
     Episode ``i`` begins in the same way under all of them. All share one batch of ``size``
     environments: one that is done takes the next episode that waits, of any condition. Most
     episodes end long before the time limit, so a batch for each condition would take three times
-    as long.
-
-    Args:
-        settings: environment with the seed of the episodes, undisturbed.
-        make: makes the controller, which has no memory of its own.
-        episodes: of each condition.
+    as long. The controller must have no memory of its own.
     """
     total, task = episodes * len(tried), settings.definition
     amounts = {key: torch.tensor([c.amounts.get(key, 0.0) for c in tried]) for key in AXES}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,24 +25,10 @@ _SEED = 1_000_001
 """Of the episodes where there is no run: as in a run's final evaluation by default."""
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A controller and its environment."""
-
-    settings: Settings
-    """Undisturbed, with the seed of the episodes."""
-    make: MakeController
-
-    @property
-    def blind(self) -> bool:
-        """Whether it has no cameras."""
-        return not self.settings.cams
-
-
 def subject(
     who: str, words: Iterable[str], seed: int | None, device: torch.device, trust: bool
-) -> Subject:
-    """Find the controller that is meant.
+) -> tuple[Settings, MakeController]:
+    """Find the controller that is meant, and its environment, undisturbed.
 
     Args:
         who: a run's folder, a ``policy.safetensors``, or the name of a scripted controller.
@@ -56,7 +42,7 @@ def subject(
     path = Path(who)
     if path.is_dir():
         settings, make = of_run(path, words, seed, device, trust, "stress")
-        return Subject(replace(settings, disturb=Disturb()), make)
+        return replace(settings, disturb=Disturb()), make
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
         spec = read_spec(path)
@@ -67,10 +53,10 @@ def subject(
                 f"{path}: its images have channels {shown(spec.channels)}, and these"
                 f" {shown(settings.image_channels)}; give its own settings (obs.frame_stack=…)"
             )
-        return Subject(settings, acting(read_actor(path, spec, device)))
+        return settings, acting(read_actor(path, spec, device))
     settings = compose_settings(chosen)
     check_names("a run's folder, policy.safetensors or controller", [who], controllers(settings))
-    return Subject(replace(settings, cams=()), by_name(who))
+    return replace(settings, cams=()), by_name(who)
 
 
 def of_run(
@@ -82,13 +68,10 @@ def of_run(
     command: str,
     later: int = 0,
 ) -> tuple[Settings, MakeController]:
-    """A run's environment on episodes that it was not trained on, and its agent.
+    """A run's environment on episodes that it was not trained on, and its agent; see ``subject``.
 
-    Arguments and errors as in ``subject``.
-
-    Args:
-        command: for the error about an unknown key, which lists the command's keys too.
-        later: added to the seed of the final evaluation, if none is given.
+    ``command``: for the error about an unknown key, which lists the command's keys too. ``later``:
+    added to the seed of the final evaluation, if none is given.
     """
     run = Run.open(folder)
     job, _ = flown_job(run.config(), words, trust, command)
@@ -103,9 +86,8 @@ def flown_job(
 ) -> tuple[Job, dict[str, Any]]:
     """The job of a run's config with its environment changed, and the new values by key.
 
-    Args:
-        words: changes, as on the command line.
-        trust: whether Python code that the run's files name may run. A reward that is typed may.
+    ``words``: changes, as on the command line. Python code that the run's files name runs only
+    with ``trust``; a reward that is typed may always run.
 
     Raises:
         ValueError: code without ``trust``, a word that is wrong, or one that changes what the

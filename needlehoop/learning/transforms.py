@@ -55,10 +55,8 @@ class Teacher(Transform):
     Who acts in an episode is drawn when it begins. The learner's share grows from nothing to all.
     The expert acts under noise, so that it shows how to correct errors (``Perturbation``).
 
-    Args:
-        noise: the strongest.
-        handover: share of the training after which the learner acts in every new episode.
-        seed: decides who acts, and the noise.
+    ``noise``: the strongest. ``handover``: share of the training after which the learner acts in
+    every new episode. ``seed``: decides who acts, and the noise.
     """
 
     def __init__(self, settings: Settings, noise: float, handover: float, seed: int):
@@ -112,13 +110,14 @@ class Teacher(Transform):
 
     def get_extra_state(self) -> dict[str, Any]:
         """Everything that decides the next actions."""
-        own = {"learner": self._learner, "acted": self._acted}
-        return {**own, **self._noise.snapshot(), "generator": self._generator.get_state()}
+        noise = {"drift": self._noise.drift, "strength": self._noise.strength}
+        own = {"learner": self._learner, "acted": self._acted, **noise}
+        return {**own, "generator": self._generator.get_state()}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from a ``get_extra_state``."""
         self._learner, self._acted = state["learner"], state["acted"]
-        self._noise.restore(state)
+        self._noise.drift, self._noise.strength = state["drift"], state["strength"]
         self._generator.set_state(state["generator"])
         self._is_restored = True
 

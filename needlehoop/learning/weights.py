@@ -39,18 +39,15 @@ def write_weights(
 ) -> None:
     """Write a policy's file, whole or not at all.
 
-    Args:
-        values: the run's config, for the record; it is not read back.
-        dtype: of the weights, by name, as in ``Job``; the vectors' statistics stay as they are.
-        evaluation: of the best policy, for the record: its row of ``evaluations.csv``.
+    ``values``, the run's config, and ``evaluation``, the best policy's row of ``evaluations.csv``,
+    are for the record. The vectors' statistics keep their type, whatever the weights' ``dtype``.
     """
     kept = {
         name: one.to(getattr(torch, dtype)) if one.dtype == torch.float32 else one
         for name, one in actor.state_dict().items()
     }
-    notes = {"senses": asdict(spec), "config": values}
-    notes |= {} if evaluation is None else {"evaluation": evaluation}
-    metadata = {name: json.dumps(note) for name, note in notes.items()}
+    notes = {"senses": asdict(spec), "config": values, "evaluation": evaluation}
+    metadata = {name: json.dumps(note) for name, note in notes.items() if note is not None}
     content = save({name: one.cpu().contiguous() for name, one in kept.items()}, metadata)
     write_whole(path, content)
 
@@ -62,11 +59,7 @@ def read_step(path: Path) -> int | None:
 
 
 def read_spec(path: Path) -> PolicySpec:
-    """What the policy of a ``policy.safetensors`` sees and does.
-
-    Raises:
-        ValueError: no such file, or a damaged or foreign one.
-    """
+    """What a file's policy sees and does; ``ValueError`` for no, a damaged or a foreign file."""
     values = _note(path, "senses")
     if values is None:
         raise ValueError(f"{path} holds no policy of needlehoop: it does not say what it sees")

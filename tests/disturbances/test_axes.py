@@ -171,12 +171,6 @@ def test_numbers_depend_on_every_key_and_on_nothing_else():
     assert len(np.unique(some)) == 3000
 
 
-def test_whole_amounts_are_counts():
-    axis = AXES["picture.late"]
-    found = axis.drawn(np.linspace(0, 0.999, 100).reshape(-1, 1, 1), np.full(100, 2.0)).amount
-    assert set(found.flatten().tolist()) == {0.0, 1.0, 2.0}
-
-
 def test_options_are_the_severities_they_say():
     levels = composing.compose([], "stress")["levels"]
     assert {f"{g}.{name}" for g, axes in levels.items() for name in axes} == set(AXES)

@@ -76,30 +76,6 @@ def test_every_world_shows_every_object_in_every_frame(renderer):
             assert (counts >= 10).all(), (name, counts)
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
-def test_rendering_a_few_environments_gives_their_rows_of_the_whole(renderer):
-    ids = [7, 1, 4]
-    settings = compose_settings([*CAMS, "num_envs=12", f"engine.renderer={renderer}"])
-    simulation = build(settings)
-    moment = simulation.reset()
-    simulation.step(random_controller(5, seed=0)(moment.signals))
-    whole = {name: image.clone() for name, image in simulation.images().items()}
-    few = simulation.images(torch.tensor(ids))
-    for name, image in few.items():
-        assert torch.equal(image, whole[name][ids]), name
-
-
-def test_an_episode_does_not_depend_on_its_neighbours():
-    wide = build(compose_settings(["num_envs=6"]))
-    narrow = build(compose_settings(["num_envs=2"]), first_env=3)
-    act = random_controller(5, seed=0)
-    a, b = wide.reset(), narrow.reset()
-    for _ in range(40):
-        action = act(a.signals)
-        a, b = wide.step(action), narrow.step(action[3:5])
-        assert torch.equal(a.signals.needle_tip[3:5], b.signals.needle_tip)
-
-
 def test_a_needle_that_nobody_touches_stays_still():
     settings = compose_settings(["num_envs=2"])
     simulation = build(settings)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torchrl.envs.libs.dm_control import DMControlWrapper
 from torchrl.envs.utils import check_env_specs
 
 import needlehoop
@@ -42,21 +41,16 @@ def test_a_masked_reset_renews_only_what_it_names():
         assert not torch.equal(renewed[key][~kept], stepped[key][~kept]), key
 
 
-def test_the_return_is_the_last_potential():
+def test_the_return_is_the_last_potential_and_a_time_out_does_not_terminate():
     env = needlehoop.make_env(num_envs=3, overrides=["episode.max_steps=25"])
-    rollout = env.rollout(25)
+    rollout = env.rollout(40)
+    assert rollout.shape == (3, 25)
+    assert rollout["next", "truncated"][:, -1].all()
+    assert not rollout["next", "terminated"].any()
     total = rollout["next", "reward"].sum(1)
     torch.testing.assert_close(total, rollout["next", "potential"][:, -1], atol=1e-5, rtol=0)
     terms = sum(rollout["next", "terms"][:, -1].values())
     torch.testing.assert_close(terms, rollout["next", "potential"][:, -1], atol=1e-5, rtol=0)
-
-
-def test_a_time_out_truncates_and_does_not_terminate():
-    env = needlehoop.make_env(num_envs=2, overrides=["episode.max_steps=7"])
-    rollout = env.rollout(20)
-    assert rollout.shape == (2, 7)
-    assert rollout["next", "truncated"][:, -1].all()
-    assert not rollout["next", "terminated"].any()
 
 
 def test_staggered_first_episodes_end_one_after_the_other():
@@ -97,28 +91,17 @@ def test_signals_and_told_facts_come_in_their_order():
     assert [1.0, 1.0] in told
 
 
-def test_dm_control_ends_with_discount_one_at_a_time_out():
-    env = needlehoop.load(overrides=["episode.max_steps=3"])
-    env.reset()
-    steps = [env.step(np.zeros(5)) for _ in range(3)]
-    assert [step.last() for step in steps] == [False, False, True]
-    assert steps[-1].discount == 1.0
-
-
-def test_torchrl_wraps_the_dm_control_environment():
-    wrapped = DMControlWrapper(needlehoop.load(cams=["rgb_front"], overrides=["image_size=24"]))
-    rollout = wrapped.rollout(4)
-    assert rollout["rgb_front"].shape == (4, 24, 24, 3)
-
-
-def test_dm_control_spells_out_its_observations_before_the_first_reset():
+def test_dm_control_tells_of_observations_before_a_reset_and_ends_with_discount_one():
     for overrides in (["obs.signals=true"], ["obs.proprio=true", "obs.told=[lifted]"], []):
-        env = needlehoop.load(cams=["dep_front"] if overrides else [], overrides=overrides)
+        cams = ["dep_front"] if overrides else []
+        env = needlehoop.load(cams=cams, overrides=["episode.max_steps=3", *overrides])
         spec = env.observation_spec()
         seen = env.reset().observation
         assert {k: (v.shape, v.dtype) for k, v in spec.items()} == {
             k: (v.shape, v.dtype) for k, v in seen.items()
         }
+        steps = [env.step(np.zeros(5)) for _ in range(3)]
+        assert [(step.last(), step.discount) for step in steps] == [*[(False, 1)] * 2, (True, 1)]
 
 
 def test_stacked_frames_are_the_last_ones_and_a_new_episode_repeats_its_first():
@@ -165,8 +148,3 @@ def test_shimmy_s_seed_is_ours():
     for seed in (5, None):
         seen = wrapped.reset(seed=seed)[0]["seg_side"]
         assert np.array_equal(seen, direct.reset().observation["seg_side"])
-
-
-def test_cameras_may_be_joined_as_in_tables():
-    env = needlehoop.make_env("rgb_default+seg_side", num_envs=1)
-    assert env.settings.cams == ("rgb_default", "seg_side")

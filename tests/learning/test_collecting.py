@@ -81,20 +81,6 @@ def test_a_machine_with_other_cores_goes_on_with_as_many_workers():
     assert all(torch.equal(weights[name], again[name]) for name in weights)
 
 
-def test_processes_fly_the_episodes_that_one_would():
-    """The expert's: it draws no action."""
-    words = ("algo.noise=0", "algo.handover=1e9", *METHODS["dagger"])
-    buffers = []
-    for collector in COLLECTORS.values():
-        learner = Learner(job_of(*words, *collector))
-        buffers.append(next(iter(learner))[0].clone())
-        learner.close()
-    one, several = buffers
-    for key in one.keys(include_nested=True, leaves_only=True):
-        if "collector" not in key:
-            assert torch.equal(one[key], several[key]), key
-
-
 def test_images_are_folded_where_they_are_made_and_resets_renew_those_that_began():
     job = job_of()
     env: Any = MakeEnv(job, 0, 5, 1)()
@@ -141,9 +127,7 @@ def test_the_environment_is_one_of_torchrls(method):
 @pytest.mark.parametrize(
     ("kind", "workers", "num_envs", "cores", "parts"),
     [
-        ("processes", None, 80, 2, [40, 40]),
         ("processes", None, 80, 16, [20] * 4),
-        ("processes", None, 30, 2, [30]),
         ("processes", 3, 80, 2, [27, 27, 26]),
         ("single", 3, 80, 2, [80]),
     ],

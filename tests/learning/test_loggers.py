@@ -51,14 +51,6 @@ def records(folder: Path) -> list[Path]:
     return [*(folder / "wandb").glob("offline-run-*/run-*.wandb")]
 
 
-def test_the_csv_logger_does_nothing_besides(folder):
-    logger = build(folder, "csv")
-    logger.log("train", {"step": 512, "return": 0.5})
-    logger.video(folder / "missing.mp4")
-    logger.close()
-    assert list(folder.iterdir()) == []
-
-
 @pytest.mark.usefixtures("stranger")
 def test_wandb_without_a_login_keeps_curves_and_video_in_the_runs_folder(folder, capsys):
     video = folder / "video.mp4"

@@ -34,7 +34,7 @@ def test_a_policy_in_onnx_acts_as_in_torch(seen, tmp_path, monkeypatch, capsys):
     run_composed(composed(*TINY, *OWN[seen], "results=results"))
     run = f"results/main/{seen}/sparse/seed0"
     capsys.readouterr()
-    assert main(["export", "what=policy", "format=onnx", f"run={run}"]) == 0
+    assert main(["export", "what=policy", f"run={run}"]) == 0
     assert "policy.onnx" in capsys.readouterr().out
     # All weights are in the one file.
     assert {path.name for path in Path().iterdir()} == {"results", "policy.onnx"}

@@ -141,7 +141,6 @@ def test_what_is_no_policy_is_told_in_a_line(run, tmp_path):
     bad = tmp_path / "policy.safetensors"
     for content, message in (
         (b"\x80\x04cos\nsystem\n", "is damaged"),
-        (save({"a": torch.zeros(1)}), "it does not say what it sees"),
         (save({"a": torch.zeros(1)}, notes), "does not fit its config"),
     ):
         bad.write_bytes(content)
@@ -161,7 +160,6 @@ def test_an_observation_that_does_not_fit_is_told_by_its_key(run):
     }
     assert policy(fit).shape == (5,)
     for change, message in (
-        ({"seg_side": np.zeros((64, 64, 3), np.uint8)}, r"seg_side: .*\(64, 64, 3\); expected"),
         ({"seg_side": np.zeros((32, 32, 3))}, "seg_side: torch.float64"),
         ({"proprio": np.zeros(7)}, r"proprio: shape \(7,\); expected \(…, 8\)"),
     ):

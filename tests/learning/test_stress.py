@@ -59,7 +59,6 @@ def test_the_command_tests_a_controller(tmp_path, capsys):
         (["nobody", "out=a.csv"], "expert, smooth"),
         (["smooth", "out=a.csv", "severities=9"], "1 to 5"),
         (["smooth", "out=a.csv", "axes=[camera]"], "robot"),
-        (["smooth", "out=a.csv", "axes=[robot.lat]"], "robot.late"),
     ],
 )
 def test_what_makes_no_sense_is_refused(words, said, capsys):

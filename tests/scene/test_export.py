@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from needlehoop.cli.main import main
-from needlehoop.envs.build import compile_scene, scene_spec
+from needlehoop.envs.build import scene_spec
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import psm
 from needlehoop.scene import export
@@ -55,7 +55,7 @@ FIELDS = ("xpos", "xmat", "site_xpos", "site_xmat", "geom_xpos", "geom_xmat")
 def compiled(what: str, variant: str) -> mujoco.MjModel:
     settings = compose_settings([f"psm={variant}"])
     if what == "scene":
-        return compile_scene(settings)
+        return scene_spec(settings).compile()
     return build_arm(settings.task, variant).compile()
 
 

@@ -24,10 +24,8 @@ class Rasteriser:
     """Renders ``n`` environments, split over threads; any number of threads gives the same bits.
 
     Curved geoms are polygons within 0.1 mm. Colours have no shadows and no highlights, as in
-    ``Tracer`` with ``quality=1``. ``size``: width and height of the images, px.
-
-    Raises:
-        ValueError: a scene that can't be drawn; see ``solids.pack``.
+    ``Tracer`` with ``quality=1``. ``size``: width and height of the images, px. What can be drawn:
+    see ``solids.pack``.
     """
 
     def __init__(
@@ -78,9 +76,9 @@ class Rasteriser:
     def render(
         self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
     ) -> dict[str, Frame]:
-        """A frame per view, of MjData ``FIELDS`` ``(n, ...)``, perhaps with ``OPTICS``.
+        """A frame per view of environments ``ids`` ``(k,)``, or of all.
 
-        Of environments ``ids`` ``(k,)``, or of all.
+        ``fields``: ``FIELDS`` of MjData ``(n, ...)``, perhaps with ``OPTICS``.
         """
         count = self._buffers.count if ids is None else len(ids)
         chosen = slice(None) if ids is None else ids

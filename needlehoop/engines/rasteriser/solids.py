@@ -60,9 +60,8 @@ class Solids:
 def pack(model: mujoco.MjModel) -> Solids:
     """The drawn geoms and the lights of a scene.
 
-    Raises:
-        ValueError: something that can't be drawn: a type of geom, a finite plane or more than
-            one, a transparent geom, a light that isn't directional.
+    Raises ``ValueError`` for what can't be drawn: a type of geom, a finite plane or more than one,
+    a transparent geom, a light that isn't directional, a mesh that is inside out.
     """
     # Collision shapes are in group 3.
     drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] in (0, 1)]
@@ -147,11 +146,7 @@ class Surface(NamedTuple):
 
 
 def surface_of(model: mujoco.MjModel, geom: int) -> Surface:
-    """The surface of a geom.
-
-    Raises:
-        ValueError: a type that can't be drawn, or a mesh that is inside out.
-    """
+    """The surface of a geom; errors as in ``pack``."""
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     if kind not in _SHAPES:
         valid = ", ".join(shape.name for shape in (mujoco.mjtGeom.mjGEOM_PLANE, *_SHAPES))
