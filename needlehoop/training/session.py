@@ -265,6 +265,8 @@ def _check_same(run: Run, job: Job) -> None:
         # An amount that is left out is none.
         disturbance = (one.env.disturb.amounts, one.env.disturb.ramp)
         own = {"env": None, "disturb": disturbance, "engine": vars(one.env.engine)}
+        # A function itself is in no file; its source is.
+        own["reward"] = {k: v for k, v in one.env.reward.items() if k != rewards.CALL}
         settings.append({**vars(one), **vars(one.env), **own})
     if other := differing(settings[0], settings[1], _OF_NO_CONSEQUENCE):
         raise ValueError(
