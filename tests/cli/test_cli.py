@@ -175,7 +175,7 @@ def test_bench_train_says_where_the_time_goes():
         (["expert", "episodes=0"], "episodes: 0"),
         (["expert", "grasps=[glue]"], "grasps: 'glue' is unknown; choose from weld"),
         (["expert", "episodes=1", "--video", "out.gif"], "--video: 'out.gif' must end in .mp4"),
-        (["expert", "task=hard"], "near peg_transfer reach standard wide"),
+        (["expert", "task=hard"], "handover near peg_transfer reach standard wide"),
         (["export", "what=hand"], "what: 'hand' is unknown; choose from arm, scene"),
         (["snapshot", "out=sheet.bmp"], "out: 'sheet.bmp' must end in .png"),
         (["bench", "cams=[]"], "cams"),

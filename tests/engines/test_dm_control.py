@@ -21,7 +21,8 @@ WORDS = [
 
 
 def built(kind: str, *words: str):
-    return build(compose_settings([*WORDS, f"engine={kind}", *words]))
+    common = WORDS[any(word.startswith("cams=") for word in words) :]
+    return build(compose_settings([*common, f"engine={kind}", *words]))
 
 
 def same_state(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> None:
@@ -38,6 +39,7 @@ def same_state(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> 
         ["psm=serial", "episode.grasp=friction"],
         ["task=reach"],
         ["task=peg_transfer"],
+        ["task=handover", "cams=[dep_front,rgb_wrist_1,seg_wrist_2]"],
         pytest.param(["task=peg_transfer", "episode.grasp=friction"], marks=pytest.mark.full),
     ],
 )

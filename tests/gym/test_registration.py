@@ -40,8 +40,8 @@ def test_it_is_registered_in_any_order(imports):
 
 def test_every_task_has_its_id():
     ids = {name.removeprefix("needlehoop/") for name in gymnasium.registry if "needlehoop" in name}
-    assert ids == {"NeedleHoop-v0", "Reach-v0", "PegTransfer-v0", "OwnTask-v0"}
-    assert len(built_in()) == 3
+    assert ids == {"NeedleHoop-v0", "Reach-v0", "PegTransfer-v0", "Handover-v0", "OwnTask-v0"}
+    assert len(built_in()) == 4
 
 
 @pytest.mark.parametrize(
@@ -52,6 +52,7 @@ def test_every_task_has_its_id():
         ("Reach", None, "reach"),
         ("Reach", "wide", "reach/wide"),
         ("PegTransfer", "peg_transfer/near", "peg_transfer/near"),
+        ("Handover", "wide", "handover/wide"),
     ],
 )
 def test_an_id_is_of_a_task_and_takes_its_variants(name, task, option):
