@@ -193,7 +193,7 @@ class ArmEpisode(ToolEpisode):
             )
 
 
-def lengths(layout: Layout) -> dict[str, str]:
+def lengths(layout: Layout | Tool) -> dict[str, str]:
     """Fields that are a ``Length``, by name, in mm, for prompts."""
     hints = get_type_hints(type(layout), include_extras=True)
     return {

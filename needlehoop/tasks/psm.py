@@ -288,9 +288,10 @@ _ENDS = {
 }
 
 
-def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
+def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
-    turned_about = {"tip": "its own axis", "pose": "each of them"}[rules.control]
+    axes = "each axis of its arm's base" if layout.tilt else "each of them"
+    turned_about = {"tip": "its own axis", "pose": axes}[rules.control]
     return {
         **lengths(layout),
         "control": f"moves the tip of the instrument by up to {millimetres(rules.translation)} mm"

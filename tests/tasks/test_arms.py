@@ -11,6 +11,7 @@ import torch
 
 from needlehoop.envs.build import build, compile_scene, scene_spec
 from needlehoop.envs.settings import compose_settings
+from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
 from needlehoop.scene import export
 from needlehoop.tasks.handover.scene import ARMS
@@ -93,6 +94,29 @@ def test_an_action_moves_its_arm_and_leaves_the_other(moved):
         assert float(jaw) == pytest.approx(-0.9 * (index == moved), abs=0.02)
         if index != moved:
             assert joints.abs().max() < 1e-3
+
+
+def test_pose_control_turns_an_instrument_in_its_own_leaning_frame():
+    words = ["task=handover", "num_envs=1", "cams=[]", "episode.control=pose"]
+    simulation = build(compose_settings(words))
+    before = simulation.reset().signals
+    action = torch.zeros(1, 14, dtype=torch.float64)
+    # PSM 2 about the x axis of its remote centre.
+    action[0, 7 + 3] = 1.0
+    for _ in range(2):
+        simulation.step(action)
+    for _ in range(6):
+        after = simulation.step(0.0 * action).signals
+    turns = {
+        name: geo.multiply(
+            getattr(after, f"{name}_tool_quat"), geo.conjugate(getattr(before, f"{name}_tool_quat"))
+        )
+        for name in ARMS
+    }
+    axis = base(simulation.layout.psm2)[0][:, 0]
+    expected = np.concatenate(([np.cos(0.2)], np.sin(0.2) * axis))
+    np.testing.assert_allclose(turns["psm2"][0].numpy(), expected, atol=2e-3)
+    np.testing.assert_allclose(turns["psm1"][0].numpy(), [1, 0, 0, 0], atol=1e-6)
 
 
 def test_signals_of_an_arm_are_the_single_arms_under_its_name():

@@ -290,6 +290,8 @@ def test_it_is_told_without_what_decides_success(layout):
     s = handover(layout=layout)
     (said,) = reward_prompt(s, RULES)
     assert "$" not in said
+    (posed,) = reward_prompt(handover("episode.control=pose", layout=layout), RULES)
+    assert "about each axis of its arm's base" in posed
     assert not re.search(r"\b(verdict|cheat|fetched|hold_steps|hoop)\b", said)
     assert TASK.cheating not in said
     (other,) = reward_prompt(handover("episode.hold_steps=17", layout=layout), RULES)

@@ -41,8 +41,8 @@ class Human:
         """Terms ``(n,)`` by name."""
         s = signals
         one = torch.ones_like(s.elapsed)
-        held = s.grasped_1 | s.released
-        taken = s.both | s.released
+        held = torch.logical_or(s.grasped_1, s.released)
+        taken = torch.logical_or(s.both, s.released)
         up = held * self._closeness(s.needle_middle, s.meeting)
         opened = (s.psm1_jaw_command / _WIDE_OPEN).clamp(0.0, 1.0)
         given = 0.4 * s.both * opened + (0.7 + 0.3 * s.handed) * s.released
