@@ -119,6 +119,7 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
                 for name, word in words.items()
             }
         ),
+        # The last arm's jaw.
         opens=ROBOT.opens,
     )
 
