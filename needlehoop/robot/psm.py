@@ -80,7 +80,7 @@ TOOL_OFFSET = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Tool-tip offset: the tool frame's axes (columns) in the wrist-yaw frame."""
 
 
-def model_spec(variant: str, rcm: np.ndarray, grip: float) -> mujoco.MjSpec:
+def model_spec(variant: str, rcm: np.ndarray, grip: float, tilt: float = 0.0) -> mujoco.MjSpec:
     """The arm, ready for a scene about it.
 
     Bodies: ``yaw`` … ``wrist_yaw``, ``jaw_1``, ``jaw_2``. Joints carry the names of ``JOINTS`` and
@@ -89,24 +89,32 @@ def model_spec(variant: str, rcm: np.ndarray, grip: float) -> mujoco.MjSpec:
 
     Args:
         variant: one of ``VARIANTS``.
-        rcm: position of the RCM in the world frame ``(3,)``, m. Its axes are the world's.
+        rcm: position of the RCM in the world frame ``(3,)``, m.
         grip: ``tool_midpoint``'s distance from the wrist-yaw axis, m.
+        tilt: of the RCM frame about the world's y, rad.
     """
     spec = mujoco.MjSpec.from_file(str(Path(__file__).parent / "mjcf" / f"{variant}.xml"))
-    spec.body("psm_base").pos = rcm
+    base = spec.body("psm_base")
+    base.pos, base.quat = rcm, [np.cos(tilt / 2), 0.0, np.sin(tilt / 2), 0.0]
     spec.site("tool_midpoint").pos = [0.0, grip, 0.0]
     return spec
 
 
-def poser(model: mujoco.MjModel) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
+def poser(
+    model: mujoco.MjModel, prefix: str = ""
+) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
     """A function that writes postures of the arm into ``qpos`` ``(k, nq)``, the linkage closed.
 
     Its arguments are ``qpos``, joint positions ``(k, 6)`` in the order of ``JOINTS``, rad and m,
-    and the jaws' angle ``(k,)``, rad.
+    and the jaws' angle ``(k,)``, rad. Names of the arm's joints begin with ``prefix``.
     """
-    six = [int(model.joint(name).qposadr[0]) for name in JOINT_NAMES]
-    jaw_1 = int(model.joint("jaw_1").qposadr[0])
-    tied = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+    six = [int(model.joint(prefix + name).qposadr[0]) for name in JOINT_NAMES]
+    jaw_1 = int(model.joint(f"{prefix}jaw_1").qposadr[0])
+    tied = [
+        row
+        for row in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+        if model.equality(row).name.startswith(prefix)
+    ]
     ratios = [
         (*model.jnt_qposadr[[model.eq_obj1id[row], model.eq_obj2id[row]]], model.eq_data[row, 1])
         for row in tied

@@ -29,7 +29,7 @@ from needlehoop.probe.measuring import Plan
 from needlehoop.probe.scores import load
 from needlehoop.vlm.config import InquiryConfig, ManualConfig
 from needlehoop.vlm.inquiry import Inquiry
-from needlehoop.vlm.messages import UnansweredError
+from needlehoop.vlm.manual import UnansweredError
 from needlehoop.vlm.questions import Lists, Questions
 
 _AWAY = 1000.0

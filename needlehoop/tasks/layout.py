@@ -43,8 +43,8 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class ToolLayout(Layout):
-    """Where a robot's tool begins and may go."""
+class Tool:
+    """Where a robot's tool begins and may go; see ``Layout``."""
 
     tool_position: tuple[Place, Place, Place]
     """Nominal start of the tool."""
@@ -67,8 +67,13 @@ class ToolLayout(Layout):
 
 
 @dataclass(frozen=True)
-class ArmLayout(ToolLayout):
-    """Where the PSM stands, begins and may go; its tool is ``tool_midpoint``."""
+class ToolLayout(Tool, Layout):
+    """The layout of a task with one tool."""
+
+
+@dataclass(frozen=True)
+class Arm(Tool):
+    """Where a PSM stands, begins and may go; its tool is ``tool_midpoint``."""
 
     tool_roll: Turn
     """Start of the rotation about the instrument's axis."""
@@ -95,6 +100,33 @@ class ArmLayout(ToolLayout):
     def rcm(self) -> np.ndarray:
         """Position of the remote centre of motion, ``(3,)``."""
         return np.array([0.0, 0.0, self.rcm_height])
+
+    @property
+    def tilt(self) -> float:
+        """Turn of the remote centre's frame about the world's y."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class ArmLayout(Arm, ToolLayout):
+    """The layout of a task with one PSM, which stands upright above the origin."""
+
+
+@dataclass(frozen=True)
+class ArmAside(Arm):
+    """One of several PSMs: it stands aside, and leans."""
+
+    rcm_x: Place
+    rcm_tilt: Turn
+    """See ``tilt``."""
+
+    @property
+    def rcm(self) -> np.ndarray:
+        return np.array([self.rcm_x, 0.0, self.rcm_height])
+
+    @property
+    def tilt(self) -> float:
+        return self.rcm_tilt
 
 
 @dataclass(frozen=True)
@@ -127,7 +159,7 @@ class ToolEpisode(Episode):
     """How actions move the PSM. Lengths in m, angles in rad.
 
     ``control=tip``: tip x, y, z, rotation about the instrument, jaw. ``pose``: tip x, y, z,
-    rotation vector in the world frame, jaw.
+    rotation vector in the remote centre's frame, jaw.
     """
 
     CONTROLS: ClassVar[dict[str, int]] = {"tip": 5, "pose": 7}
@@ -161,7 +193,7 @@ class ArmEpisode(ToolEpisode):
             )
 
 
-def lengths(layout: Layout) -> dict[str, str]:
+def lengths(layout: Layout | Tool) -> dict[str, str]:
     """Fields that are a ``Length``, by name, in mm, for prompts."""
     hints = get_type_hints(type(layout), include_extras=True)
     return {

@@ -15,7 +15,7 @@ from needlehoop.robot.psm import JOINT_NAMES, model_spec
 from needlehoop.scene.signals import Sensor, Signal, command, of_body, of_joints, of_site, touch
 from needlehoop.scene.spec import furnish
 from needlehoop.tasks.contract import Memory, Part, Robot, Weld
-from needlehoop.tasks.layout import ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
+from needlehoop.tasks.layout import Arm, ArmEpisode, ArmLayout, ToolEpisode, lengths, millimetres
 from needlehoop.tasks.start import Chance, Start
 
 _TOOL_SIGNALS = {
@@ -49,14 +49,14 @@ def _table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
     return {**_TOOL_SIGNALS, **things, **JOINT_SIGNALS, **touches, "jaw_command": told}
 
 
-def tool_start(layout: ArmLayout, chance: Chance) -> dict[str, Tensor]:
+def tool_start(layout: Arm, chance: Chance) -> dict[str, Tensor]:
     """The robot of a ``Start``: the tool somewhere in its range, roll and jaw nominal."""
     tool = chance.place(layout.tool_position, layout.tool_position_range)
     roll, jaw = (tool.new_full((len(tool),), x) for x in (layout.tool_roll, layout.tool_jaw))
     return start_of(layout, tool, roll, jaw)
 
 
-def start_of(layout: ArmLayout, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, Tensor]:
+def start_of(layout: Arm, tool: Tensor, roll: Tensor, jaw: Tensor) -> dict[str, Tensor]:
     """The robot of a ``Start``: ``tool_midpoint`` at a place ``(n, 3)``, m, the wrist straight.
 
     ``roll`` about the instrument and the jaws' angle ``(n,)``, rad.
@@ -82,15 +82,15 @@ def build_arm(layout: ArmLayout, psm: str) -> mujoco.MjSpec:
 
 
 def act(
-    layout: ArmLayout, rules: ToolEpisode, memory: Memory, action: Tensor
+    layout: Arm, rules: ToolEpisode, memory: Memory, action: Tensor
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Move the targets by an action in [-1, 1].
 
     Returns:
         The robot's memory: ``target`` ``(n, 3)`` for ``tool_midpoint``, m; ``tool_roll`` ``(n,)``
-        about the instrument, rad; ``quat`` ``(n, 4)`` of the tool frame (``control=pose``);
-        ``joints`` ``(n, 6)`` and ``jaw`` ``(n,)`` as commanded. And the servos' commands
-        ``(n, 7)``: six joints (rad, m) and the jaw.
+        about the instrument, rad; ``quat`` ``(n, 4)`` of the tool frame in the remote centre's
+        frame (``control=pose``); ``joints`` ``(n, 6)`` and ``jaw`` ``(n,)`` as commanded. And the
+        servos' commands ``(n, 7)``: six joints (rad, m) and the jaw.
     """
     target = layout.clamp(memory["target"] + rules.translation * action[:, :3])
     jaw = memory["jaw"] + rules.jaw * action[:, -1]
@@ -113,28 +113,39 @@ def act(
     return moved, _servos(joints, jaw)
 
 
-def _tip_joints(layout: ArmLayout, tool: Tensor, roll: Tensor) -> Tensor:
+def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
     """Joints ``(n, 6)`` that bring ``tool_midpoint`` to ``tool`` ``(n, 3)``, the wrist straight.
 
     ``roll`` ``(n,)`` about the instrument, rad; m, world frame. Clamped to the joints' limits.
     """
-    joints = psm.straight_wrist(tool - torch.from_numpy(layout.rcm), roll, layout.grip)
+    joints = psm.straight_wrist(_from_rcm(layout, tool), roll, layout.grip)
     return joints.clamp(*psm.joint_limits())
 
 
-def _pose_joints(layout: ArmLayout, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
+def _from_rcm(layout: Arm, place: Tensor) -> Tensor:
+    """Places ``(n, 3)``, m, in the remote centre's frame."""
+    away = place - torch.from_numpy(layout.rcm)
+    if not layout.tilt:
+        return away
+    half = -layout.tilt / 2
+    back = torch.tensor((np.cos(half), 0.0, np.sin(half), 0.0), dtype=away.dtype)
+    return geo.rotate(back.expand(len(away), 4), away)
+
+
+def _pose_joints(layout: Arm, tool: Tensor, quat: Tensor, nearby: Tensor) -> Tensor:
     """Joints ``(n, 6)`` for ``tool_midpoint`` and the tool frame's orientation ``quat`` ``(n, 4)``.
 
-    Found from the joints ``nearby`` ``(n, 6)``; m, world frame.
+    Found from the joints ``nearby`` ``(n, 6)``. ``tool`` in m, world frame; ``quat`` in the remote
+    centre's frame.
     """
     pose = torch.zeros(len(tool), 4, 4, dtype=torch.float64)
     pose[:, :3, :3] = geo.to_matrix(quat)
-    pose[:, :3, 3] = tool - torch.from_numpy(layout.rcm) - layout.grip * pose[:, :3, 2]
+    pose[:, :3, 3] = _from_rcm(layout, tool) - layout.grip * pose[:, :3, 2]
     return psm.inverse_kinematics(pose, nearby, iterations=4)
 
 
 def _tool_quat(joints: Tensor) -> Tensor:
-    """Orientation ``(n, 4)`` of the tool frame."""
+    """Orientation ``(n, 4)`` of the tool frame in the remote centre's."""
     # Imported where the wrist is turned: see ``psm``.
     from pytorch_kinematics import matrix_to_quaternion
 
@@ -147,7 +158,7 @@ def _servos(joints: Tensor, jaw: Tensor) -> Tensor:
 
 
 def _displaced(
-    layout: ArmLayout, rules: ToolEpisode, memory: Memory, control: Tensor, offset: Tensor
+    layout: Arm, rules: ToolEpisode, memory: Memory, control: Tensor, offset: Tensor
 ) -> Tensor:
     """Commands ``(n, 7)`` that put the tip ``offset`` ``(n, 3)`` m beside its target."""
     target = memory["target"] + offset
@@ -158,9 +169,9 @@ def _displaced(
     return _servos(joints, control[:, -1])
 
 
-def _begin(rules: ToolEpisode, start: Start) -> dict[str, Tensor]:
-    """Targets where the tool is."""
-    tool, joints, jaw = (start.robot[name].clone() for name in ("tool", "joints", "jaw"))
+def begin_arm(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The arm's memory where it starts: targets where the tool is."""
+    tool, joints, jaw = (robot[name].clone() for name in ("tool", "joints", "jaw"))
     quat = _tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4)
     roll = joints[:, 3].clone()
     return {"target": tool, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
@@ -172,9 +183,9 @@ def _poser(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
 
 
 ROBOT = Robot(
-    model=lambda layout, psm: model_spec(psm, layout.rcm, layout.grip),
+    model=lambda layout, psm: model_spec(psm, layout.rcm, layout.grip, layout.tilt),
     poser=_poser,
-    begin=_begin,
+    begin=lambda rules, start: begin_arm(rules, start.robot),
     act=act,
     table=_table,
     commands={"jaw_command": "jaw"},
@@ -187,22 +198,27 @@ ROBOT = Robot(
 
 
 def add_grasp(
-    spec: mujoco.MjSpec, rules: ArmEpisode, body: str, **softness: Sequence[float]
+    spec: mujoco.MjSpec,
+    rules: ArmEpisode,
+    body: str,
+    prefix: str = "",
+    **softness: Sequence[float],
 ) -> None:
     """Add what ``episode.grasp`` holds a body with.
 
     ``weld``: the inactive weld ``grasp`` of the wrist with it, of this ``softness`` (MuJoCo's
-    ``solref`` and ``solimp``). ``friction``: MuJoCo's pass against slip.
+    ``solref`` and ``solimp``); the arm's names, and the weld's, begin with ``prefix``.
+    ``friction``: MuJoCo's pass against slip.
     """
     if rules.grasp == "friction":
         # Without it, what is held creeps by 0.66 mm a second.
         spec.option.noslip_iterations = 3
         return
     spec.add_equality(
-        name="grasp",
+        name=f"{prefix}grasp",
         type=mujoco.mjtEq.mjEQ_WELD,
         objtype=mujoco.mjtObj.mjOBJ_BODY,
-        name1="wrist_yaw",
+        name1=f"{prefix}wrist_yaw",
         name2=body,
         active=False,
         **softness,
@@ -263,18 +279,19 @@ def outside_jaws(wrist: Tensor, tool_quat: Tensor, jaw: Tensor, points: Tensor) 
 
 _BEGINS = (
     "becomes true when {part} is between the jaws, both touch it and it keeps them from closing"
-    " further, while jaw_command is below {close} rad;"
+    " further, while {command} is below {close} rad;"
 )
 _ENDS = {
-    "weld": " it stays so, without flicker, until jaw_command rises above {release} rad.",
-    "friction": " it becomes false when neither touches it any more, or when jaw_command rises"
+    "weld": " it stays so, without flicker, until {command} rises above {release} rad.",
+    "friction": " it becomes false when neither touches it any more, or when {command} rises"
     " above {release} rad, and may flicker.",
 }
 
 
-def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
+def arm_values(layout: Arm, rules: ToolEpisode) -> dict[str, object]:
     """``control``, ``jaw_closed``, ``jaw_open``, ``jaw_start``, and ``lengths`` of the layout."""
-    turned_about = {"tip": "its own axis", "pose": "each of them"}[rules.control]
+    axes = "each axis of its arm's base" if layout.tilt else "each of them"
+    turned_about = {"tip": "its own axis", "pose": axes}[rules.control]
     return {
         **lengths(layout),
         "control": f"moves the tip of the instrument by up to {millimetres(rules.translation)} mm"
@@ -286,10 +303,11 @@ def arm_values(layout: ArmLayout, rules: ToolEpisode) -> dict[str, object]:
     }
 
 
-def grasped(rules: ArmEpisode, part: str) -> str:
-    """In words: when the jaws hold a thing by its ``part``."""
+def grasped(rules: ArmEpisode, part: str, command: str = "jaw_command") -> str:
+    """In words: when the jaws that a ``command`` moves hold a thing by its ``part``."""
     return (_BEGINS + _ENDS[rules.grasp]).format(
         part=part,
+        command=command,
         close=f"{rules.close_below:g}",
         release=f"{rules.release_above:g}",
     )

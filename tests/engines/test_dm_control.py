@@ -11,10 +11,12 @@ from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.tasks.needle_hoop.expert import Expert
 
+CAMS = "cams=[dep_front,seg_side,rgb_wrist]"
+
 
 def built(kind: str, *words: str):
-    cams = "cams=[dep_front,seg_side,rgb_wrist]"
-    own = [cams, "image_size=24", "num_envs=3", "seed=5", "engine.threads=1", f"engine={kind}"]
+    cams = [] if any("cams=" in word for word in words) else [CAMS]
+    own = [*cams, "image_size=24", "num_envs=3", "seed=5", "engine.threads=1", f"engine={kind}"]
     return build(compose_settings([*own, *words]))
 
 
@@ -25,6 +27,7 @@ def built(kind: str, *words: str):
         ["psm=serial", "episode.grasp=friction"],
         ["task=reach"],
         ["task=peg_transfer"],
+        ["task=handover", "cams=[dep_front,rgb_wrist_1,seg_wrist_2]"],
         pytest.param(["task=peg_transfer", "episode.grasp=friction"], marks=pytest.mark.full),
     ],
 )

@@ -21,8 +21,8 @@ def python(code):
 
 def test_every_task_has_its_id():
     ids = {name.removeprefix("needlehoop/") for name in gymnasium.registry if "needlehoop" in name}
-    assert ids == {"NeedleHoop-v0", "Reach-v0", "PegTransfer-v0", "OwnTask-v0"}
-    assert len(built_in()) == 3
+    assert ids == {"NeedleHoop-v0", "Reach-v0", "PegTransfer-v0", "Handover-v0", "OwnTask-v0"}
+    assert len(built_in()) == 4
 
 
 @pytest.mark.parametrize(
@@ -32,6 +32,7 @@ def test_every_task_has_its_id():
         ("NeedleHoop", "wide", "wide"),
         ("Reach", "wide", "reach/wide"),
         ("PegTransfer", "peg_transfer/near", "peg_transfer/near"),
+        ("Handover", "wide", "handover/wide"),
     ],
 )
 def test_an_id_is_of_a_task_and_takes_its_variants(name, task, option):

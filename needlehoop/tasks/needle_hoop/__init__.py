@@ -1,7 +1,7 @@
 """Needle and hoop, the paper's task: pick a suture needle off a table and pass it through a hoop.
 
-``scene`` says what there is and where an episode begins, ``facts`` what is true, ``expert`` who
-can do it, ``reward`` what the paper's author pays.
+``needle`` is the needle's shape, ``scene`` what there is and where an episode begins, ``facts``
+what is true, ``expert`` who can do it, ``reward`` what the paper's author pays.
 """
 
 import math

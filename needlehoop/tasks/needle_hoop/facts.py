@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from needlehoop.robot import geometry as geo
 from needlehoop.tasks.contract import Fact, Memory, Weld
+from needlehoop.tasks.needle_hoop.needle import centre_line
 from needlehoop.tasks.needle_hoop.scene import NeedleLayout, NeedleRules
 from needlehoop.tasks.psm import hold
 
@@ -40,11 +39,6 @@ def observe(
         "threaded": passed & grasped,
     }
     return facts, welds
-
-
-def centre_line(layout: NeedleLayout, position: Tensor, quat: Tensor) -> Tensor:
-    """Points of the needle's centre line from tail to tip, ``(n, k, 3)`` in the world, m."""
-    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _local_curve(layout))
 
 
 def passes_through(
@@ -77,9 +71,3 @@ def passes_through(
     inside = geo.dot(meets, meets) < layout.hoop_opening**2
     first = crosses & (crosses.cumsum(1) == 1)
     return (first & inside).any(1) & (height[:, 0].abs() >= depth)
-
-
-@cache
-def _local_curve(layout: NeedleLayout) -> Tensor:
-    tail, tip = layout.needle_angles
-    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, 33)))

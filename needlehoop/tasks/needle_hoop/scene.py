@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated
 
 import mujoco
@@ -12,34 +11,18 @@ import torch
 from torch import Tensor
 
 from needlehoop.config.strict import OneOf, Range
-from needlehoop.scene.shapes import add_mesh, add_upright, collision, torus, tube
+from needlehoop.scene.shapes import add_mesh, add_upright, torus
 from needlehoop.scene.signals import of_body, of_site
 from needlehoop.scene.spec import Materials
-from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread, Turn
+from needlehoop.tasks.layout import ArmEpisode, ArmLayout, Length, Place, Spread
+from needlehoop.tasks.needle_hoop.needle import Needle, add_chain, add_needle, lying
 from needlehoop.tasks.psm import add_grasp, begun, tool_start
-from needlehoop.tasks.start import Chance, Start, standing
+from needlehoop.tasks.start import Chance, Start
 
 
 @dataclass(frozen=True)
-class NeedleLayout(ArmLayout):
+class NeedleLayout(Needle, ArmLayout):
     """Needle, hoop and where they are; see ``Layout``."""
-
-    needle_radius: Length
-    """Radius of the needle's arc, to its centre line."""
-    needle_arc: Annotated[float, Range(1e-2, 6.0)]
-    """Angle the arc spans."""
-    needle_thickness: Length
-    """Diameter of the needle's cross-section."""
-    needle_mass: Annotated[float, Range(0.0, 10.0, above=True)]
-    """kg."""
-    needle_pickup: Annotated[float, Range(0.01, 0.99)]
-    """Where the pickup point lies: fraction of the arc, measured from the tip."""
-    needle_position: tuple[Place, Place]
-    """Nominal pickup point on the table, x and y."""
-    needle_yaw: Turn
-    """Nominal heading: rotation about z of the needle's frame."""
-    needle_position_range: tuple[Spread, Spread]
-    needle_yaw_range: Spread
 
     hoop_opening: Length
     """Radius of the free opening."""
@@ -48,22 +31,6 @@ class NeedleLayout(ArmLayout):
     hoop_position: tuple[Place, Place, Place]
     """Nominal centre of the opening; the hoop's axis is the world's y."""
     hoop_position_range: tuple[Spread, Spread, Spread]
-
-    @property
-    def needle_angles(self) -> tuple[float, float]:
-        """Arc angles of tail and tip; zero is the pickup point."""
-        tip = self.needle_arc * self.needle_pickup
-        return tip - self.needle_arc, tip
-
-    def centre_line(self, angles: np.ndarray) -> np.ndarray:
-        """Points ``(n, 3)`` of the needle's centre line, in the needle's frame.
-
-        The frame sits at the pickup point: x towards the arc's centre, y along the
-        needle towards the tip, z out of the arc's plane.
-        """
-        return self.needle_radius * np.stack(
-            (1.0 - np.cos(angles), np.sin(angles), np.zeros_like(angles)), -1
-        )
 
 
 @dataclass(frozen=True)
@@ -105,28 +72,12 @@ THINGS = {
 
 def build(spec: mujoco.MjSpec, layout: NeedleLayout, rules: NeedleRules) -> None:
     """Add needle and hoop, and what ``episode.grasp`` holds the needle with."""
-    _add_needle(spec, layout)
+    needle = add_needle(spec, layout)
+    tip = layout.centre_line(np.array(layout.needle_angles))[1]
+    needle.add_site(name="pickup_point", size=[0.001] * 3)
+    needle.add_site(name="needle_tip", pos=tip, size=[0.001] * 3)
     _add_hoop(spec, layout)
     add_grasp(spec, rules, "needle", solref=[0.004, 1.0], solimp=[0.99, 0.999, 0.0001, 0.5, 2.0])
-
-
-def _add_needle(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
-    """A free body whose frame sits at the pickup point."""
-    tail, tip = layout.needle_angles
-    height = layout.needle_thickness / 2
-    x, y = layout.needle_position
-    half_yaw = layout.needle_yaw / 2
-    body = spec.worldbody.add_body(
-        name="needle", pos=[x, y, height], quat=[np.cos(half_yaw), 0, 0, np.sin(half_yaw)]
-    )
-    body.add_freejoint(name="needle")
-    mesh = tube(layout.centre_line(np.linspace(tail, tip, 15)), height, taper=0.12)
-    add_mesh(spec, body, "needle", mesh, "needle")
-    segments = 7
-    ends = layout.centre_line(np.linspace(tail, tip, segments + 1))
-    _add_chain(body, ends, height, 0.8, mass=layout.needle_mass / segments)
-    body.add_site(name="pickup_point", size=[0.001] * 3)
-    body.add_site(name="needle_tip", pos=ends[-1], size=[0.001] * 3)
 
 
 def _add_hoop(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
@@ -147,28 +98,11 @@ def _add_hoop(spec: mujoco.MjSpec, layout: NeedleLayout) -> None:
     # Chords would cut into the opening: their mid-points lie on the ring instead.
     outer = radius / np.cos(np.pi / segments)
     ring = outer * np.stack((np.cos(angles), np.zeros_like(angles), np.sin(angles)), -1)
-    _add_chain(hoop, ring, thick, 0.3)
+    add_chain(hoop, ring, thick, 0.3)
     quarter = np.sqrt(0.5)
     # The site's z axis is the hoop's axis: the world's y.
     hoop.add_site(name="goal", quat=[quarter, -quarter, 0, 0], size=[0.001] * 3)
     spec.worldbody.add_body(name="lift_position", mocap=True)
-
-
-def _add_chain(
-    body: mujoco.MjsBody, points: np.ndarray, radius: float, friction: float, **mass: float
-) -> None:
-    """Capsules from point to point ``(k, 3)``, m, that are felt."""
-    for index, (start, end) in enumerate(pairwise(points)):
-        body.add_geom(
-            name=f"{body.name}_{index}",
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=np.concatenate((start, end)),
-            size=[radius, 0, 0],
-            friction=[friction, 0.002, 0.0001],
-            solref=[0.004, 1.0],
-            **mass,
-            **collision(True),
-        )
 
 
 def start(layout: NeedleLayout, chance: Chance) -> Start:
@@ -176,11 +110,7 @@ def start(layout: NeedleLayout, chance: Chance) -> Start:
     needle_xy = chance.place(layout.needle_position, layout.needle_position_range)
     yaw = chance.about(layout.needle_yaw, layout.needle_yaw_range)
     hoop = chance.place(layout.hoop_position, layout.hoop_position_range)
-    # A needle at rest sinks so deep into the table (measured). Laid exactly on the surface,
-    # rounding decides which of its contacts exist, and the rest kick it.
-    height = layout.needle_thickness / 2 - 1.25e-6
-    needle = standing(needle_xy, height, yaw)
-    return place(tool_start(layout, chance), needle, hoop)
+    return place(tool_start(layout, chance), lying(layout, needle_xy, yaw), hoop)
 
 
 def place(robot: dict[str, Tensor], needle: Tensor, hoop: Tensor) -> Start:

@@ -1,0 +1,130 @@
+"""Several PSMs as one robot.
+
+An arm has a name, such as ``psm1``. All of it in the scene, the signals and the memory begins with
+``psm1_``, and ``psm1`` of the layout, an ``ArmAside``, says where it stands. An action is that of
+the first arm, then that of the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
+import torch
+from torch import Tensor
+
+from needlehoop.robot.psm import poser
+from needlehoop.scene.signals import Signal
+from needlehoop.tasks.contract import Memory, Part, Robot
+from needlehoop.tasks.psm import ROBOT, begin_arm
+from needlehoop.tasks.start import Start
+
+T = TypeVar("T")
+
+
+def of_arm(name: str, values: Mapping[str, T]) -> dict[str, T]:
+    """Those of some values that an arm has, under the names that they have with a single arm."""
+    prefix = f"{name}_"
+    return {key.removeprefix(prefix): one for key, one in values.items() if key.startswith(prefix)}
+
+
+def by_arm(arms: Mapping[str, Mapping[str, T]]) -> dict[str, T]:
+    """The values of several arms, each under its arm's name."""
+    return {f"{name}_{key}": one for name, own in arms.items() for key, one in own.items()}
+
+
+def begun(arms: Mapping[str, dict[str, Tensor]], free: Mapping[str, Tensor]) -> Start:
+    """A start whose servos hold all arms; of each, what ``psm.tool_start`` gives."""
+    servos = [torch.cat((one["joints"], one["jaw"].unsqueeze(-1)), -1) for one in arms.values()]
+    return Start(by_arm(arms), free, {}, torch.cat(servos, -1))
+
+
+def side_by_side(words: Mapping[str, str]) -> Robot:
+    """A robot of PSMs, from their names and what they are called, such as ``PSM 1``."""
+    names = tuple(words)
+
+    def model(layout: Any, psm: str) -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        root = spec.worldbody.add_body(name="arms")
+        for name in names:
+            arm = ROBOT.model(getattr(layout, name), psm)
+            spec.attach(arm, prefix=f"{name}_", frame=root.add_frame())
+        return spec
+
+    def pose(model: mujoco.MjModel) -> Callable[[np.ndarray, Start], None]:
+        puts = {name: poser(model, f"{name}_") for name in names}
+
+        def write(qpos: np.ndarray, start: Start) -> None:
+            for name, put in puts.items():
+                robot = of_arm(name, start.robot)
+                put(qpos, robot["joints"].numpy(), robot["jaw"].numpy())
+
+        return write
+
+    def begin(rules: Any, start: Start) -> dict[str, Tensor]:
+        return by_arm({name: begin_arm(rules, of_arm(name, start.robot)) for name in names})
+
+    def act(
+        layout: Any, rules: Any, memory: Memory, action: Tensor
+    ) -> tuple[dict[str, Tensor], Tensor]:
+        moved, servos = {}, []
+        for name, own in zip(names, action.chunk(len(names), -1), strict=True):
+            arm = getattr(layout, name)
+            moved[name], control = ROBOT.act(arm, rules, of_arm(name, memory), own)
+            servos.append(control)
+        return by_arm(moved), torch.cat(servos, -1)
+
+    def displaced(
+        layout: Any, rules: Any, memory: Memory, control: Tensor, offset: Tensor
+    ) -> Tensor:
+        assert ROBOT.displaced is not None
+        return torch.cat(
+            [
+                ROBOT.displaced(getattr(layout, name), rules, of_arm(name, memory), own, offset)
+                for name, own in zip(names, control.chunk(len(names), -1), strict=True)
+            ],
+            -1,
+        )
+
+    def table(things: Mapping[str, Signal], held: str | None) -> dict[str, Signal]:
+        own = ROBOT.table({}, held)
+        arms = {
+            name: {key: _of_one(row, name, word) for key, row in own.items()}
+            for name, word in words.items()
+        }
+        return {**things, **by_arm(arms)}
+
+    return Robot(
+        model=model,
+        poser=pose,
+        begin=begin,
+        act=act,
+        table=table,
+        commands={
+            f"{name}_{key}": f"{name}_{kept}"
+            for name in names
+            for key, kept in ROBOT.commands.items()
+        },
+        body="arms",
+        proprio=tuple(f"{name}_{key}" for name in names for key in ROBOT.proprio),
+        displaced=displaced,
+        parts=by_arm(
+            {
+                name: {
+                    body: Part(f"{part.name} of {word}", part.along)
+                    for body, part in ROBOT.parts.items()
+                }
+                for name, word in words.items()
+            }
+        ),
+        # The last arm's jaw.
+        opens=ROBOT.opens,
+    )
+
+
+def _of_one(row: Signal, name: str, word: str) -> Signal:
+    """A signal of a single arm, read from the arm of this name."""
+    sensors = tuple(one._replace(objname=f"{name}_{one.objname}") for one in row.sensors)
+    return row._replace(meaning=f"{word}: {row.meaning}", sensors=sensors)

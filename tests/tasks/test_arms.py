@@ -1,0 +1,166 @@
+"""Two PSMs side by side: each is the single arm, where it stands and under its name."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from needlehoop.envs.build import build, compile_scene, scene_spec
+from needlehoop.envs.settings import compose_settings
+from needlehoop.robot import geometry as geo
+from needlehoop.robot import psm
+from needlehoop.scene import export
+from needlehoop.tasks.handover.scene import ARMS
+from needlehoop.tasks.psm import ROBOT
+
+GOLDEN = [
+    ((0.0, 0.0, 0.10, 0.0, 0.0, 0.0), (0.0, 0.0, -0.0935)),
+    ((-0.52359879, 0.0, 0.12, 0.0, 0.0, 0.0), (-0.05675, 0.0, -0.09829388)),
+]
+"""Joints, and where the dVRK's own kinematics puts the tool in the remote centre's frame, m."""
+
+
+def base(arm) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation ``(3, 3)`` and place ``(3,)`` of an arm's remote centre, by hand."""
+    c, s = np.cos(arm.rcm_tilt), np.sin(arm.rcm_tilt)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), np.array([arm.rcm_x, 0, arm.rcm_height])
+
+
+@pytest.mark.parametrize("variant", psm.VARIANTS)
+def test_each_arm_is_the_chain_from_where_it_stands(variant):
+    settings = compose_settings(["task=handover", f"psm={variant}"])
+    model = compile_scene(settings)
+    data = mujoco.MjData(model)
+    lower, upper = psm.joint_limits()
+    drawn = torch.rand(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    joints = torch.cat((torch.tensor([q for q, _ in GOLDEN]), lower + drawn * (upper - lower)))
+    places = psm.forward_kinematics(joints).numpy()
+    np.testing.assert_allclose(places[:2, :3, 3], [place for _, place in GOLDEN], atol=1e-6)
+    qpos = np.tile(model.qpos0, (len(joints), 1))
+    # The arms in different postures at the same time.
+    for name, own in zip(ARMS, (joints, joints.flip(0)), strict=True):
+        psm.poser(model, f"{name}_")(qpos, own.numpy(), np.zeros(len(own)))
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_forward(model, data)
+        # The linkages are closed, and the jaws tied.
+        assert (
+            np.abs(data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]).max(
+                initial=0.0
+            )
+            < 1e-9
+        )
+        for name, pose in zip(ARMS, (places[k], places[-1 - k]), strict=True):
+            turn, place = base(getattr(settings.task, name))
+            site = data.site(f"{name}_tool")
+            np.testing.assert_allclose(site.xpos, place + turn @ pose[:3, 3], atol=1e-9)
+            np.testing.assert_allclose(
+                site.xmat.reshape(3, 3), turn @ pose[:3, :3], rtol=0, atol=1e-9
+            )
+
+
+def test_the_remote_centres_are_200_mm_from_the_work_and_lean_outwards_by_30_degrees():
+    layout = compose_settings(["task=handover"]).task
+    for name, side in (("psm1", -1.0), ("psm2", 1.0)):
+        turn, place = base(getattr(layout, name))
+        assert np.linalg.norm(place) == pytest.approx(0.2, abs=1e-4)
+        # A straight instrument points at the origin.
+        np.testing.assert_allclose(turn @ [0, 0, -1], -place / 0.2, atol=1e-4)
+        assert np.degrees(np.arcsin(side * place[0] / 0.2)) == pytest.approx(30, abs=0.01)
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_an_action_moves_its_arm_and_leaves_the_other(moved):
+    simulation = build(compose_settings(["task=handover", "num_envs=1", "cams=[]"]))
+    before = simulation.reset().signals
+    action = torch.zeros(1, 10, dtype=torch.float64)
+    action[0, 5 * moved : 5 * moved + 5] = torch.tensor([0.5, 1.0, 0.7, -1.0, -1.0])
+    for _ in range(3):
+        after = simulation.step(action).signals
+    for _ in range(5):
+        after = simulation.step(0.0 * action).signals
+    for index, name in enumerate(ARMS):
+        own = (f"{name}_tool_midpoint", f"{name}_jaw", f"{name}_joints", f"{name}_jaw_command")
+        tool, jaw, joints, command = (
+            (getattr(after, one) - getattr(before, one)).squeeze(0) for one in own
+        )
+        went = torch.tensor([0.009, 0.018, 0.0126]) if index == moved else torch.zeros(3)
+        torch.testing.assert_close(tool, went.double(), rtol=0, atol=5e-4)
+        assert float(command) == pytest.approx(-0.9 * (index == moved))
+        assert float(jaw) == pytest.approx(-0.9 * (index == moved), abs=0.02)
+        if index != moved:
+            assert joints.abs().max() < 1e-3
+
+
+def test_pose_control_turns_an_instrument_in_its_own_leaning_frame():
+    words = ["task=handover", "num_envs=1", "cams=[]", "episode.control=pose"]
+    simulation = build(compose_settings(words))
+    before = simulation.reset().signals
+    action = torch.zeros(1, 14, dtype=torch.float64)
+    # PSM 2 about the x axis of its remote centre.
+    action[0, 7 + 3] = 1.0
+    for _ in range(2):
+        simulation.step(action)
+    for _ in range(6):
+        after = simulation.step(0.0 * action).signals
+    turns = {
+        name: geo.multiply(
+            getattr(after, f"{name}_tool_quat"), geo.conjugate(getattr(before, f"{name}_tool_quat"))
+        )
+        for name in ARMS
+    }
+    axis = base(simulation.layout.psm2)[0][:, 0]
+    expected = np.concatenate(([np.cos(0.2)], np.sin(0.2) * axis))
+    np.testing.assert_allclose(turns["psm2"][0].numpy(), expected, atol=2e-3)
+    np.testing.assert_allclose(turns["psm1"][0].numpy(), [1, 0, 0, 0], atol=1e-6)
+
+
+def test_signals_of_an_arm_are_the_single_arms_under_its_name():
+    single = ROBOT.table({}, "needle")
+    settings = compose_settings(["task=handover"])
+    table = settings.definition.signals
+    for name, word in ARMS.items():
+        for key, row in single.items():
+            own = table[f"{name}_{key}"]
+            assert (own.shape, own.unit, own.frame) == (row.shape, row.unit, row.frame)
+            assert own.meaning == f"{word}: {row.meaning}"
+            assert [one.objname for one in own.sensors] == [
+                f"{name}_{one.objname}" for one in row.sensors
+            ]
+    proprio = settings.definition.robot.proprio
+    assert proprio == tuple(f"{name}_{key}" for name in ARMS for key in ROBOT.proprio)
+
+
+def test_a_disturbed_offset_puts_both_tips_aside():
+    words = ["task=handover", "num_envs=1", "disturb.robot.offset=0.003"]
+    simulation = build(compose_settings([*words, "seed=3"]))
+    plain = build(compose_settings(["task=handover", "num_envs=1", "seed=3"]))
+    still = torch.zeros(1, 10, dtype=torch.float64)
+    for one in (simulation, plain):
+        one.reset()
+        for _ in range(10):
+            one.step(still)
+    aside = [
+        getattr(simulation.look().signals, f"{name}_tool_midpoint")
+        - getattr(plain.look().signals, f"{name}_tool_midpoint")
+        for name in ARMS
+    ]
+    assert aside[0].norm() > 5e-4
+    torch.testing.assert_close(*aside, rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("variant", psm.VARIANTS)
+def test_the_scene_of_two_arms_is_exported_with_their_cameras(variant):
+    words = ["task=handover", "cams=[rgb_wrist_1,rgb_wrist_2]", f"psm={variant}"]
+    files = export.mjcf(scene_spec(compose_settings(words)), "scene")
+    root = ElementTree.fromstring(files["scene.xml"])
+    carriers = {
+        camera.get("name"): body.get("name")
+        for body in root.iter("body")
+        for camera in body.findall("camera")
+    }
+    assert (carriers["wrist_1"], carriers["wrist_2"]) == ("psm1_roll", "psm2_roll")

@@ -1,0 +1,300 @@
+"""The handover: what counts as handed, what only looks so, and whether the physics holds."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import pytest
+import torch
+from strength import ALL
+from torch import Tensor
+from vlm_asked import RULES
+
+from needlehoop.envs.build import build
+from needlehoop.envs.controllers import controller, outcome_of, run_trials
+from needlehoop.envs.settings import Settings, compose_settings
+from needlehoop.tasks.handover import TASK, facts
+from needlehoop.tasks.layout import GRASPS
+from needlehoop.tasks.needle_hoop.needle import centre_line
+from needlehoop.vlm.writing import reward_prompt
+
+
+def handover(*words: str, layout: str = "standard") -> Settings:
+    return compose_settings([f"task=handover/{layout}", "cams=[]", *words])
+
+
+# What counts as handed, and what does not.
+
+
+def decided(first: bool, second: bool, height: float, steps: int = 50, **memory: float) -> set[str]:
+    """The facts of a moment: who holds a level needle at a height, m, and what was before."""
+    s = handover()
+    held = {"grasped_1": first, "grasped_2": second, "both": False, "released": False}
+    past = {**held, "released_since": 0, "lifted_since": 0, "steps": steps, **memory}
+    jaw, no = torch.zeros(1).double(), torch.zeros(1, dtype=torch.bool)
+    own = {"jaw": jaw, "jaw_1_touch": no, "jaw_2_touch": no}
+    own |= {"wrist_pos": torch.zeros(1, 3).double(), "tool_quat": torch.zeros(1, 4).double()}
+    own["wrist_quat"] = torch.tensor([[1.0, 0, 0, 0]]).double()
+    readings = {f"psm{arm}_{key}": value for arm in (1, 2) for key, value in own.items()}
+    readings["needle_middle"] = torch.tensor([[0.0, 0.0, height]]).double()
+    readings["needle_quat"] = torch.tensor([[1.0, 0, 0, 0]]).double()
+    was = {name: torch.tensor([value]) for name, value in past.items()}
+    was |= {"psm1_jaw": jaw, "psm2_jaw": jaw}
+    found, welds = facts.observe(s.task, s.episode, was, readings)
+    assert not (welds["psm1_grasp"].changed | welds["psm2_grasp"].changed).any()
+    assert {name: tuple(value.shape) for name, value in found.items()} == {
+        fact.name: (1,) for fact in TASK.facts
+    }
+    return {name for name, value in found.items() if bool(value)}
+
+
+UP, LOW = 0.030, 0.008
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "height", "memory", "true"),
+    [
+        (True, False, LOW, {}, {"grasped_1"}),
+        (True, False, UP, {}, {"grasped_1", "lifted"}),
+        (True, True, LOW, {}, {"grasped_1", "grasped_2"}),
+        (True, True, UP, {}, {"grasped_1", "grasped_2", "lifted", "both"}),
+        (False, True, UP, {"both": True}, {"grasped_2", "lifted", "released"}),
+        # It sank, and was not let go of.
+        (False, True, LOW, {"released": True}, {"grasped_2", "released"}),
+        (False, True, UP, {}, {"grasped_2", "lifted", "fetched"}),
+        (False, True, LOW, {}, {"grasped_2"}),
+        (False, False, UP, {"both": True, "released": True}, set()),
+    ],
+)
+def test_facts_say_who_holds_the_needle_and_how_it_came_there(first, second, height, memory, true):
+    # Nothing has lasted long.
+    recent = {"released_since": 49, "lifted_since": 49}
+    assert decided(first, second, height, **recent, **memory) == true
+
+
+@pytest.mark.parametrize(("released", "lifted"), [(40, 0), (0, 40), (40, 40), (41, 0), (0, 41)])
+def test_handed_is_ten_steps_alone_and_lifted(released, lifted):
+    since = {"released_since": released, "lifted_since": lifted}
+    done = "handed" in decided(False, True, UP, released=True, **since)
+    assert done == (max(released, lifted) <= 40)
+    assert "handed" not in decided(False, True, LOW, released=True, **since)
+    assert "handed" not in decided(False, True, UP, **since)
+    assert "handed" not in decided(True, True, UP, both=True, **since)
+
+
+def test_lifted_is_the_lowest_point_of_the_needle():
+    s = handover()
+    edge = s.episode.lift_height + s.task.needle_thickness / 2
+    assert "lifted" in decided(True, False, edge + 1e-4)
+    assert "lifted" not in decided(True, False, edge - 1e-4)
+
+
+def told(grasp: str = "weld", envs: int = 6, *words: str) -> SimpleNamespace:
+    """A scene in which the expert flies, and the history of its facts."""
+    settings = handover(f"num_envs={envs}", f"episode.grasp={grasp}", "seed=5", *words)
+    simulation = build(settings)
+    return SimpleNamespace(
+        simulation=simulation, script=controller("expert", settings), moment=simulation.reset()
+    )
+
+
+def fly(scene, until: str, change=None, most: int = 120) -> list:
+    """Step until a fact is true everywhere; ``change`` alters the expert's actions."""
+    seen = []
+    while not bool(scene.moment.facts[until].all()) and len(seen) < most:
+        action = scene.script(scene.moment.signals)
+        action = action if change is None else change(action)
+        scene.moment = scene.simulation.step(action)
+        seen.append(scene.moment.facts)
+    return seen
+
+
+def drops(action: Tensor) -> Tensor:
+    """PSM 1 lets go, and stands still."""
+    action[:, :4], action[:, 4] = 0.0, 1.0
+    return action
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_a_needle_that_was_dropped_and_picked_up_by_the_other_arm_is_not_handed(grasp):
+    scene = told(grasp, 6, "episode.max_steps=300")
+    fly(scene, "has_lifted")
+    fly(scene, "handed", drops, most=15)
+    assert not (scene.moment.facts["grasped_1"] | scene.moment.facts["lifted"]).any()
+    simulation = scene.simulation
+    fetch = TASK.controllers["cheat"](simulation.layout, simulation.episode)
+    scene.script = lambda s: torch.cat((drops(fetch(s)[:, :5]), fetch(s)[:, 5:]), -1)
+    seen = fly(scene, "has_fetched")
+    seen += fly(scene, "handed", most=20)
+    assert scene.moment.facts["has_fetched"].all()
+    assert scene.moment.facts["cheat"].all()
+    assert not any((one["handed"] | one["released"] | one["success"]).any() for one in seen)
+    assert scene.moment.potential.max() < 2.0
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_a_needle_that_psm_1_does_not_let_go_of_is_not_handed(grasp):
+    def clings(action: Tensor) -> Tensor:
+        action[:, 4] = torch.where(scene.moment.facts["grasped_1"], -1.0, action[:, 4])
+        return action
+
+    scene = told(grasp)
+    fly(scene, "both", clings)
+    seen = fly(scene, "handed", clings, most=40)
+    assert all(one["both"].all() for one in seen)
+    assert scene.moment.potential.max() < 7.5
+
+
+def test_psm_2_letting_go_early_is_not_handed():
+    def opens(action: Tensor) -> Tensor:
+        action[:, 9] = torch.where(scene.moment.facts["released"], 1.0, action[:, 9])
+        return action
+
+    scene = told()
+    fly(scene, "has_released", opens)
+    seen = fly(scene, "handed", opens, most=9)
+    assert not any(one["success"].any() for one in seen)
+    assert not scene.moment.facts["lifted"].any()
+
+
+# Who can do it.
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+@pytest.mark.parametrize("who", ["expert", "smooth"])
+@pytest.mark.parametrize("layout", ["standard", "wide"])
+def test_the_experts_hand_it_over(layout, who, grasp):
+    least = {"weld": 0.98, "friction": 0.85}[grasp]
+    s = handover(f"episode.grasp={grasp}", "seed=4000", layout=layout)
+    outcome = run_trials(s, who, 200 if ALL else 20)
+    assert outcome.success.double().mean() >= least
+    assert outcome.potential[outcome.success].min() > 8.4
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_the_cheat_is_told_apart_and_earns_nothing(grasp):
+    outcome = run_trials(handover(f"episode.grasp={grasp}"), "cheat", 12)
+    assert outcome.facts["fetched"].double().mean() >= 0.9
+    assert torch.equal(outcome.facts["cheat"], outcome.facts["fetched"])
+    assert not outcome.success.any()
+    assert outcome.potential.max() < 2.0
+
+
+def test_chance_does_not_do_it():
+    outcome = run_trials(handover(), "random", 12)
+    assert not (outcome.success | outcome.facts["grasped_1"]).any()
+    assert outcome.potential.max() < 2.0
+
+
+def test_the_smooth_expert_can_do_with_what_images_give():
+    # Places are off by a few mm in the same way throughout an episode.
+    settings = handover("num_envs=40")
+    generator = torch.Generator().manual_seed(0)
+    script = controller("smooth", settings)
+    bias = torch.randn(40, 3, generator=generator, dtype=torch.float64)
+    bias *= 0.003 / bias.norm(dim=-1, keepdim=True)
+
+    def learner(signals) -> Tensor:
+        guesses = torch.cat([signals] * 16)
+        for name in ("pickup_1", "pickup_2", "needle_middle"):
+            place = getattr(guesses, name)
+            noise = torch.randn(place.shape, generator=generator, dtype=place.dtype)
+            setattr(guesses, name, place + bias.repeat(16, 1) + 0.0025 * noise)
+        return script(guesses).view(16, 40, 10).mean(0)
+
+    outcome = outcome_of(build(settings), learner)
+    assert outcome.success.double().mean() >= 0.8
+
+
+def test_the_reward_rises_from_stage_to_stage():
+    scene = told()
+    best = [scene.moment.potential.max()]
+    for stage in ("grasped_1", "lifted", "both", "released", "handed"):
+        fly(scene, stage)
+        potential = scene.moment.potential
+        assert potential.min() > best[-1] + 0.3, stage
+        best.append(potential.max())
+    assert best[-1] > 8.5
+
+
+# The physics.
+
+
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_arms_that_tear_at_the_needle_leave_the_physics_finite(grasp):
+    scene = told(grasp, 12, "episode.end_on_success=false")
+    fly(scene, "has_both")
+    generator = torch.Generator().manual_seed(1)
+    engine, deepest = scene.simulation.engine, 0.0
+    for step in range(120):
+        if step % 10 == 0:
+            pull = 2.0 * torch.rand(12, 10, generator=generator).double() - 1.0
+            pull = pull.sign()
+            # Half of them hold on to it.
+            pull[:6, [4, 9]] = -1.0
+        scene.moment = scene.simulation.step(pull)
+        s = scene.moment.signals
+        assert not scene.moment.facts["diverged"].any()
+        assert engine.snapshot()["qvel"].isfinite().all()
+        assert s.needle_middle.abs().max() < 0.3
+        deepest = max(deepest, -float(engine.data(0).contact.dist.min(initial=0.0)))
+    if grasp == "weld":
+        assert (scene.moment.facts["grasped_1"] & scene.moment.facts["grasped_2"])[:6].all()
+    assert deepest < 0.004
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("grasp", GRASPS)
+def test_random_steps_do_not_diverge(grasp):
+    s = handover(f"episode.grasp={grasp}", "num_envs=50", layout="wide")
+    simulation, act = build(s), controller("random", s)
+    moment = simulation.reset()
+    for _ in range(2000):
+        moment = simulation.step(act(moment.signals))
+        assert not moment.facts["diverged"].any()
+        over = moment.terminated | moment.truncated
+        if bool(over.any()):
+            moment = simulation.reset(over)
+
+
+# Where episodes begin, and what is said of them.
+
+
+@pytest.mark.parametrize("layout", ["near", "standard", "wide"])
+def test_episodes_begin_with_the_needle_at_rest_in_reach_of_both(layout):
+    s = handover("num_envs=100", "seed=3", layout=layout)
+    simulation = build(s)
+    moment = simulation.reset()
+    assert not any(value.any() for value in moment.facts.values())
+    place = moment.signals.needle_middle, moment.signals.needle_quat
+    tail, tip = centre_line(s.task, *place)[:, [0, -1], 0].unbind(1)
+    # The sharp end points to PSM 2, and each pickup point lies on its arm's side.
+    assert (tail < tip).all()
+    for name in ("pickup_1", "pickup_2"):
+        arm = getattr(s.task, f"psm{name[-1]}")
+        point = getattr(moment.signals, name)
+        torch.testing.assert_close(arm.clamp(point)[:, :2], point[:, :2], rtol=0, atol=1e-9)
+    for name in ("psm1", "psm2"):
+        assert simulation.state is not None
+        target = simulation.state[f"{name}_target"]
+        tool = getattr(moment.signals, f"{name}_tool_midpoint")
+        torch.testing.assert_close(tool, target, rtol=0, atol=1e-9)
+    for _ in range(5):
+        moment = simulation.step(torch.zeros(100, 10, dtype=torch.float64))
+    torch.testing.assert_close(moment.signals.needle_middle, place[0], rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("layout", ["near", "standard", "wide"])
+def test_it_is_told_without_what_decides_success(layout):
+    s = handover(layout=layout)
+    (said,) = reward_prompt(s, RULES)
+    assert "$" not in said
+    (posed,) = reward_prompt(handover("episode.control=pose", layout=layout), RULES)
+    assert "about each axis of its arm's base" in posed
+    assert not re.search(r"\b(verdict|cheat|fetched|hold_steps|hoop)\b", said)
+    assert TASK.cheating not in said
+    (other,) = reward_prompt(handover("episode.hold_steps=17", layout=layout), RULES)
+    assert other == said
+    (changed,) = reward_prompt(handover("episode.lift_height=0.0107", layout=layout), RULES)
+    assert "more than 10.7 mm above the table" in changed
