@@ -124,7 +124,7 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
     """Settings from a composed config that somebody typed; keys of other tools are ignored."""
     import_task(values)
     found = strict.as_type(with_task(values), Settings)
-    return replace(found, reward=rewards.allow(found.reward))
+    return replace(found, reward=rewards.with_function(found.reward))
 
 
 def import_task(values: Mapping[str, Any]) -> None:
@@ -132,7 +132,7 @@ def import_task(values: Mapping[str, Any]) -> None:
     registry.add(*_named(values))
 
 
-def recall_task(values: Mapping[str, Any], trust: bool) -> None:
+def import_trusted_task(values: Mapping[str, Any], trust: bool) -> None:
     """The same for a config from a run's files; ``ValueError`` for a foreign one without trust."""
     name, folder = _named(values)
     if not trust and registry.is_from_elsewhere(name, folder):

@@ -49,7 +49,9 @@ class MakeEnv:
         seed = (env.seed * 2**20 + self._first) % 2**63
         torch.manual_seed(seed)
         engine = replace(env.engine, threads=self._threads)
-        own = replace(env, num_envs=self._count, engine=engine, reward=rewards.allow(env.reward))
+        own = replace(
+            env, num_envs=self._count, engine=engine, reward=rewards.with_function(env.reward)
+        )
         base = TorchRLEnv(own, self._first, algo.stagger, job.steps // env.num_envs)
         changes: list[Any] = [FoldPixels(job.encoder.stem, list(env.image_channels)), Carry()]
         if isinstance(algo, DaggerConfig):

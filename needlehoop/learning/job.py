@@ -215,7 +215,7 @@ def typed_job(values: Mapping[str, Any]) -> Job:
     """What somebody typed, composed, as a job; ``ValueError`` for a wrong value, with its key."""
     import_task(values)
     found = checked_job(values)
-    return replace(found, env=replace(found.env, reward=rewards.allow(found.env.reward)))
+    return replace(found, env=replace(found.env, reward=rewards.with_function(found.env.reward)))
 
 
 def checked_job(values: Mapping[str, Any]) -> Job:

@@ -14,7 +14,7 @@ from needlehoop.config.changing import changed
 from needlehoop.config.strict import check_names, shown
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.envs.controllers import MakeController, by_name, controllers
-from needlehoop.envs.settings import Settings, compose_settings, recall_task
+from needlehoop.envs.settings import Settings, compose_settings, import_trusted_task
 from needlehoop.learning.evaluate import acting, check_seed, load_agent, which_policy
 from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
@@ -94,11 +94,15 @@ def flown_job(
             agent's networks were made for.
     """
     given = list(words)
-    recall_task(recorded, trust)
+    import_trusted_task(recorded, trust)
     own = checked_job(recorded)
     values, found = changed(recorded, given, command)
     job = checked_job(values)
     check_same(own.spec, job.spec, ", ".join(found))
     is_typed = any(word.lstrip("+").startswith("reward=") for word in given)
-    paid = rewards.allow(job.env.reward) if is_typed else rewards.recall(job.env.reward, trust)
+    paid = (
+        rewards.with_function(job.env.reward)
+        if is_typed
+        else rewards.with_trusted_function(job.env.reward, trust)
+    )
     return replace(job, env=replace(job.env, reward=paid)), found

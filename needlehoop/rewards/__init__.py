@@ -14,14 +14,22 @@ from typing import Any
 from needlehoop.config import strict
 from needlehoop.config.strict import Real
 from needlehoop.rewards import function_reward, program_reward
-from needlehoop.rewards.function_reward import CALL, allow, given, recall
+from needlehoop.rewards.function_reward import CALL, given, with_function, with_trusted_function
 from needlehoop.rewards.terms import Reward, RewardError, Sparse, potential
 from needlehoop.runs.files import EXPERT, check_name
 from needlehoop.runs.reading import read_yaml
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.registry import conf_of
 
-__all__ = ["CALL", "Reward", "RewardError", "allow", "given", "potential", "recall"]
+__all__ = [
+    "CALL",
+    "Reward",
+    "RewardError",
+    "given",
+    "potential",
+    "with_function",
+    "with_trusted_function",
+]
 
 _KINDS = ("human", "sparse", *program_reward.KINDS, function_reward.KIND)
 """Two are classes; others are programs or functions."""
@@ -65,11 +73,15 @@ def check(config: Mapping[str, Any], task: Task) -> None:
         load(config, task)
 
 
-def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with its program's or function's text, for a run to keep; errors as in ``load``."""
     if config["kind"] == function_reward.KIND:
-        return function_reward.pin(config)
-    return program_reward.pin(config) if config["kind"] in program_reward.KINDS else dict(config)
+        return function_reward.with_source(config)
+    return (
+        program_reward.with_source(config)
+        if config["kind"] in program_reward.KINDS
+        else dict(config)
+    )
 
 
 def text(reward: Reward) -> str:

@@ -3,9 +3,9 @@
 ``function(signals, **values)`` returns named terms, or one tensor. It is given as an object, or by
 a name: ``module:name`` or ``file.py:name``.
 
-Importing a name runs code. Only ``allow`` and ``recall`` import, and they put the function itself
-into the config. ``load`` takes that function and never a name, so a config that was read from a
-file cannot run anything.
+Importing a name runs code. Only ``with_function`` and ``with_trusted_function`` import, and they
+put the function itself into the config. ``load`` takes that function and never a name, so a config
+that was read from a file cannot run anything.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def check(config: Mapping[str, Any]) -> None:
     structure(values, _Config, "reward")
 
 
-def allow(config: Mapping[str, Any]) -> dict[str, Any]:
+def with_function(config: Mapping[str, Any]) -> dict[str, Any]:
     """The config of a reward that somebody typed, ready for ``load``: imports what it names.
 
     ``ValueError``: missing or unknown values, no such function, or one whose text has changed since
@@ -103,23 +103,23 @@ def allow(config: Mapping[str, Any]) -> dict[str, Any]:
     return {**config, CALL: FunctionReward(function, config["values"] or {}, name)}
 
 
-def recall(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
+def with_trusted_function(config: Mapping[str, Any], trust: bool) -> dict[str, Any]:
     """The config of a reward from a run's files, ready for ``load``: imports what it names.
 
     ``ValueError``: it names a function without ``trust``, or without a source to compare it with;
-    else as in ``allow``.
+    else as in ``with_function``.
     """
     if config["kind"] == KIND:
         if not trust:
             raise _untrusted(config)
         if config.get("source") is None:
             raise ValueError("reward.source: null; a run notes the source of its function")
-    return allow(config)
+    return with_function(config)
 
 
-def pin(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A config that names code, with the function's source, for a run to keep; see ``allow``."""
-    reward, name = load(allow(config)), config["function"]
+def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A config that names code, with the function's source; errors as in ``with_function``."""
+    reward, name = load(with_function(config)), config["function"]
     file, _, function = name.rpartition(":")
     if file.endswith(".py"):
         name = f"{Path(file).resolve()}:{function}"
@@ -127,7 +127,7 @@ def pin(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def load(config: Mapping[str, Any]) -> FunctionReward:
-    """The reward of a config from ``allow`` or ``recall``; ``ValueError`` for any other."""
+    """The reward of a config that holds its function; ``ValueError`` for any other."""
     call = config.get(CALL)
     if not isinstance(call, FunctionReward):
         raise _untrusted(config)

@@ -132,7 +132,7 @@ def load(config: Mapping[str, Any], table: Mapping[str, Signal]) -> ProgramRewar
     return ProgramReward(program, source.origin, clip)
 
 
-def pin(config: Mapping[str, Any]) -> dict[str, Any]:
+def with_source(config: Mapping[str, Any]) -> dict[str, Any]:
     """A config with the program's text in it, which no file changes; errors as in ``load``."""
     return {**config, "program": asdict(_read(config)[0])}
 

@@ -19,7 +19,7 @@ from needlehoop.disturbances.axes import disturb_of
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import Controller
 from needlehoop.envs.settings import Settings
-from needlehoop.envs.simulation import Moment, Simulation
+from needlehoop.envs.simulation import Simulation, StepResult
 from needlehoop.pictures.stills import scaled
 from needlehoop.scene.cameras import View
 from needlehoop.studio.players import BY_HAND, Hand, Player, has_sliders
@@ -194,7 +194,7 @@ class World:
 
     def _is_over(self) -> bool:
         """Whether the episode is. A person by hand may go on after its end."""
-        moment: Moment | None = self._moment
+        moment: StepResult | None = self._moment
         is_over = moment is not None and bool(moment.terminated | moment.truncated)
         return is_over and self.wish.player != BY_HAND
 

@@ -100,8 +100,8 @@ def open_session(values: dict[str, Any], overrides: list[str], command: str) -> 
         return
     asked, job = checked(values)
     ask_where_missing(values, job.env)
-    reward = rewards.pin(values["reward"])
-    job = replace(job, env=replace(job.env, reward=rewards.allow(reward)))
+    reward = rewards.with_source(values["reward"])
+    job = replace(job, env=replace(job.env, reward=rewards.with_function(reward)))
     # One camera may be given as a word; what is kept is always a list.
     values = {**values, "reward": reward, "cams": list(job.env.cams)}
     folder = Path(job.results) / job.place

@@ -124,13 +124,13 @@ def test_a_run_keeps_the_function_s_text_and_goes_on_with_no_other(tmp_path, mon
     file.write_text("def pay(signals):\n    return signals.jaw\n")
     monkeypatch.chdir(tmp_path)
     values = composing.compose(["reward=python", "reward.function=mine.py:pay"])
-    kept = rewards.pin(values["reward"])
+    kept = rewards.with_source(values["reward"])
     assert kept["source"] == "def pay(signals):\n    return signals.jaw\n"
     monkeypatch.chdir("/")
-    load_reward(rewards.recall(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
+    load_reward(rewards.with_trusted_function(yaml.safe_load(yaml.safe_dump(kept)), trust=True))
     file.write_text("def pay(signals):\n    return -signals.jaw\n")
     with pytest.raises(ValueError, match="no longer what the run began with"):
-        rewards.recall(kept, trust=True)
+        rewards.with_trusted_function(kept, trust=True)
 
 
 def test_a_function_is_an_option_in_a_config_folder_of_one_s_own(tmp_path):

@@ -147,10 +147,10 @@ def test_a_program_in_scene_units_takes_another_size_of_them(tmp_path):
     given = composing.compose(["reward=file", f"reward.path={file}", "reward.unit=0.1"])["reward"]
     assert worth(load_reward(given)) == pytest.approx(90)
     # A pinned program does not change with its file. It is what the run is paid by.
-    pinned = rewards.pin(given)
+    pinned = rewards.with_source(given)
     file.unlink()
     assert rewards.text(load_reward(pinned)) == f"# From {file}.\nunit = 0.1\nreward = 9 / unit"
-    assert rewards.pin(pinned) == pinned
+    assert rewards.with_source(pinned) == pinned
     assert given["program"] is None
 
 

@@ -205,5 +205,5 @@ def test_a_value_that_is_no_good_is_refused_by_name(values):
 def test_a_name_changes_what_a_reward_is_called_and_nothing_else(values, kind):
     named = {**values[kind], "name": "my idea-2"}
     assert load_reward(named) == load_reward(values[kind])
-    assert rewards.pin(named) == named
+    assert rewards.with_source(named) == named
     assert [reward_name(one) for one in (named, values[kind])] == ["my idea-2", kind]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from needlehoop.envs.build import build, compile_scene, scene_spec
+from needlehoop.envs.build import build, scene_spec
 from needlehoop.envs.settings import compose_settings
 from needlehoop.robot import geometry as geo
 from needlehoop.robot import psm
@@ -33,7 +33,7 @@ def base(arm) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("variant", psm.VARIANTS)
 def test_each_arm_is_the_chain_from_where_it_stands(variant):
     settings = compose_settings(["task=handover", f"psm={variant}"])
-    model = compile_scene(settings)
+    model = scene_spec(settings).compile()
     data = mujoco.MjData(model)
     lower, upper = psm.joint_limits()
     drawn = torch.rand(50, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)

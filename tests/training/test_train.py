@@ -198,7 +198,7 @@ def test_a_mistake_stops_before_anything_is_made(tmp_path, monkeypatch, words, s
     assert list(tmp_path.iterdir()) == []
 
 
-VIEWS = ("default", "ecm_left", "ecm_right", "front", "side", "wrist")
+VIEWS = ("default", "ecm_left", "ecm_right", "front", "side", "wrist", "wrist_1", "wrist_2")
 
 
 @pytest.mark.parametrize(
