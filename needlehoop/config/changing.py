@@ -82,8 +82,8 @@ def changed(
         before |= {top: default[top] for top in newer}
     values = deepcopy(before)
     if chosen:
-        # A reward's file refers to the cameras.
-        seen = [f"cams=[{','.join(recorded['cams'])}]"] if "reward" in tops else []
+        # A reward's file refers to the cameras, which may be of a folder that is not given here.
+        seen = [f"++cameras.{name}=null" for name in recorded["cams"] if "reward" in tops]
         with initialize_config_dir(str(CONF), version_base="1.3"):
             found = composing.compose_here([*place, *chosen, *seen], "env")
         values |= {_top(word): found[_top(word)] for word in chosen}
