@@ -42,7 +42,7 @@ print(json.dumps({
     "places": [needlehoop.__file__, str(composing.CONF), str(RECORDINGS), str(AGENT),
                str(agent_of("reach/wide"))],
     "run": typed_job(values).place,
-    "said": out.getvalue(),
+    "said": said,
 }))
 """
 
@@ -102,5 +102,7 @@ def test_an_install_needs_no_checkout(wheel, tmp_path):
     found = json.loads(done.stdout)
     assert [place for place in found["places"] if not place.startswith(f"{site}/")] == []
     assert found["run"] == "main/dep_front+seg_side/vlm_img/seed0"
-    assert "needle_tip" in found["said"]
+    signals, *_, misspelt = found["said"]
+    assert "needle_tip" in signals
+    assert "stpes: unknown key" in misspelt
     assert list(elsewhere.iterdir()) == []
