@@ -56,7 +56,13 @@ def prepare(
     rest = [_quoted(word) for word in rest]
     places = ",".join(own_folder.in_quotes(f"file://{folder}") for folder in folders)
     found = [f"hydra.searchpath=[{places}]"] if places else []
-    return [*found, *in_brackets(rest)], folders
+    rest = in_brackets(rest)
+    for text in options.typed(rest, "cams"):
+        names = re.sub(r"[\[\]'\" ]", "", text).split(",")
+        # Hydra would take it once; brackets within are lists of a sweep.
+        if re.fullmatch(r"\[[^\[\]]*\]", text) and len({*names}) < len(names):
+            raise ValueError(f"cams: {text} names one twice")
+    return [*found, *rest], folders
 
 
 def _quoted(word: str) -> str:
