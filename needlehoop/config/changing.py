@@ -70,23 +70,25 @@ def changed(
     before = deepcopy(dict(recorded))
     if not tops:
         return before, {}
+    if newer := tops - {*recorded}:
+        # A run from before there was such a setting has it as it is by default.
+        default = composing.compose((), "env")
+        before |= {top: default[top] for top in newer}
     task = recorded["task"]["name"]
     prepared, folders = composing.prepare(given, task, recorded.get("task_dir"))
     place = [word for word in prepared if word.startswith("hydra.searchpath=")]
     rest = [word for word in prepared if word not in place]
     groups = {one.name for folder in (CONF, *folders) for one in folder.iterdir() if one.is_dir()}
-    chosen = [word for word in rest if re.split("=", word.lstrip("+"))[0] in groups]
-    if newer := tops - {*recorded}:
-        # A run from before there was such a setting has it as it is by default.
-        default = composing.compose((), "env")
-        before |= {top: default[top] for top in newer}
+    replaced = {word.lstrip("+").partition("=")[0] for word in rest} & groups
+    # With an option go the values that are typed for it: it may lack some, as reward=file does.
+    chosen = [word for word in rest if _top(word) in replaced]
     values = deepcopy(before)
     if chosen:
         # A reward's file refers to the cameras, which may be of a folder that is not given here.
         seen = [f"++cameras.{name}=null" for name in recorded["cams"] if "reward" in tops]
         with initialize_config_dir(str(CONF), version_base="1.3"):
             found = composing.compose_here([*place, *chosen, *seen], "env")
-        values |= {_top(word): found[_top(word)] for word in chosen}
+        values |= {group: found[group] for group in replaced}
     if values["task"].get("name") != task:
         valid = ", ".join(options.variants(task, [CONF, *folders]))
         raise ValueError(f"task: the run's is {task}; choose from {valid}")
