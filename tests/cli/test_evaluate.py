@@ -118,6 +118,16 @@ def test_what_may_not_be_changed_is_refused_in_a_line(run, capsys, word, said):
     assert files(run) == before
 
 
+def test_an_option_takes_the_values_that_are_typed_for_it(tiny_run):
+    recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
+    values, found = changed(
+        recorded, ["reward=file", "reward.path=mine.txt", "task.hoop_tube=0.002"]
+    )
+    assert (values["reward"]["kind"], values["reward"]["path"]) == ("file", "mine.txt")
+    assert found["task.hoop_tube"] == 0.002
+    assert values["task"]["needle_radius"] == recorded["task"]["needle_radius"]
+
+
 def test_any_option_of_a_group_that_a_run_knows_nothing_of_is_a_condition(tiny_run, monkeypatch):
     """A run from before there was such a group is as it is by default."""
     recorded = yaml.safe_load((tiny_run / "config.yaml").read_text())
