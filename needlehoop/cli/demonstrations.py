@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @command(KEYS, config="demonstrations")
 def demonstrations(options: argparse.Namespace) -> None:
-    """Write episodes of an expert or a trained run as a dataset: Minari or LeRobot."""
+    """Write episodes of an expert or a trained run as a dataset: Minari, LeRobot or Open-H."""
     from tqdm import tqdm
 
     from needlehoop.config import composing
@@ -73,12 +73,13 @@ def demonstrations(options: argparse.Namespace) -> None:
 
 def _writer(name: str, dataset: str) -> Callable[..., None]:
     """What writes datasets of a format; ``dataset`` is the name of the folder."""
-    strict.check_names("format", [name], ("minari", "lerobot"))
+    extras = {"minari": "minari", "lerobot": "lerobot", "open_h": "lerobot"}
+    strict.check_names("format", [name], [*extras])
     try:
         found = import_module(f"needlehoop.demonstrations.{name}_layout")
     except ModuleNotFoundError as error:
         raise ValueError(
-            f"format={name} needs {error.name}: pip install 'needlehoop[{name}]'"
+            f"format={name} needs {error.name}: pip install 'needlehoop[{extras[name]}]'"
         ) from error
     if name == "minari" and not re.fullmatch(r"[\w.-]+-v\d+", dataset):
         raise ValueError(

@@ -121,6 +121,12 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
         ),
         # The last arm's jaw.
         opens=ROBOT.opens,
+        label=ROBOT.label,
+        tool=ROBOT.tool,
+        actions={
+            control: tuple(f"{name}_{one}" for name in names for one in own)
+            for control, own in ROBOT.actions.items()
+        },
     )
 
 

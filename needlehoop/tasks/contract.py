@@ -131,6 +131,12 @@ class Robot:
     opens: int | None = None
     """Index of the action that lets go where it is 1. Actions of 0 hold still. ``None``: nothing
     is ever held."""
+    label: str = ""
+    """Its name in datasets, such as ``dvrk_psm``; empty: ``body``."""
+    tool: str = ""
+    """The instrument's name in datasets."""
+    actions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Names of an action's numbers, by ``episode.control``; for datasets."""
 
 
 @dataclass(frozen=True)

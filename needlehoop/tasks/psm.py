@@ -194,6 +194,12 @@ ROBOT = Robot(
     displaced=_displaced,
     parts={"roll": Part("the instrument's shaft", (0.0, 0.0, 1.0))},
     opens=-1,
+    label="dvrk_psm",
+    tool="large_needle_driver",
+    actions={
+        "tip": ("x", "y", "z", "turn", "jaw"),
+        "pose": ("x", "y", "z", "turn_x", "turn_y", "turn_z", "jaw"),
+    },
 )
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from needlehoop.cli.main import main
 from needlehoop.demonstrations.episodes import Demonstration, demonstrate, scripted
-from needlehoop.demonstrations.lerobot_layout import proprio_names
+from needlehoop.demonstrations.lerobot_rows import proprio_names
 from needlehoop.envs.settings import compose_settings
 from needlehoop.tasks.registry import find
 
@@ -89,6 +89,17 @@ def test_a_robot_of_ones_own_has_names_of_its_own():
     assert proprio_names(TASK)[-3:] == ["wrist_yaw", "jaw", "jaw_command"]
     with pytest.raises(ValueError, match=r"'smooth' is unknown; choose from expert, perturbed, or"):
         scripted("smooth", own)
+
+
+def test_each_arms_actions_have_names(tmp_path):
+    out = tmp_path / "two"
+    words = ["task=handover", "cams=[seg_side]", "image_size=8", "episodes=1", "format=lerobot"]
+    assert export(out, *words) == 0
+    info = json.loads((out / "meta/info.json").read_text())
+    action = info["features"]["action"]
+    assert info["robot_type"] == "dvrk_psm"
+    assert len(action["names"]) == action["shape"][0] == 10
+    assert (action["names"][4], action["names"][-1]) == ("psm1_jaw", "psm2_jaw")
 
 
 def test_minari_reads_what_was_done(minari_folder, monkeypatch, shown):
@@ -205,12 +216,49 @@ def test_lerobot_depth_is_what_the_camera_gave(tmp_path, lerobot_folder, shown, 
     assert near <= stats["min"][0][0][0] < stats["mean"][0][0][0] < stats["max"][0][0][0] <= far
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_open_h_has_recoveries_first_and_then_failures(tmp_path):
+    out = tmp_path / "open"
+    words = ["cams=[rgb_wrist]", "demonstrator=perturbed", "episodes=4", "episode.max_steps=34"]
+    assert export(out, "format=open_h", *words) == 0
+    info = json.loads((out / "meta/info.json").read_text())
+    lengths = [json.loads(x)["length"] for x in (out / "meta/episodes.jsonl").open()]
+    stats = [json.loads(line)["stats"] for line in (out / "meta/episodes_stats.jsonl").open()]
+    kinds = [name for name, span in info["splits"].items() for _ in range(*_ends(span))]
+    assert set(kinds) == {"recovery", "failure"}
+    assert kinds == sorted(kinds, reverse=True)
+    frames = 0
+    for number, (kind, length) in enumerate(zip(kinds, lengths, strict=True)):
+        place = {"episode_chunk": 0, "episode_index": number}
+        rows = pq.read_table(out / info["data_path"].format(**place)).to_pydict()
+        film = out / info["video_path"].format(video_key="observation.images.rgb_wrist", **place)
+        assert set(rows) == {k for k, one in info["features"].items() if one["dtype"] != "video"}
+        assert rows["index"] == list(range(frames, frames + length))
+        assert set(rows["episode_index"]) == {number}
+        assert rows["next.success"][-1] == (kind == "recovery")
+        assert set(rows["instruction.text"]) == {TASK.summary}
+        assert set(rows["observation.meta.tool"]) == {"large_needle_driver"}
+        assert stats[number]["action"]["mean"] == pytest.approx(np.mean(rows["action"], 0))
+        with imageio.get_reader(film) as shown:
+            assert sum(1 for _ in shown) == length
+        frames += length
+    assert info["total_frames"] == frames
+    assert not (out / "waiting").exists()
+    assert "TO FILL" in (out / "meta/README.md").read_text()
+
+
+def _ends(span: str) -> tuple[int, int]:
+    first, last = span.split(":")
+    return int(first), int(last)
+
+
 def test_what_cannot_be_is_said_in_a_line_and_leaves_nothing(tmp_path, capsys):
     for name, words, message in (
         ("smooth-v0", ["demonstrator=cheat"], "choose from smooth, expert, perturbed, or give a"),
         ("smooth-v0", ["cams=[]"], "cams: demonstrations need at least one camera"),
         ("smooth-v0", ["obs.frame_stack=3"], "obs.frame_stack: 3"),
         ("smooth", ["format=lerobot", "image_size=8"], "image_size: 8; LeRobot's films of depth"),
+        ("smooth", ["format=open_h"], "cams: dep_front; format=open_h has no depth"),
         ("smooth", ["format=minari"], "such as smooth-v0"),
     ):
         assert export(tmp_path / name, *words) == 2

@@ -1,0 +1,166 @@
+"""The layout that Open-H-Embodiment takes: LeRobot's version 2.1, with fields for surgery.
+
+A parquet file and a film per camera for each episode. Written from the guide and the validator of
+github.com/open-h/open-h-embodiment (commit c64ed5e). lerobot 0.3.3 reads it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from string import Template
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from needlehoop.demonstrations.episodes import PERTURBED, Demonstration
+from needlehoop.demonstrations.lerobot_films import film, spans, streams
+from needlehoop.demonstrations.lerobot_rows import (
+    SAMPLED,
+    column,
+    features,
+    frames_a_second,
+    origin,
+    robot_type,
+    rows_of,
+    spread,
+)
+from needlehoop.envs.settings import Settings
+
+_CHUNK = 1000
+"""Episodes in a folder."""
+
+_WAITING = "waiting"
+"""Folder of films until it is known which number their episode has."""
+
+_DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+_FILM = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+
+
+class _Kept(NamedTuple):
+    """An episode whose films are written."""
+
+    episode: Demonstration
+    """Without its images."""
+    films: dict[str, Path]
+    """By key."""
+    stats: dict[str, Any]
+    """Of its films, by key."""
+
+
+def write(
+    folder: Path,
+    episodes: Iterable[Demonstration],
+    settings: Settings,
+    demonstrator: str,
+    provenance: Mapping[str, Any],
+) -> None:
+    """Write a dataset: first the episodes that succeed, then the ``failure`` ones.
+
+    Those that succeed are ``train``; of ``PERTURBED``, which errs and corrects itself,
+    ``recovery``. ``ValueError`` for a rate that is not whole, or a camera with depth.
+    """
+    rate = frames_a_second(settings)
+    if depths := spans(settings):
+        cameras = ", ".join(key.split(".")[-1].removesuffix("_depth") for key in depths)
+        raise ValueError(f"cams: {cameras}; format=open_h has no depth: choose rgb, seg or segdep")
+    kept: list[_Kept] = []
+    for episode in episodes:
+        kept.append(_filmed(folder, episode, len(kept), settings.image_size, rate))
+    good = [one for one in kept if one.episode.success]
+    bad = [one for one in kept if not one.episode.success]
+    frames, stories, stats = 0, [], []
+    columns: dict[str, np.ndarray] = {}
+    for number, one in enumerate([*good, *bad]):
+        columns = _columns(one.episode, number, frames, rate, settings)
+        frames += len(one.episode)
+        place = {"episode_chunk": number // _CHUNK, "episode_index": number}
+        path = _made(folder / _DATA.format(**place))
+        pq.write_table(pa.table({key: column(rows) for key, rows in columns.items()}), path)
+        for key, filmed in one.films.items():
+            filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
+        length, task = len(one.episode), settings.definition.summary
+        stories.append({"episode_index": number, "tasks": [task], "length": length})
+        numbers = {key: rows for key, rows in columns.items() if rows.dtype.kind != "U"}
+        own = {**one.stats, **{key: spread(rows) for key, rows in numbers.items()}}
+        stats.append({"episode_index": number, "stats": own})
+    (folder / _WAITING).rmdir()
+    films, total = kept[0].films, len(kept)
+    succeeded = "recovery" if demonstrator == PERTURBED else "train"
+    splits = {succeeded: (0, len(good)), "failure": (len(good), total)}
+    info = {
+        "codebase_version": "v2.1",
+        "robot_type": robot_type(settings.definition),
+        "total_episodes": total,
+        "total_frames": frames,
+        "total_tasks": 1,
+        "total_videos": total * len(films),
+        "total_chunks": -(-total // _CHUNK),
+        "chunks_size": _CHUNK,
+        "fps": rate,
+        "splits": {name: f"{a}:{b}" for name, (a, b) in splits.items() if a < b},
+        "data_path": _DATA,
+        "video_path": _FILM,
+        "features": features(columns, dict.fromkeys(films), settings, rate),
+        "needlehoop": origin(settings, demonstrator, provenance),
+    }
+    meta = _made(folder / "meta" / "info.json").parent
+    (meta / "info.json").write_text(json.dumps(info, indent=4) + "\n")
+    tasks = [{"task_index": 0, "task": settings.definition.summary}]
+    for name, lines in (("tasks", tasks), ("episodes", stories), ("episodes_stats", stats)):
+        text = "".join(json.dumps(line) + "\n" for line in lines)
+        (meta / f"{name}.jsonl").write_text(text)
+    (meta / "README.md").write_text(_readme(info, settings, demonstrator))
+
+
+def _filmed(folder: Path, episode: Demonstration, number: int, size: int, rate: int) -> _Kept:
+    films, stats = {}, {}
+    for key, images in streams(episode, {}).items():
+        films[key] = _made(folder / _WAITING / f"{number}_{key}.mp4")
+        with film(films[key], size, rate, None) as add:
+            add(images)
+        stats[key] = spread(images[:: -(-len(episode) // SAMPLED)])
+    # Images of all episodes are too large to keep.
+    return _Kept(replace(episode, images={}), films, stats)
+
+
+def _columns(
+    episode: Demonstration, number: int, begin: int, rate: int, settings: Settings
+) -> dict[str, np.ndarray]:
+    task, n = settings.definition, len(episode)
+    texts = {"instruction.text": task.summary, "observation.meta.tool": task.robot.tool}
+    own = {key: np.full(n, text) for key, text in texts.items() if text}
+    return rows_of(episode, number, begin, rate) | own
+
+
+def _made(path: Path) -> Path:
+    """A path whose folder exists."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> str:
+    """Open-H's page on a dataset, as far as we can fill it."""
+    told = {key: one for key, one in info["features"].items() if one["names"]}
+    cameras = [key for key, one in told.items() if one["dtype"] == "video"]
+    task, size = settings.definition, settings.image_size
+    words = task.telling.values(settings.task, settings.episode) if task.telling else {}
+    values = {
+        "summary": task.summary,
+        "episodes": info["total_episodes"],
+        "hours": f"{info['total_frames'] / info['fps'] / 3600:.2f}",
+        "splits": ", ".join(f"`{name}` {span}" for name, span in info["splits"].items()),
+        "demonstrator": demonstrator,
+        "cameras": "\n".join(f"- `{key}`: {size} x {size} px" for key in cameras),
+        "robot": info["robot_type"],
+        "tool": task.robot.tool or "none",
+        "rate": info["fps"],
+        "action": ", ".join(told["action"]["names"]) if "action" in told else "TO FILL",
+        "control": words.get("control", "moves the robot: TO FILL"),
+        "state": ", ".join(told["observation.state"]["names"]),
+    }
+    return Template((Path(__file__).parent / "open_h_readme.txt").read_text()).substitute(values)
