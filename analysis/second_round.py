@@ -1,0 +1,209 @@
+"""The protocol's second round: which old runs count, and cameras on instruments (Q7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.stats import kendalltau, ttest_1samp, ttest_ind
+
+from analysis.protocol import means
+from needlehoop.study.render.style import COLOURS, FAINT, new_figure
+from needlehoop.study.render.table import percent, written
+from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, estimate
+
+RENDERINGS = {"rgb": "colour", "seg": "segmentation", "dep": "colour and depth"}
+VIEWS = {
+    "wrist": "on the instrument",
+    "front+wrist": "front and on the instrument",
+    "ecm_left+wrist": "endoscope, one eye, and on the instrument",
+    "front+side": "front and side",
+    "ecm_left+ecm_right": "endoscope, both eyes",
+    "ecm_left": "endoscope, one eye",
+}
+"""Q7's sets of views, and what the page calls them."""
+
+MARGIN = 0.05
+"""Success that a set may lose and still be enough."""
+
+
+def views_of(cameras: str) -> str:
+    """The views of a camera set, such as ``ecm_left+wrist``."""
+    return "+".join(one.partition("_")[2] for one in cameras.split("+"))
+
+
+def rendering_of(cameras: str) -> str:
+    """The one rendering of a camera set's cameras."""
+    return cameras.partition("_")[0]
+
+
+def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
+    """Mean of the first runs less that of the second, with Welch's 95 % interval."""
+    value = float(np.mean(first) - np.mean(second))
+    if min(len(first), len(second)) < ENOUGH:
+        return Estimated(value)
+    ends = ttest_ind(first, second, equal_var=False).confidence_interval()
+    return Estimated(value, Interval(float(ends.low), float(ends.high)))
+
+
+def renewal_table(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
+    """Each renewed camera set, seed by seed against its old runs, with a paired t-interval."""
+    rows = []
+    for cameras, own in new.groupby("cameras"):
+        both = own.merge(old, on=["cameras", "seed"], suffixes=("", "_old"))
+        gaps = (both["success"] - both["success_old"]).to_numpy()
+        found = Estimated(float(gaps.mean()))
+        if len(gaps) >= ENOUGH:
+            ends = ttest_1samp(gaps, 0.0).confidence_interval()
+            found = Estimated(found.value, Interval(float(ends.low), float(ends.high)))
+        stands = "" if found.interval is None else _holds_none(found.interval)
+        rows.append(
+            {
+                "cameras": str(cameras),
+                "before, by seed, %": percent(both["success_old"].tolist()),
+                "now, by seed, %": percent(both["success"].tolist()),
+                "now less before, points (95 %)": written(found, "+.0f", 100.0),
+                "holds 0": stands,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _holds_none(ends: Interval) -> str:
+    return "yes" if ends.low <= 0.0 <= ends.high else "no"
+
+
+def _successes(runs: pd.DataFrame, views: str, rendering: str) -> list[float]:
+    cameras = runs["cameras"]
+    chosen = (cameras.map(views_of) == views) & (cameras.map(rendering_of) == rendering)
+    return runs.loc[chosen].sort_values("seed")["success"].tolist()
+
+
+def views_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Q7's sets of views, the best first: mean success in each rendering, and of all."""
+    rows = []
+    for views, said in VIEWS.items():
+        own = {name: _successes(runs, views, name) for name in RENDERINGS}
+        mean = float(np.mean([np.mean(values) for values in own.values()]))
+        row = {"views": f"{said} (`{views}`)"}
+        for name, values in own.items():
+            row[f"{RENDERINGS[name]}: threaded (95 %), %"] = percent(estimate(values))
+        rows.append((mean, row | {"mean, %": percent(mean)}))
+    return pd.DataFrame([row for _, row in sorted(rows, key=lambda pair: -pair[0])])
+
+
+def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
+    """Q7's questions: what a set of views gains over another, and the protocol's verdict."""
+    rows = []
+    for said, views in (
+        ("one camera on the instrument is enough", "wrist"),
+        ("the endoscope is enough", "ecm_left+ecm_right"),
+    ):
+        found = {
+            name: more(_successes(runs, views, name), _successes(runs, "front+side", name))
+            for name in RENDERINGS
+        }
+        enough = sum(
+            one.interval is not None and one.interval.low > -MARGIN for one in found.values()
+        )
+        row = {"question": f"{said} (`{views}` less `front+side`)"}
+        row |= {f"{RENDERINGS[name]}, points (95 %)": _points(one) for name, one in found.items()}
+        rows.append(row | {"all, points (95 %)": "", "verdict": "yes" if enough >= 2 else "no"})
+    pair, alone = (
+        {name: _successes(runs, views, name) for name in RENDERINGS}
+        for views in ("ecm_left+wrist", "ecm_left")
+    )
+    pooled = more(_centred(pair, alone), _centred(alone, alone))
+    row = {"question": "the instrument's camera adds something (`ecm_left+wrist` less `ecm_left`)"}
+    row |= {
+        f"{RENDERINGS[name]}, points (95 %)": _points(more(pair[name], alone[name]))
+        for name in RENDERINGS
+    }
+    adds = pooled.interval is not None and pooled.interval.low > 0
+    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": "yes" if adds else "no"})
+    return pd.DataFrame(rows)
+
+
+def _centred(
+    values: Mapping[str, Sequence[float]], around: Mapping[str, Sequence[float]]
+) -> list[float]:
+    """All runs, less the mean that ``around`` has in their rendering."""
+    return [one - float(np.mean(around[name])) for name, own in values.items() for one in own]
+
+
+def _points(found: Estimated) -> str:
+    return written(found, "+.0f", 100.0)
+
+
+def model_scores(recording: Path) -> dict[str, dict[str, float]]:
+    """Minus a model's mean place of each camera set over its answers, by rendering."""
+    ranked = pd.read_csv(recording / "rankings_sets.csv")
+    places = means(ranked, of="place")
+    return _by_rendering({name: -place for name, place in places.items()})
+
+
+def probe_scores(folder: Path) -> dict[str, dict[str, float]]:
+    """The probe's score of each camera set, by rendering; ``folder`` has a table for each."""
+    tables = [pd.read_csv(folder / f"probe_{name}.csv") for name in RENDERINGS]
+    return _by_rendering(means(pd.concat(tables), of="score"))
+
+
+def _by_rendering(scores: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    return {
+        name: {one: score for one, score in scores.items() if rendering_of(one) == name}
+        for name in RENDERINGS
+    }
+
+
+def foretold_table(
+    predictions: Mapping[str, Mapping[str, Mapping[str, float]]], runs: pd.DataFrame
+) -> pd.DataFrame:
+    """How well each prediction of the six sets agrees with success: τ-b, and what it loses."""
+    measured = means(runs)
+    rows = []
+    for who, lists in predictions.items():
+        taus, losses = [], []
+        for own in lists.values():
+            truth = np.array([measured[name] for name in own])
+            given = np.array([*own.values()])
+            taus.append(float(kendalltau(given, truth).statistic))
+            losses.append(float(truth.max() - truth[given == given.max()].mean()))
+        names = [f"τ-b, {RENDERINGS[name]}" for name in lists]
+        row = {"prediction": who} | dict(zip(names, map(written, taus), strict=True))
+        row["τ-b, mean"] = written(float(np.mean(taus)))
+        rows.append(row | {"its first loses, points": written(float(np.mean(losses)), ".0f", 100)})
+    return pd.DataFrame(rows)
+
+
+def views_figure(runs: pd.DataFrame) -> Figure:
+    """A row for each set of views, a dot for each training, a colour for each rendering."""
+    means = {
+        views: float(np.mean([np.mean(_successes(runs, views, name)) for name in RENDERINGS]))
+        for views in VIEWS
+    }
+    order = sorted(VIEWS, key=means.__getitem__)
+    figure, ((axes,),) = new_figure(8.0 * len(order) + 18)
+    for row, views in enumerate(order):
+        for number, name in enumerate(RENDERINGS):
+            own = 100 * np.array(_successes(runs, views, name))
+            height = row + 0.22 * (1 - number)
+            axes.plot(own, [height] * len(own), "o", markersize=3, color=COLOURS[number], alpha=0.6)
+            axes.plot(
+                [own.mean()],
+                [height],
+                "|",
+                markersize=7,
+                color=COLOURS[number],
+                markeredgewidth=1.6,
+            )
+    axes.set_yticks(range(len(order)), [VIEWS[views] for views in order])
+    axes.set_xlim(-2, 102)
+    axes.set_xlabel("needle through the hoop, of 100 episodes\n(dot: a training, bar: the mean)")
+    axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
+    for number, said in enumerate(RENDERINGS.values()):
+        axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, fontsize=6.5)
+    return figure
