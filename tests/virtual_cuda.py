@@ -36,7 +36,7 @@ def is_there(tensor: Tensor) -> bool:
     return getattr(tensor, "_is_on_gpu", False)
 
 
-def _put(found: Any, there: bool) -> Any:
+def put(found: Any, there: bool) -> Any:
     """Says of all tensors of a result where they are."""
 
     for one in tree_leaves(found):
@@ -52,8 +52,8 @@ def _is_gpu(device: Any) -> bool:
 def _moved(tensor: Tensor, there: bool, found: Tensor) -> Tensor:
     """``found``, as the copy on the device that a move leaves; the same where nothing moves."""
     if is_there(tensor) == there:
-        return _put(found, there)
-    return _put(found.clone() if found is tensor else found, there)
+        return put(found, there)
+    return put(found.clone() if found is tensor else found, there)
 
 
 class _VirtualCuda(TorchFunctionMode):
@@ -81,7 +81,7 @@ class _VirtualCuda(TorchFunctionMode):
             there = is_there(tensors[0])
         elif func not in _WITHOUT_NUMBERS:
             _check_together(func, tensors)
-        return _put(func(*args, **kwargs), there)
+        return put(func(*args, **kwargs), there)
 
 
 def _check_together(func: Callable, tensors: list[Tensor]) -> None:
@@ -114,7 +114,7 @@ def _get(func: Callable, tensor: Tensor, index: Any) -> Tensor:
     of = [one for one in tree_leaves(index) if isinstance(one, Tensor)]
     if not is_there(tensor) and any(map(is_there, of)):
         raise RuntimeError("indices should be either on cpu or on the same device (cpu)")
-    return _put(func(tensor, index), is_there(tensor))
+    return put(func(tensor, index), is_there(tensor))
 
 
 def _to_numpy(func: Callable, tensor: Tensor, *args: Any, **kwargs: Any) -> Any:
@@ -125,11 +125,11 @@ def _to_numpy(func: Callable, tensor: Tensor, *args: Any, **kwargs: Any) -> Any:
 
 def _set_data(func: Callable, tensor: Tensor, data: Tensor) -> None:
     func(tensor, data)
-    _put(tensor, is_there(data))
+    put(tensor, is_there(data))
 
 
 def _copied(func: Callable, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
-    return _put(func(tensor, *args, **kwargs), is_there(tensor))
+    return put(func(tensor, *args, **kwargs), is_there(tensor))
 
 
 _SPECIAL: dict[Any, Callable] = {
@@ -153,7 +153,7 @@ def virtual_cuda() -> Iterator[None]:
     made: Any = nn.Parameter.__new__
 
     def parameter(cls: type, data: Any = None, requires_grad: bool = True) -> nn.Parameter:
-        return _put(made(cls, data, requires_grad), data is not None and is_there(data))
+        return put(made(cls, data, requires_grad), data is not None and is_there(data))
 
     told: dict[str, Any] = {
         "is_available": lambda: True,

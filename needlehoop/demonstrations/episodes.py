@@ -76,7 +76,8 @@ def scripted(name: str, task: Task) -> MakeController:
         generator = torch.Generator().manual_seed(settings.seed + (next(batches) << 32))
         noise = Perturbation(_BATCH, settings.episode.action_size, _STRONGEST, generator)
         expert = controller(settings.definition.teacher, settings)
-        return lambda signals: expert(signals) + noise()[: len(signals)]
+        here = simulation.device
+        return lambda signals: expert(signals) + noise()[: len(signals)].to(here)
 
     return pilot
 
@@ -108,14 +109,16 @@ def _row(simulation: Simulation, step: Step) -> TensorDict:
     row = {
         "images": {name: image.permute(0, 2, 3, 1) for name, image in simulation.images().items()},
         "vectors": read(settings.definition, replace(obs, proprio=True), moment.signals),
-        "action": torch.zeros(shape) if action is None else action.float(),
+        "action": torch.zeros(shape, device=simulation.device)
+        if action is None
+        else action.float(),
         "reward": moment.reward.float(),
         "alive": step.alive,
         "success": moment.facts["success"],
         "terminated": moment.terminated,
     }
     # A copy: some are buffers, used again for the next step.
-    return TensorDict(row, shape[:1]).clone()
+    return TensorDict(row, shape[:1]).to("cpu").clone()
 
 
 def _episode(rows: list[TensorDict], env: int) -> Demonstration:

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
+import torch
+from torch import Tensor
 
 from needlehoop.config.strict import Amount, Share
 
@@ -23,9 +24,9 @@ MOST_OBJECTS = 12
 class Drawn(NamedTuple):
     """What episodes drew for an axis; a dimension for views or things follows ``n``."""
 
-    amount: np.ndarray
-    """``(n, …, size)``, in the axis's unit."""
-    free: np.ndarray
+    amount: Tensor
+    """``(n, …, size)`` float64, in the axis's unit."""
+    free: Tensor
     """``(n, …, free)``: numbers in [0, 1) that decide where, when or which."""
 
 
@@ -48,12 +49,12 @@ class Axis:
     whole: bool = False
     """Whether amounts are counts; an episode then draws one of 0, …, amount."""
 
-    def drawn(self, numbers: np.ndarray, amounts: np.ndarray) -> Drawn:
+    def drawn(self, numbers: Tensor, amounts: Tensor) -> Drawn:
         """What becomes of uniform numbers ``(n, …, size + free)`` at ``amounts`` ``(n,)``."""
         first, free = numbers[..., : self.size], numbers[..., self.size :]
         scale = amounts.reshape(-1, *[1] * (numbers.ndim - 1))
         if self.whole:
-            return Drawn(np.floor(first * (scale + 1.0)), free)
+            return Drawn(torch.floor(first * (scale + 1.0)), free)
         return Drawn((2.0 * first - 1.0 if self.signed else first) * scale, free)
 
 
@@ -146,25 +147,36 @@ def disturb_of(amounts: Mapping[str, float]) -> Disturb:
     return Disturb(**split)
 
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+def _signed(bits: int) -> int:
+    """The int64 with the same 64 bits, because torch has no arithmetic of unsigned ones."""
+    return bits - (bits >> 63 << 64)
 
 
-def uniform(name: str, count: int, *keys: np.ndarray | int) -> np.ndarray:
+_GOLDEN = _signed(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = _signed(0xBF58476D1CE4E5B9), _signed(0x94D049BB133111EB)
+
+
+def uniform(name: str, count: int, *keys: Tensor | int) -> Tensor:
     """Numbers in [0, 1), float64 ``(n, count)``: the finaliser of SplitMix64 over name and keys.
 
     They depend on nothing else. So an episode is disturbed in the same way whatever runs beside
-    it, and resuming needs no state. ``keys``: integers, or ``(n,)`` of them.
+    it, and resuming needs no state. ``keys``: integers, or int64 ``(n,)`` of them, on any device.
     """
-    state = np.full(1, zlib.crc32(name.encode()), np.uint64)
+    device = next((key.device for key in keys if isinstance(key, Tensor)), None)
+    state = torch.full((1,), zlib.crc32(name.encode()), device=device)
     for key in keys:
-        state = _mixed(state ^ np.atleast_1d(np.asarray(key)).astype(np.uint64))
-    columns = (1 + np.arange(count, dtype=np.uint64)) * _GOLDEN
-    return (_mixed(state[:, None] + columns) >> np.uint64(11)) * 2.0**-53
+        state = _mixed(state ^ key)
+    columns = (1 + torch.arange(count, device=device)) * _GOLDEN
+    return _right(_mixed(state[:, None] + columns), 11).double() * 2.0**-53
 
 
-def _mixed(state: np.ndarray) -> np.ndarray:
+def _mixed(state: Tensor) -> Tensor:
     state = state + _GOLDEN
-    state = (state ^ (state >> np.uint64(30))) * _FIRST
-    state = (state ^ (state >> np.uint64(27))) * _SECOND
-    return state ^ (state >> np.uint64(31))
+    state = (state ^ _right(state, 30)) * _FIRST
+    state = (state ^ _right(state, 27)) * _SECOND
+    return state ^ _right(state, 31)
+
+
+def _right(state: Tensor, bits: int) -> Tensor:
+    """Bits shifted to the right, with zeros from the left."""
+    return (state >> bits) & ((1 << (64 - bits)) - 1)

@@ -21,12 +21,16 @@ _SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not i
 class Disturbance:
     """Disturbs ``n`` environments, depending on seed, environment, episode and step alone.
 
+    What an episode draws is worked out on the CPU when it begins, and kept on the engine's device,
+    where it acts in every step.
+
     Args:
         amounts: of the axes that may do something, by their keys in ``AXES``.
         things: number of the thing that each geom belongs to ``(ngeom,)``.
         views: names of the chosen cameras' views.
         target: the point that they look at ``(3,)``, m.
         size: side of their images, px.
+        device: the engine's.
     """
 
     def __init__(
@@ -39,31 +43,48 @@ class Disturbance:
         size: int,
         max_steps: int,
         num_envs: int,
+        device: torch.device,
     ):
-        self._views, self._things, self._target = views, things, target
-        self._cameras = [model.camera(view).id for view in views]
-        self._mounted = model.cam_bodyid[self._cameras] > 0
+        self._views, self._target, self._device = views, target, device
+        cameras = [model.camera(view).id for view in views]
+        self._cameras = torch.tensor(cameras, dtype=torch.int64, device=device)
+        self._mounted = torch.from_numpy(model.cam_bodyid[cameras] > 0).to(device)
+        self._things = torch.from_numpy(things).to(device)
         names = (model.geom(i).name for i in range(model.ngeom))
-        self._strange = [i for i, name in enumerate(names) if name.startswith(optics.STRANGE)]
+        strange = [i for i, name in enumerate(names) if name.startswith(optics.STRANGE)]
+        self._strange = torch.tensor(strange, dtype=torch.int64, device=device)
         self._max_steps = max_steps
         self.level = 1.0
         """Share of the amounts in episodes that begin from now on."""
         n, parts = num_envs, {EPISODE: (), VIEW: (len(views),), THING: (1 + things.max(),)}
-        self._amounts = {key: np.full(n, float(amount)) for key, amount in amounts.items()}
+        full: Any = {"dtype": torch.float64}
+        self._amounts = {key: torch.full((n,), one, **full) for key, one in amounts.items()}
+        self._levels = torch.ones(n, dtype=torch.float64)
         # Of all axes; zeros where there is no amount.
+        double: Any = {"dtype": torch.float64, "device": device}
         self._drawn = {
-            key: Drawn(*(np.zeros((n, *parts[axis.per], k)) for k in (axis.size, axis.free)))
+            key: Drawn(
+                *(torch.zeros(n, *parts[axis.per], k, **double) for k in (axis.size, axis.free))
+            )
             for key, axis in AXES.items()
         }
-        self._numbers = {name: np.zeros(n, np.int64) for name in ("envs", "episodes", "steps")}
-        self._levels = np.ones(n)
+        calm = {key: Drawn(*(x.cpu() for x in one)) for key, one in self._drawn.items()}
+        self._moved = optics.Moved(*(one.to(device) for one in optics.moved(calm)))
+        lying = optics.objects(calm["scene.objects"], len(strange), target)
+        self._lying = lying.to(device)
+        self._numbers = {
+            name: torch.zeros(n, dtype=torch.int64, device=device)
+            for name in ("envs", "episodes", "steps")
+        }
         self._seed = 0
-        self._sensors = Sensors(n, views, size) if views and self._may(*_SENSORS) else None
-        self._sent: np.ndarray | None = None
+        self._sensors = None
+        if views and self._may(*_SENSORS):
+            self._sensors = Sensors(n, views, size, device)
+        self._sent: Tensor | None = None
         if self._may("robot.late", "robot.lost"):
-            self._sent = np.zeros((int(amounts.get("robot.late", 0)) + 1, n, model.nu))
+            self._sent = torch.zeros(int(amounts.get("robot.late", 0)) + 1, n, model.nu, **double)
         self._pictures = int(amounts.get("picture.late", 0)) + 1
-        self._kept: dict[str, np.ndarray] = {}
+        self._kept: dict[str, Tensor] = {}
 
     def _may(self, *keys: str) -> bool:
         """Whether one of these axes may ever do something."""
@@ -71,15 +92,16 @@ class Disturbance:
 
     def _does(self, *begins: str) -> bool:
         """Whether an axis whose key begins in such a way does something in some environment."""
-        return any(one.any() for key, one in self._amounts.items() if key.startswith(begins))
+        return any(bool(one.any()) for key, one in self._amounts.items() if key.startswith(begins))
 
-    def deal(self, ids: np.ndarray, amounts: Mapping[str, np.ndarray]) -> None:
-        """Give environments amounts of their own, ``(k,)`` by key, from their next episode on."""
+    def deal(self, ids: Tensor, amounts: Mapping[str, Tensor]) -> None:
+        """Give environments ``ids`` amounts of their own, ``(k,)`` by key, from their next episode
+        on."""
         for key, values in self._amounts.items():
-            values[ids] = amounts.get(key, 0.0)
+            values[ids.cpu()] = amounts[key].double().cpu() if key in amounts else 0.0
 
     def begin(
-        self, ids: np.ndarray, seed: int, envs: np.ndarray, episodes: np.ndarray, control: Tensor
+        self, ids: Tensor, seed: int, envs: np.ndarray, episodes: np.ndarray, control: Tensor
     ) -> None:
         """Episodes begin in rows ``ids`` ``(k,)`` of the batch.
 
@@ -87,80 +109,96 @@ class Disturbance:
         before ``(k,)``. ``control``: commands ``(k, nu)`` that hold their starts.
         """
         self._seed = seed
-        for name, values in (("envs", envs), ("episodes", episodes), ("steps", 0)):
-            self._numbers[name][ids] = values
-        self._levels[ids] = self.level
-        self._draw(ids)
+        keys = torch.from_numpy(envs), torch.from_numpy(episodes)
+        for name, values in zip(("envs", "episodes"), keys, strict=True):
+            self._numbers[name][ids] = values.to(self._device)
+        self._numbers["steps"][ids] = 0
+        self._levels[ids.cpu()] = self.level
+        self._draw(ids, *keys)
         if self._sent is not None:
-            self._sent[:, ids] = control.numpy()
+            self._sent[:, ids] = control
 
-    def _draw(self, ids: np.ndarray) -> None:
-        keys = (self._seed, self._numbers["envs"][ids], self._numbers["episodes"][ids])
-        for key, amounts in self._amounts.items():
-            axis, kept = AXES[key], self._drawn[key]
-            shape = (len(ids), *kept.amount.shape[1:-1], axis.size + axis.free)
-            numbers = uniform(key, int(np.prod(shape[1:])), *keys).reshape(shape)
-            drawn = axis.drawn(numbers, self._levels[ids] * amounts[ids])
-            kept.amount[ids], kept.free[ids] = drawn
+    def _draw(self, ids: Tensor, envs: Tensor, episodes: Tensor) -> None:
+        """Work out what episodes draw; ``envs`` and ``episodes`` ``(k,)`` are on the CPU."""
+        rows, fresh = ids.cpu(), {}
+        for key, one in self._drawn.items():
+            axis, shape = AXES[key], (len(rows), *one.amount.shape[1:-1])
+            if key in self._amounts:
+                each = (*shape, axis.size + axis.free)
+                numbers = uniform(key, int(np.prod(each[1:])), self._seed, envs, episodes)
+                given = self._levels[rows] * self._amounts[key][rows]
+                fresh[key] = axis.drawn(numbers.reshape(each), given)
+                for kept, value in zip(one, fresh[key], strict=True):
+                    kept[ids] = value.to(self._device)
+            else:
+                sizes = (axis.size, axis.free)
+                fresh[key] = Drawn(*(torch.zeros(*shape, k).double() for k in sizes))
+        for kept, value in zip(self._moved, optics.moved(fresh), strict=True):
+            kept[ids] = value.to(self._device)
+        count = self._lying.shape[1]
+        lying = optics.objects(fresh["scene.objects"], count, self._target)
+        self._lying[ids] = lying.to(self._device)
         if self._sensors is not None:
-            self._sensors.set(ids, **flaws(self._of(ids, _SENSORS)))
+            self._sensors.set(rows, **flaws({key: fresh[key] for key in _SENSORS}))
 
-    def _of(self, ids: np.ndarray, keys: Sequence[str]) -> dict[str, Drawn]:
+    def _of(self, ids: Tensor, keys: Sequence[str]) -> dict[str, Drawn]:
         """What environments drew for some axes."""
         return {key: Drawn(*(one[ids] for one in self._drawn[key])) for key in keys}
 
+    def _rows(self, ids: Tensor | None) -> Tensor:
+        return torch.arange(len(self._levels), device=self._device) if ids is None else ids
+
     # What the robot does.
 
-    def physics(self, ids: np.ndarray) -> tuple[Tensor, Tensor] | None:
+    def physics(self, ids: Tensor) -> tuple[Tensor, Tensor] | None:
         """Factors of friction and mass ``(k,)``; ``None``: they stay as they are."""
         if not self._may("robot.friction", "robot.mass"):
             return None
         friction, mass = (
-            torch.from_numpy(1.0 + self._drawn[key].amount[ids, 0])
-            for key in ("robot.friction", "robot.mass")
+            1.0 + self._drawn[key].amount[ids, 0] for key in ("robot.friction", "robot.mass")
         )
         return friction, mass
 
     @property
     def offset(self) -> Tensor | None:
         """Offsets of the tips from their targets ``(n, 3)``, m; ``None``: no such axis."""
-        if not self._may("robot.offset"):
-            return None
-        return torch.from_numpy(self._drawn["robot.offset"].amount)
+        return self._drawn["robot.offset"].amount if self._may("robot.offset") else None
 
     def command(self, control: Tensor) -> Tensor:
         """A step begins: the commands ``(n, nu)`` that arrive at the servos."""
         self._numbers["steps"] += 1
         if self._sent is None:
             return control
-        sent, rows, steps = self._sent, np.arange(len(control)), self._numbers["steps"]
+        sent, rows, steps = self._sent, self._rows(None), self._numbers["steps"]
         keys = (self._numbers[name] for name in ("envs", "episodes", "steps"))
         chance = uniform("robot.lost.now", 1, self._seed, *keys)
         lost = chance < self._drawn["robot.lost"].amount
         # The servos hold the command before a lost one.
         before = sent[(steps - 1) % len(sent), rows]
-        sent[steps % len(sent), rows] = np.where(lost, before, control.numpy())
-        late = self._drawn["robot.late"].amount[:, 0].astype(int)
-        return torch.from_numpy(sent[(steps - late) % len(sent), rows])
+        sent[steps % len(sent), rows] = torch.where(lost, before, control)
+        late = self._drawn["robot.late"].amount[:, 0].long()
+        return sent[(steps - late) % len(sent), rows]
 
     # What the cameras show.
 
-    def optics(self, fields: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    def optics(self, fields: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
         """The fields of all environments as they are drawn; see ``engines.contract.Optics``."""
         n, at, found = len(self._levels), self._cameras, dict(fields)
         if self._does("camera."):
-            places = fields["cam_xpos"].reshape(n, -1, 3).copy()
-            turns = fields["cam_xmat"].reshape(n, -1, 3, 3).copy()
-            zoom = np.ones(turns.shape[:2])
-            time = np.minimum(1.0, self._numbers["steps"] / self._max_steps)
-            own = optics.cameras(places[:, at], turns[:, at], self._drawn, time, self._mounted)
-            places[:, at], turns[:, at], zoom[:, at] = own
+            places = fields["cam_xpos"].reshape(n, -1, 3).clone()
+            turns = fields["cam_xmat"].reshape(n, -1, 3, 3).clone()
+            zoom = torch.ones(turns.shape[:2], dtype=torch.float64, device=self._device)
+            time = (self._numbers["steps"].double() / self._max_steps).clamp(max=1.0)
+            place, turn = optics.cameras(
+                places[:, at], turns[:, at], self._moved, time, self._mounted
+            )
+            places[:, at], turns[:, at] = place.to(places), turn.to(turns)
+            zoom[:, at] = self._moved.zoom
             found |= {"cam_xpos": places, "cam_xmat": turns, "cam_zoom": zoom}
         if self._does("scene."):
-            places = fields["geom_xpos"].reshape(n, -1, 3).copy()
-            strange = self._drawn["scene.objects"]
-            places[:, self._strange] = optics.objects(strange, len(self._strange), self._target)
-            shining = optics.lamps(fields["light_xdir"].reshape(n, -1, 3), self._drawn)
+            places = fields["geom_xpos"].reshape(n, -1, 3).clone()
+            places[:, self._strange] = self._lying.to(places)
+            shining = optics.lamps(fields["light_xdir"].reshape(n, -1, 3), self._moved.lamp)
             found |= {"geom_xpos": places, "light_xdir": shining}
         if self._does(*(key for key in RASTERISED if key.startswith("scene."))):
             found |= optics.looks(self._drawn, self._things)
@@ -170,7 +208,7 @@ class Disturbance:
         """A function that adds flaws to frames of environments ``ids`` (all by default)."""
         if self._sensors is None or not self._does(*_SENSORS):
             return None
-        rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
+        rows = self._rows(ids)
         keys = (self._numbers[name][rows] for name in ("envs", "episodes", "steps"))
         places = uniform("picture", 3 * len(self._views), self._seed, *keys)
         return self._sensors.spoiler(rows, places)
@@ -185,55 +223,58 @@ class Disturbance:
         """
         if not self._may(*_DELIVERY):
             return images
-        rows = np.arange(len(self._levels)) if ids is None else ids.numpy()
-        steps, last = self._numbers["steps"][rows], self._pictures
+        rows, last = self._rows(ids), self._pictures
+        steps = self._numbers["steps"][rows]
         late, *fails = self._of(rows, _DELIVERY).values()
-        old = np.minimum(late.amount[..., 0].astype(int), steps[:, None])
+        old = torch.minimum(late.amount[..., 0].long(), steps[:, None])
         frozen, black = (failing(one, steps, len(self._views), self._max_steps) for one in fails)
         found = {}
         for name, image in images.items():
             at = self._views.index(views[name])
             if name not in self._kept:
                 shape = (last + 1, len(self._levels), *image.shape[1:])
-                self._kept[name] = np.zeros(shape, np.uint8)
+                self._kept[name] = torch.zeros(shape, dtype=torch.uint8, device=self._device)
             # The last pictures by step, and after them what arrived last.
             kept = self._kept[name]
-            kept[steps % last, rows] = image.numpy()
+            kept[steps % last, rows] = image
             seen = kept[(steps - old[:, at]) % last, rows]
-            seen[frozen[:, at]] = kept[last, rows[frozen[:, at]]]
-            seen[black[:, at]] = 0
+            seen = torch.where(frozen[:, at, None, None, None], kept[last, rows], seen)
+            seen = seen.masked_fill(black[:, at, None, None, None], 0)
             kept[last, rows] = seen
-            found[name] = torch.from_numpy(seen)
+            found[name] = seen
         return found
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future."""
-        sent = {} if self._sent is None else {"sent": torch.from_numpy(self._sent.copy())}
+        sent = {} if self._sent is None else {"sent": self._sent.clone()}
         return {
             "seed": torch.tensor(self._seed),
-            **{name: torch.from_numpy(one.copy()) for name, one in self._numbers.items()},
-            "levels": torch.from_numpy(self._levels.copy()),
+            **{name: one.clone() for name, one in self._numbers.items()},
+            "levels": self._levels.clone(),
             **sent,
-            "kept": {name: torch.from_numpy(one.copy()) for name, one in self._kept.items()},
+            "kept": {name: one.clone() for name, one in self._kept.items()},
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a ``snapshot`` of a disturbance with the same amounts."""
         self._seed = int(snapshot["seed"])
         for name, one in self._numbers.items():
-            one[:] = snapshot[name].numpy()
-        self._levels[:] = snapshot["levels"].numpy()
-        self._sent = snapshot["sent"].numpy().copy() if "sent" in snapshot else None
-        self._kept = {name: one.numpy().copy() for name, one in snapshot["kept"].items()}
-        self._draw(np.arange(len(self._levels)))
+            one.copy_(snapshot[name])
+        self._levels.copy_(snapshot["levels"])
+        self._sent = snapshot["sent"].to(self._device, copy=True) if "sent" in snapshot else None
+        kept = snapshot["kept"].items()
+        self._kept = {name: one.to(self._device, copy=True) for name, one in kept}
+        keys = (self._numbers[name].cpu() for name in ("envs", "episodes"))
+        self._draw(self._rows(None), *keys)
 
 
-def failing(drawn: Drawn, steps: np.ndarray, views: int, max_steps: int) -> np.ndarray:
+def failing(drawn: Drawn, steps: Tensor, views: int, max_steps: int) -> Tensor:
     """Which view fails after ``steps`` ``(k,)``, as ``(k, views)`` bool: at most one of them.
 
     ``drawn``: for how many steps; then when it begins, and which view.
     """
     # It begins to fail in the first quarter of an episode's time.
-    begins = 1 + np.floor(drawn.free[:, 0] * 0.25 * max_steps)
+    begins = 1 + torch.floor(drawn.free[:, 0] * 0.25 * max_steps)
     now = (steps >= begins) & (steps < begins + drawn.amount[:, 0])
-    return now[:, None] & (np.floor(drawn.free[:, 1] * views)[:, None] == np.arange(views))
+    which = torch.floor(drawn.free[:, 1] * views)
+    return now[:, None] & (which[:, None] == torch.arange(views, device=steps.device))

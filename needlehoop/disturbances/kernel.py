@@ -201,19 +201,21 @@ def spoil(
     normal: wp.uint64,
     uniform: wp.uint64,
     scratch: wp.uint64,
+    stride: int,
     colours: wp.uint64,
     depths: wp.uint64,
     geoms: wp.uint64,
     side: int,
 ):
-    """Add flaws to pictures of a view, one after the other, in the same scratch buffer.
+    """Add flaws to pictures of a view, each by a thread of its own.
 
     Args:
         envs: environments of the pictures, from the ``first`` on.
         flaws: ``(n, views)``.
         starts: where the noise of colours, depth and labels begins in its table, ``(n, views)``.
         normal: address of a table of normal numbers, float32; ``uniform``: of numbers in [0, 1).
-        scratch: address of a buffer for ``_expose``.
+        scratch: address of a buffer for ``_expose``; the next picture's is ``stride`` numbers on,
+            0 if they are drawn one after the other.
         colours: address of BGRA pictures ``(k, side, side)``; 0 where there are none. So are
             ``depths`` in m, float32, and ``geoms``, ids, int32.
     """
@@ -229,7 +231,8 @@ def spoil(
     graded = wp.dot(more, more) + wp.dot(flaw.bias, flaw.bias)
     if image.shape[0] > 0 and flaw.blur + graded + flaw.noise > 0.0:
         grain = wp.array(ptr=_after(normal, start[0]), shape=(side, 4 * side), dtype=float)
-        room = wp.array(ptr=scratch, shape=(side + SPARE, 4 * side + 2 * EDGE), dtype=float)
+        own = scratch + wp.uint64(at) * wp.uint64(4 * stride)
+        room = wp.array(ptr=own, shape=(side + SPARE, 4 * side + 2 * EDGE), dtype=float)
         _expose(image, flaw, grain, room)
     if depth.shape[0] > 0 and flaw.depth_noise + flaw.depth_step > 0.0:
         _measure(

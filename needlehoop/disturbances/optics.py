@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+import torch
+from torch import Tensor
 
 from needlehoop.disturbances.axes import MOST_OBJECTS, Drawn
 from needlehoop.scene.shapes import collision
@@ -44,15 +47,11 @@ def add_objects(spec: mujoco.MjSpec, count: int) -> None:
 
 
 def cameras(
-    position: np.ndarray,
-    turn: np.ndarray,
-    drawn: Mapping[str, Drawn],
-    time: np.ndarray,
-    mounted: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    position: Tensor, turn: Tensor, moved: Moved, time: Tensor, mounted: Tensor
+) -> tuple[Tensor, Tensor]:
     """Cameras, moved along the world's axes, or along their own on a body; turned about their own.
 
-    Returns positions and axes, and factors of the focal lengths ``(n, views)``.
+    Returns positions and axes.
 
     Args:
         position: ``(n, views, 3)`` m, world frame.
@@ -60,53 +59,72 @@ def cameras(
         time: share of the episode that is over ``(n,)``: a camera drifts all the way in it.
         mounted: which are on a body ``(views,)`` bool.
     """
-    shift, drift = (drawn[f"camera.{name}"].amount for name in ("shift", "drift"))
-    drift = time[:, None, None] * drift
-    if mounted.any():
-        own = np.where(mounted[:, None, None], turn, np.eye(3))
-        shift, drift = ((own @ moved[..., None])[..., 0] for moved in (shift, drift))
-    return (
-        position + shift + drift,
-        turn @ rotation(np.deg2rad(drawn["camera.turn"].amount)),
+    way = moved.shift + time[:, None, None] * moved.drift
+    along = (turn.double() @ way[..., None])[..., 0]
+    way = torch.where(mounted[:, None], along, way)
+    return position + way, turn.double() @ moved.turn
+
+
+class Moved(NamedTuple):
+    """What episodes drew for where cameras stand ``(n, views, …)``, and for the lamps."""
+
+    shift: Tensor
+    """``(…, 3)``, m."""
+    drift: Tensor
+    """``(…, 3)``, m, until an episode's time is up."""
+    turn: Tensor
+    """Matrices ``(…, 3, 3)``."""
+    zoom: Tensor
+    """Factors of the focal lengths ``(…,)``."""
+    lamp: Tensor
+    """Matrices ``(n, 3, 3)``: the world's axes turned."""
+
+
+def moved(drawn: Mapping[str, Drawn]) -> Moved:
+    """What becomes of the numbers that were drawn."""
+    return Moved(
+        drawn["camera.shift"].amount,
+        drawn["camera.drift"].amount,
+        rotation(torch.deg2rad(drawn["camera.turn"].amount)),
         1.0 + drawn["camera.focal"].amount[..., 0],
+        rotation(torch.deg2rad(drawn["scene.lamp"].amount)),
     )
 
 
-def lamps(direction: np.ndarray, drawn: Mapping[str, Drawn]) -> np.ndarray:
-    """Where lamps shine ``(n, lamps, 3)``, turned about the world's axes."""
-    turn = rotation(np.deg2rad(drawn["scene.lamp"].amount))
-    return (turn[:, None] @ direction[..., None])[..., 0]
+def lamps(direction: Tensor, turn: Tensor) -> Tensor:
+    """Where lamps shine ``(n, lamps, 3)``, turned by ``(n, 3, 3)``."""
+    return (turn[:, None] @ direction.double()[..., None])[..., 0]
 
 
-def looks(drawn: Mapping[str, Drawn], things: np.ndarray) -> dict[str, np.ndarray]:
+def looks(drawn: Mapping[str, Drawn], things: Tensor) -> dict[str, Tensor]:
     """Colours and light, as ``OPTICS`` has them; ``things``: of each geom ``(ngeom,)``."""
     texture = drawn["scene.texture"]
-    begins = np.floor(texture.free * 2.0**20)
+    begins = torch.floor(texture.free * 2.0**20)
     # 500 cells of the table's pattern to a m.
-    grain = np.stack((texture.amount, begins, np.full_like(begins, 500.0)), -1)
+    grain = torch.stack((texture.amount, begins, torch.full_like(begins, 500.0)), -1)
     return {
         "geom_tint": (1.0 + drawn["scene.colours"].amount)[:, things],
         "geom_sheen": drawn["scene.sheen"].amount[:, things, 0],
         "lamp_strength": 1.0 + drawn["scene.strength"].amount,
-        "table_grain": np.where(texture.amount[..., None] > 0, grain, 0.0),
+        "table_grain": torch.where(texture.amount[..., None] > 0, grain, 0.0),
     }
 
 
-def objects(drawn: Drawn, count: int, target: np.ndarray) -> np.ndarray:
+def objects(drawn: Drawn, count: int, target: np.ndarray) -> Tensor:
     """Where strange objects are ``(n, count, 3)``, m: as many as were drawn, about ``target``."""
     free = drawn.free.reshape(-1, MOST_OBJECTS, 2)[:, :count]
     angle, away = 2 * np.pi * free[..., 0], _NEAREST + (_FURTHEST - _NEAREST) * free[..., 1]
-    height = np.where(np.arange(count) < drawn.amount, _HEIGHT, _HIDDEN)
-    return np.stack(
-        (target[0] + away * np.cos(angle), target[1] + away * np.sin(angle), height), -1
-    )
+    height = torch.where(torch.arange(count) < drawn.amount, _HEIGHT, _HIDDEN)
+    x, y = target[0] + away * torch.cos(angle), target[1] + away * torch.sin(angle)
+    return torch.stack((x, y, height.double()), -1)
 
 
-def rotation(vector: np.ndarray) -> np.ndarray:
+def rotation(vector: Tensor) -> Tensor:
     """Matrices ``(…, 3, 3)`` of rotation vectors ``(…, 3)``, rad (Rodrigues)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vector, -1, 0)
-    o = np.zeros_like(x)
-    cross = np.stack((o, -z, y, z, o, -x, -y, x, o), -1).reshape(*vector.shape[:-1], 3, 3)
-    half = np.sinc(angle / (2 * np.pi)) ** 2 / 2
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + half * (cross @ cross)
+    x, y, z = vector.unbind(-1)
+    angle = torch.sqrt(x * x + y * y + z * z)[..., None, None]
+    o = torch.zeros_like(x)
+    cross = torch.stack((o, -z, y, z, o, -x, -y, x, o), -1).unflatten(-1, (3, 3))
+    half = torch.sinc(angle / (2 * np.pi)) ** 2 / 2
+    eye = torch.eye(3, dtype=vector.dtype)
+    return eye + torch.sinc(angle / np.pi) * cross + half * (cross @ cross)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import torch
 import warp as wp
+from torch import Tensor
 
 from needlehoop.disturbances.axes import Drawn
 from needlehoop.disturbances.kernel import EDGE, SPARE, Flaw, spoil
+from needlehoop.engines import streams
 from needlehoop.engines.contract import Frame
 from needlehoop.engines.quiet_start import start_warp
 
@@ -21,7 +23,7 @@ Spoiler = Callable[[str, Frame, slice], None]
 """Changes a view's frames of some rows of a batch, and takes those rows."""
 
 
-def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
+def flaws(drawn: Mapping[str, Drawn]) -> dict[str, Tensor]:
     """The fields of ``Flaw`` for pictures ``(k, views)``, from what was drawn for each axis.
 
     Exposure, contrast and white balance act one after the other, on colours alone.
@@ -36,51 +38,72 @@ def flaws(drawn: Mapping[str, Drawn]) -> dict[str, np.ndarray]:
         **{field: drawn[f"picture.{name}"].amount[..., 0] for name, field in same.items()},
         "gain": (1.0 + share["brightness"]) * (1.0 + share["contrast"]) * cast,
         "bias": -grey * share["contrast"] * cast,
-        "drop": np.concatenate((cover.amount, cover.free), -1),
+        "drop": torch.cat((cover.amount, cover.free), -1),
     }
 
 
 class Sensors:
-    """Sensors of all views ``size`` px wide. Noise is cut out of two tables that never change."""
+    """Sensors of all views ``size`` px wide. Noise is cut out of two tables that never change.
 
-    def __init__(self, num_envs: int, views: tuple[str, ...], size: int):
+    Each picture is spoilt by one thread: a GPU spoils all pictures of a view at once.
+    """
+
+    def __init__(self, num_envs: int, views: tuple[str, ...], size: int, device: torch.device):
         start_warp()
-        self._views, self._size = views, size
+        self._views, self._size, self._device = views, size, device
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
-        self._flaws = wp.zeros(shape, dtype=kind, device="cpu")
-        self._fields: Any = self._flaws.numpy()
-        self._starts = wp.zeros(shape, dtype=wp.vec3i, device="cpu")
+        warp = streams.warp_name(device)
+        self._given = wp.zeros(shape, dtype=kind, device="cpu")
+        self._flaws = wp.zeros(shape, dtype=kind, device=warp)
+        self._fields: Any = self._given.numpy()
+        self._starts = torch.zeros(*shape, 3, dtype=torch.int32, device=device)
         count = _PERIOD + 4 * size**2
-        self._normal = generator.standard_normal(count, dtype=np.float32)
-        self._uniform = generator.random(count, dtype=np.float32)
+        tables = (
+            generator.standard_normal(count, dtype=np.float32),
+            generator.random(count, dtype=np.float32),
+        )
+        self._normal, self._uniform = (torch.from_numpy(one).to(device) for one in tables)
+        room = (size + SPARE) * (4 * size + 2 * EDGE)
+        # Threads of a GPU run at the same time; the CPU's Warp runs them one after the other.
+        self._stride = 0 if device.type == "cpu" else room
+        self._room = room if device.type == "cpu" else num_envs * room
         # The first launch compiles: before any other thread launches.
-        no = np.zeros(0, int)
-        self.spoiler(no, np.zeros((0, 3)))(views[0], Frame(None, None, None), slice(0, 0))
+        no = torch.zeros(0, dtype=torch.int64, device=device)
+        self.spoiler(no, torch.zeros(0, 3))(views[0], Frame(None, None, None), slice(0, 0))
 
-    def set(self, ids: np.ndarray, **flaws: np.ndarray) -> None:
-        """Give the pictures of environments ``(k,)`` values ``(k, views, …)`` of ``Flaw``."""
+    def set(self, ids: Tensor, **flaws: Tensor) -> None:
+        """Give the pictures of environments ``(k,)`` values ``(k, views, …)`` of ``Flaw``.
+
+        All of them on the CPU.
+        """
         for name, values in flaws.items():
-            self._fields[name][ids] = values
+            self._fields[name][ids.numpy()] = values.numpy()
+        with streams.on(self._device):
+            wp.copy(self._flaws, self._given)
 
-    def spoiler(self, ids: np.ndarray, places: np.ndarray) -> Spoiler:
+    def spoiler(self, ids: Tensor, places: Tensor) -> Spoiler:
         """A function that adds flaws to the frames of environments ``ids`` ``(k,)``.
 
         ``places`` ``(k, views * 3)``: where their noise begins, in [0, 1).
         """
-        self._starts.numpy()[ids] = (places * _PERIOD).reshape(len(ids), len(self._views), 3)
-        envs, side = wp.array(ids, dtype=int, device="cpu"), self._size
+        begins = (places * _PERIOD).to(self._starts)
+        self._starts[ids] = begins.reshape(len(ids), len(self._views), 3)
+        envs, side = ids.int(), self._size
 
         def run(view: str, frame: Frame, part: slice) -> None:
             channels = [one if one is None else one.contiguous() for one in frame]
-            scratch = torch.empty(side + SPARE, 4 * side + 2 * EDGE)
+            scratch = torch.empty(self._room, device=self._device)
             inputs = [
-                *(envs, part.start, self._views.index(view), self._flaws, self._starts),
-                *(self._normal.ctypes.data, self._uniform.ctypes.data, scratch.data_ptr()),
+                *(wp.from_torch(envs), part.start, self._views.index(view), self._flaws),
+                wp.from_torch(self._starts, dtype=wp.vec3i),
+                *(self._normal.data_ptr(), self._uniform.data_ptr()),
+                *(scratch.data_ptr(), self._stride),
                 *(0 if one is None else one.data_ptr() for one in channels),
                 side,
             ]
-            wp.launch(spoil, dim=part.stop - part.start, inputs=inputs, device="cpu")
+            with streams.on(self._device):
+                wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)
             # The tracer's are not contiguous.
             for given, one in zip(frame, channels, strict=True):
                 if given is not None and one is not None and one is not given:

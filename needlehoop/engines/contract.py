@@ -10,10 +10,9 @@ from needlehoop.config.strict import OneOf, Range
 from needlehoop.runs.machine import available_cpus
 
 if TYPE_CHECKING:
-    import numpy as np
     from torch import Tensor
 
-KINDS = ("cpu", "dm_control")
+KINDS = ("cpu", "dm_control", "warp")
 """What steps the physics."""
 
 RENDERERS = ("rasteriser", "tracer")
@@ -30,6 +29,17 @@ class EngineConfig:
     """Pictures for people are always the tracer's."""
     kind: Annotated[str, OneOf(*KINDS)] = "cpu"
     """Runs from before there was a choice name none."""
+
+    device: Annotated[str, OneOf("cpu", "cuda")] = "cpu"
+    """Where ``warp`` steps and draws."""
+    contacts: Annotated[int, Range(1, 10_000)] = 32
+    """Most contacts of an environment that ``warp`` has room for."""
+
+    def __post_init__(self) -> None:
+        if self.kind != "warp" and self.device != "cpu":
+            raise ValueError(f"engine.device: {self.device!r} needs engine=warp")
+        if self.kind == "warp" and self.renderer != "rasteriser":
+            raise ValueError(f"engine.renderer: {self.renderer!r}; engine=warp draws by rasteriser")
 
     @property
     def cpus(self) -> int:
@@ -55,7 +65,7 @@ factor of the lamps' light. ``table_grain`` ``(n, 1, 3)``: strength of a pattern
 cells per m.
 """
 
-Optics = Callable[[Mapping[str, "np.ndarray"]], Mapping[str, "np.ndarray"]]
+Optics = Callable[[Mapping[str, "Tensor"]], Mapping[str, "Tensor"]]
 """From ``FIELDS`` of all environments, those to draw instead, perhaps with ``OPTICS``."""
 
 

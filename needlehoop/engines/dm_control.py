@@ -16,7 +16,7 @@ from dm_control import mujoco as dm_mujoco
 from dm_control.mujoco.wrapper import MjModel
 from torch import Tensor
 
-from needlehoop.engines.engine import Engine, Index
+from needlehoop.engines.engine import HostEngine, Index
 from needlehoop.engines.quiet_start import silence_mujoco
 
 mujoco.set_mju_user_warning(None)  # dm_control's prints.
@@ -35,8 +35,8 @@ class Physics(dm_mujoco.Physics):
         mujoco.mj_step1(self.model.ptr, self.data.ptr)
 
 
-class DmControlEngine(Engine):
-    """``n`` scenes in dm_control, each with a copy of the model. Arguments as for ``Engine``."""
+class DmControlEngine(HostEngine):
+    """``n`` scenes in dm_control, each with a copy of the model; arguments as in ``HostEngine``."""
 
     def __init__(self, model: mujoco.MjModel, *given):
         super().__init__(model, *given)

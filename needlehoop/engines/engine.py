@@ -1,4 +1,4 @@
-"""Engines: physics and cameras of ``n`` copies of one scene; the base class and the default one.
+"""Engines: physics and cameras of ``n`` copies of one scene; what each gives, and the default one.
 
 An engine holds no task logic. ``Simulation`` drives it: commands in, sensor data out.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import EllipsisType
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
-from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
@@ -58,10 +59,94 @@ class Addresses:
         return {"qpos": qpos, "mocap_pos": mocap, "ctrl": start.control.numpy()}
 
 
-class Engine(ABC):
-    """Physics and cameras of ``num_envs`` scenes.
+class Renderer(Protocol):
+    """Makes images of what an engine's fields say."""
 
-    A subclass reads, writes and steps the state; all else is the same in every engine.
+    def render(
+        self, fields: Mapping[str, Tensor], ids: Tensor | None = None
+    ) -> dict[str, Frame]: ...
+
+
+class Engine(ABC):
+    """Physics and cameras of ``num_envs`` scenes. All tensors are on its ``device``."""
+
+    device = torch.device("cpu")
+    _renderer: Renderer | None = None
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        robot: Robot,
+        num_envs: int,
+        substeps: int,
+        config: EngineConfig,
+    ):
+        silence_mujoco()
+        self.num_envs, self.model = num_envs, model
+        self._substeps, self._threads = substeps, config.cpus
+        self._addresses = Addresses(model, robot)
+        self._state = (*_STATE, "eq_data") if self._addresses.welds else _STATE
+
+    @abstractmethod
+    def reset(self, ids: Tensor, start: Start) -> None:
+        """Put environments ``ids`` ``(k,)`` at their starts (batch size k, on the CPU), and
+        forward."""
+
+    @abstractmethod
+    def step(self, control: Tensor) -> None:
+        """Advance all by one control step under ``control`` ``(n, nu)``, then forward."""
+
+    @abstractmethod
+    def diverged(self) -> Tensor:
+        """Environments ``(n,)`` bool whose physics broke down since their reset.
+
+        Such a scene is put back to where it was compiled, and goes on.
+        """
+
+    @abstractmethod
+    def weld(self, welds: Mapping[str, Weld]) -> None:
+        """Switch welds, by name; they act from the next step on."""
+
+    @abstractmethod
+    def read(self, name: str) -> Tensor:
+        """A field ``(n, ...)`` of every MjData or MjModel."""
+
+    @abstractmethod
+    def snapshot(self) -> dict[str, Tensor]:
+        """The physics' whole state, as copies."""
+
+    @abstractmethod
+    def restore(self, snapshot: dict[str, Tensor]) -> None:
+        """Go on from a ``snapshot``, and forward."""
+
+    @abstractmethod
+    def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
+        """Scale friction of all geoms, mass and inertia of free bodies, by factors ``(k,)``.
+
+        Of the model as it was compiled; to be called before these environments' ``reset``.
+        """
+
+    @abstractmethod
+    def data(self, env: int) -> mujoco.MjData:
+        """One environment's MjData, forwarded, to look at; valid until the next call."""
+
+    def sensordata(self) -> Tensor:
+        """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
+        return self.read("sensordata").to(torch.float64)
+
+    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
+        """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
+
+        Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
+        """
+        if self._renderer is None:
+            return {}
+        drawn: Mapping[str, Tensor] = {name: self.read(name) for name in FIELDS}
+        return self._renderer.render(drawn if optics is None else optics(drawn), ids)
+
+
+class HostEngine(Engine):
+    """An engine whose state NumPy reads and writes.
 
     Args:
         substeps: physics steps per control step.
@@ -81,14 +166,9 @@ class Engine(ABC):
         quality: int,
         config: EngineConfig,
     ):
-        silence_mujoco()
-        self.num_envs, self.model = num_envs, model
-        self._substeps, self._threads = substeps, config.cpus
-        self._addresses = Addresses(model, robot)
-        self._state = (*_STATE, "eq_data") if self._addresses.welds else _STATE
-        self._renderer = None
+        super().__init__(model, robot, num_envs, substeps, config)
         if views and config.renderer == "rasteriser" and quality == 1:
-            self._renderer = Rasteriser(model, num_envs, views, size, self._threads)
+            self._renderer = CpuRasteriser(model, num_envs, views, size, self._threads)
         elif views:
             # Imported where it is used: mujoco_warp takes two seconds.
             from needlehoop.engines.tracer import Tracer
@@ -96,26 +176,13 @@ class Engine(ABC):
             self._renderer = Tracer(model, num_envs, views, size, quality)
 
     def reset(self, ids: Tensor, start: Start) -> None:
-        """Put environments ``ids`` ``(k,)`` at their starts (batch size k), and forward."""
         rows = ids.numpy()
         self._clear(rows)
         for name, value in self._addresses.state(start).items():
             self.write(name, rows, value)
         self._forward(rows)
 
-    @abstractmethod
-    def step(self, control: Tensor) -> None:
-        """Advance all by one control step under ``control`` ``(n, nu)``, then forward."""
-
-    @abstractmethod
-    def diverged(self) -> Tensor:
-        """Environments ``(n,)`` bool whose physics broke down since their reset.
-
-        MuJoCo puts such a scene back to where it was compiled, and goes on.
-        """
-
     def weld(self, welds: Mapping[str, Weld]) -> None:
-        """Switch welds, by name; they act from the next step on."""
         for name, weld in welds.items():
             rows = weld.changed.nonzero().flatten().numpy()
             if len(rows):
@@ -124,26 +191,20 @@ class Engine(ABC):
                 self.write("eq_data", rows, np.pad(pose, ((0, 0), (3, 0))), at, slice(10))
                 self.write("eq_active", rows, weld.active[weld.changed].numpy(), at)
 
-    def sensordata(self) -> Tensor:
-        """Sensor data ``(n, nsensordata)`` float64 at the present state; a copy."""
-        return torch.tensor(self._read("sensordata"))
+    def read(self, name: str) -> Tensor:
+        # A copy, because the engine's arrays may not be writable, and torch's have to be.
+        return torch.tensor(self._read(name))
 
     def snapshot(self) -> dict[str, Tensor]:
-        """The physics' whole state, as copies."""
         return {name: torch.tensor(self._read(name)) for name in self._state}
 
     def restore(self, snapshot: dict[str, Tensor]) -> None:
-        """Go on from a ``snapshot``, and forward."""
         rows = np.arange(self.num_envs)
         for name in self._state:
             self.write(name, rows, snapshot[name].numpy())
         self._forward(rows)
 
     def vary(self, ids: Tensor, friction: Tensor, mass: Tensor) -> None:
-        """Scale friction of all geoms, mass and inertia of free bodies, by factors ``(k,)``.
-
-        Of the model as it was compiled; to be called before these environments' ``reset``.
-        """
         rows, model = ids.numpy(), self.model
         free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]
         factor = np.ones((len(rows), model.nbody))
@@ -152,22 +213,6 @@ class Engine(ABC):
         self.write("body_mass", rows, factor * model.body_mass)
         self.write("body_inertia", rows, factor[..., None] * model.body_inertia)
         self._set_constants(rows)
-
-    def render(self, ids: Tensor | None = None, optics: Optics | None = None) -> dict[str, Frame]:
-        """Frames of environments ``ids`` ``(k,)`` (all by default) by view.
-
-        Views are chosen at construction. ``optics`` changes what is drawn, and no physics.
-        """
-        if self._renderer is None:
-            return {}
-        drawn: Mapping[str, np.ndarray] = {name: self._read(name) for name in FIELDS}
-        if optics is not None:
-            drawn = optics(drawn)
-        return self._renderer.render(drawn, None if ids is None else ids.numpy())
-
-    @abstractmethod
-    def data(self, env: int) -> mujoco.MjData:
-        """One environment's MjData, forwarded, to look at; valid until the next call."""
 
     @abstractmethod
     def write(self, name: str, rows: np.ndarray, value: np.ndarray, *at: Index) -> None:
@@ -193,8 +238,8 @@ class Engine(ABC):
         """Work out anew what a changed model of environments ``(k,)`` implies."""
 
 
-class CpuEngine(Engine):
-    """``n`` scenes on the CPU: mujoco.batch on threads. Arguments as for ``Engine``."""
+class CpuEngine(HostEngine):
+    """``n`` scenes on the CPU: mujoco.batch on threads. Arguments as for ``HostEngine``."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot, num_envs: int, *given):
         super().__init__(model, robot, num_envs, *given)

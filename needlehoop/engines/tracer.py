@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import mujoco
 import mujoco_warp as mjw
-import numpy as np
 import torch
 import warp as wp
+from torch import Tensor
 
 from needlehoop.engines.contract import FIELDS, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
@@ -63,16 +63,14 @@ class Tracer:
         finally:
             wp.config.cpu_compiler_flags = before
 
-    def render(
-        self, fields: Mapping[str, np.ndarray], ids: np.ndarray | None = None
-    ) -> dict[str, Frame]:
+    def render(self, fields: Mapping[str, Tensor], ids: Tensor | None = None) -> dict[str, Frame]:
         """A frame per view of environments ``ids`` ``(k,)``, or of all; all are traced anyway.
 
         ``fields``: ``FIELDS`` of MjData ``(n, ...)``.
         """
         for name in FIELDS:
             target = getattr(self._data, name).numpy()
-            target[...] = fields[name].reshape(target.shape)
+            target[...] = fields[name].numpy().reshape(target.shape)
         self._launch()
         context = self._context
         colour = wp.to_torch(context.rgb_data).view(torch.uint8)
@@ -88,7 +86,7 @@ class Tracer:
                 own = kind[:, at[i] : at[i] + pixels] if wanted else None
                 at[i] += pixels * wanted
                 own = own if own is None else own.unflatten(1, (self._size, self._size))
-                picked.append(own if own is None or ids is None else own[torch.from_numpy(ids)])
+                picked.append(own if own is None or ids is None else own[ids])
             frames[view] = Frame(*picked)
         return frames
 

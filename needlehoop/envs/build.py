@@ -48,6 +48,8 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     if s.engine.kind == "dm_control":
         # Imported where it is asked for: dm_control takes a while.
         from needlehoop.engines.dm_control import DmControlEngine as Kind
+    elif s.engine.kind == "warp":
+        from needlehoop.engines.warp_engine import WarpEngine as Kind
     else:
         from needlehoop.engines.engine import CpuEngine as Kind
     images = (channels_of(s), s.image_size, s.quality)
@@ -56,7 +58,8 @@ def build(settings: Settings, first_env: int = 0) -> Simulation:
     if amounts := s.disturb.amounts:
         views = tuple(dict.fromkeys(camera.view for camera in s.cameras))
         seen = (things(model, task.paint), views, _middle(s, views), s.image_size)
-        disturbance = Disturbance(amounts, model, *seen, s.episode.max_steps, s.num_envs)
+        made = (amounts, model, *seen, s.episode.max_steps, s.num_envs, engine.device)
+        disturbance = Disturbance(*made)
     reward = rewards.load(s.reward, task)
     return Simulation(s, engine, imager, reward, first_env, disturbance)
 

@@ -49,7 +49,8 @@ def random_controller(action_size: int, seed: int) -> Controller:
 
     def act(signals: Signals) -> Tensor:
         shape = (*signals.batch_size, action_size)
-        return 2.0 * torch.rand(shape, generator=generator, dtype=torch.float64) - 1.0
+        drawn = torch.rand(shape, generator=generator, dtype=torch.float64)
+        return 2.0 * drawn.to(signals.elapsed.device) - 1.0
 
     return act
 
@@ -57,14 +58,22 @@ def random_controller(action_size: int, seed: int) -> Controller:
 class Perturbation:
     """Correlated noise on actions: an expert under it shows how to correct errors.
 
-    Each episode draws its strength, uniform up to ``strongest``, in units of the action.
+    Each episode draws its strength, uniform up to ``strongest``, in units of the action. Numbers
+    come from a ``generator`` of the CPU, so that they are the same for environments on a GPU.
     """
 
-    def __init__(self, num_envs: int, size: int, strongest: float, generator: torch.Generator):
+    def __init__(
+        self,
+        num_envs: int,
+        size: int,
+        strongest: float,
+        generator: torch.Generator,
+        device: torch.device | None = None,
+    ):
         self._strongest, self._generator = strongest, generator
-        self.drift = torch.zeros(num_envs, size, dtype=torch.float64)
-        self.strength = torch.zeros(num_envs, 1, dtype=torch.float64)
-        self.begin(torch.ones(num_envs, dtype=torch.bool))
+        self.drift = torch.zeros(num_envs, size, dtype=torch.float64, device=device)
+        self.strength = torch.zeros(num_envs, 1, dtype=torch.float64, device=device)
+        self.begin(torch.ones(num_envs, dtype=torch.bool, device=device))
 
     def begin(self, mask: Tensor) -> None:
         """Draw a new strength, and forget the noise, where ``mask`` ``(n,)`` is true."""
@@ -79,7 +88,8 @@ class Perturbation:
         return self.strength * self.drift
 
     def _draw(self, *shape: int) -> Tensor:
-        return torch.rand(shape, generator=self._generator, dtype=torch.float64)
+        drawn = torch.rand(shape, generator=self._generator, dtype=torch.float64)
+        return drawn.to(self.drift.device)
 
 
 @dataclass(frozen=True)
@@ -101,7 +111,7 @@ class Step:
 def rollout(simulation: Simulation, controller: Controller) -> Iterator[Step]:
     """Reset, and run one episode in every environment until all are over."""
     moment, action = simulation.reset(), None
-    alive = torch.ones(simulation.num_envs, dtype=torch.bool)
+    alive = torch.ones(simulation.num_envs, dtype=torch.bool, device=simulation.device)
     while True:
         step = Step(moment, action, alive)
         yield step
@@ -140,6 +150,11 @@ class Outcome:
     def success(self) -> Tensor:
         return self.facts["success"]
 
+    def cpu(self) -> Outcome:
+        """The same on the CPU."""
+        rest = (one.cpu() for one in (self.potential, self.human, self.steps))
+        return Outcome({name: fact.cpu() for name, fact in self.facts.items()}, *rest)
+
     def summary(self) -> dict[str, float | int]:
         """Rates over episodes, mean final potential (the return) and mean length."""
         return {
@@ -155,7 +170,7 @@ class Outcome:
 
 def run_batches(settings: Settings, episodes: int, size: int, make: MakeController) -> Outcome:
     """The outcome of one episode in each of ``episodes`` environments; see ``batches``."""
-    parts = [outcome_of(one, make(one)) for one in batches(settings, episodes, size)]
+    parts = [outcome_of(one, make(one)).cpu() for one in batches(settings, episodes, size)]
     facts = {name: torch.cat([one.facts[name] for one in parts]) for name in parts[0].facts}
     rest = ("potential", "human", "steps")
     return Outcome(facts, *(torch.cat([getattr(one, name) for one in parts]) for name in rest))

@@ -30,19 +30,24 @@ the CPU's cache."""
 class Imager:
     """Composes the images of the chosen cameras; any number of threads gives the same bits.
 
-    Raises ``ValueError`` where a flat rendering names a class that there is not.
+    On the device of the engine; a GPU composes all at once. Raises ``ValueError`` where a flat
+    rendering names a class that there is not.
     """
 
     def __init__(self, model: mujoco.MjModel, settings: Settings, threads: int):
-        self._threads = threads
+        device = torch.device(settings.engine.device)
+        self._threads, self._most = threads, _MOST
+        if device.type == "cuda":
+            self._threads, self._most = 1, settings.num_envs
         # OpenMP's number of threads holds for each thread by itself: let each compute alone.
         alone = {"initializer": torch.set_num_threads, "initargs": (1,)}
-        self._map: Any = ThreadPoolExecutor(threads, **alone).map if threads > 1 else map
+        pool = self._threads > 1
+        self._map: Any = ThreadPoolExecutor(self._threads, **alone).map if pool else map
         s, paint = settings, settings.definition.paint
         self._jobs = [(c, s.views[c.view], s.renderings[c.rendering]) for c in s.cameras]
         self.views = {camera.name: camera.view for camera in s.cameras}
         self._palettes = {
-            camera.rendering: _palette(model, paint, rendering)
+            camera.rendering: _palette(model, paint, rendering).to(device)
             for camera, _, rendering in self._jobs
             if rendering.colour == "flat"
         }
@@ -59,7 +64,7 @@ class Imager:
             channel = next(x for x in frames[camera.view] if x is not None)
             count, height, width = channel.shape[:3]
             shape = (count, rendering.channels, height, width)
-            images[camera.name] = torch.empty(shape, dtype=torch.uint8)
+            images[camera.name] = torch.empty(shape, dtype=torch.uint8, device=channel.device)
 
         def compose(rows: slice) -> None:
             seen = {
@@ -73,7 +78,7 @@ class Imager:
                 images[camera.name][rows] = self._image(camera, view, rendering, seen[camera.view])
 
         count = max(map(len, images.values()), default=0)
-        size = min(max(-(-count // self._threads), _FEWEST), _MOST)
+        size = min(max(-(-count // self._threads), _FEWEST), self._most)
         list(self._map(compose, (slice(at, min(at + size, count)) for at in range(0, count, size))))
         return images
 

@@ -66,6 +66,8 @@ class Simulation:
         self.task = settings.definition
         self.layout, self.episode = settings.task, settings.episode
         self._readings = Readings(engine.model, self.task.signals)
+        self.device = engine.device
+        """Where all tensors are."""
         self._before = engine.sensordata()
         self.envs = first_env + np.arange(engine.num_envs)
         self.disturbance = disturbance
@@ -79,7 +81,7 @@ class Simulation:
         """Start over with the first episodes of a seed; takes effect at the next reset."""
         self._seed = seed
         self._episodes = np.zeros(self.num_envs, dtype=np.int64)
-        self._potential = torch.zeros(self.num_envs, dtype=torch.float64)
+        self._potential = torch.zeros(self.num_envs, dtype=torch.float64, device=self.device)
         self.state: Any = None
         """What the task remembers (``Memory``); ``None`` before the first reset."""
 
@@ -95,31 +97,34 @@ class Simulation:
         from none in the first environment to nearly all in the last.
         """
         if self.state is None or mask is None:
-            mask = torch.ones(self.num_envs, dtype=torch.bool)
+            mask = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         ids = mask.nonzero().flatten()
         if not len(ids):
             return
-        envs, episodes = self.envs[ids.numpy()], self._episodes[ids.numpy()]
-        rows = [
+        rows = ids.cpu().numpy()
+        envs, episodes = self.envs[rows], self._episodes[rows]
+        # On the CPU, so that an episode begins alike on any device.
+        numbers = [
             draws(self._seed, env, episode)
             for env, episode in zip(envs.tolist(), episodes.tolist(), strict=True)
         ]
-        starts = self.task.start(self.layout, Chance(torch.from_numpy(np.stack(rows))))
-        fresh = begin(self.task, self.episode, starts)
+        starts = self.task.start(self.layout, Chance(torch.from_numpy(np.stack(numbers))))
+        fresh = begin(self.task, self.episode, starts).to(self.device)
         if self.state is not None:
             changed = self.state.clone()
             changed[ids] = fresh
             fresh = changed
         elif stagger:
-            spread = torch.arange(self.num_envs) * self.episode.max_steps
+            spread = torch.arange(self.num_envs, device=self.device) * self.episode.max_steps
             fresh["steps"] = spread // self.num_envs
         self.state = fresh
         if self.disturbance is not None:
-            self.disturbance.begin(ids.numpy(), self._seed, envs, episodes, starts.control)
+            control = starts.control.to(self.device)
+            self.disturbance.begin(ids, self._seed, envs, episodes, control)
             self._vary(ids)
         self.engine.reset(ids, starts)
         self._potential[ids] = 0.0
-        self._episodes[ids.numpy()] += 1
+        self._episodes[rows] += 1
 
     def act(self, action: Tensor) -> Tensor:
         """Take an action ``(n, action_size)``; returns the servo commands ``(n, nu)``."""
@@ -155,10 +160,10 @@ class Simulation:
 
         They begin with their first episodes. ``amounts``: of disturbances ``(k,)``, by axis.
         """
-        rows = ids.numpy()
-        self.envs[rows], self._episodes[rows] = envs.numpy(), 0
+        rows = ids.cpu().numpy()
+        self.envs[rows], self._episodes[rows] = envs.cpu().numpy(), 0
         if self.disturbance is not None:
-            self.disturbance.deal(rows, {key: one.numpy() for key, one in amounts.items()})
+            self.disturbance.deal(ids, amounts)
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that decides the future, as tensors and numbers."""
@@ -176,19 +181,19 @@ class Simulation:
         """Go on from a ``snapshot``; the same steps then give the same bits."""
         self._seed = int(snapshot["seed"])
         self._episodes = snapshot["episodes"].numpy().copy()
-        self._potential = snapshot["potential"].clone()
-        values = {name: value.clone() for name, value in snapshot["task"].items()}
+        self._potential = snapshot["potential"].to(self.device, copy=True)
+        kept = snapshot["task"].items()
+        values = {name: value.to(self.device, copy=True) for name, value in kept}
         self.state = TensorDict(values, [self.num_envs])
         if self.disturbance is not None:
             self.disturbance.restore(snapshot["disturbance"])
-            self._vary(torch.arange(self.num_envs))
+            self._vary(torch.arange(self.num_envs, device=self.device))
         self.engine.restore(snapshot["engine"])
 
     def look(self, pays: bool = False) -> StepResult:
         """The present moment once more; nothing moves. Nothing is paid unless it ``pays``."""
         data, diverged = self.engine.sensordata(), self.engine.diverged()
-        if bool(diverged.any()):
-            data[diverged] = self._before[diverged]
+        data = torch.where(diverged.unsqueeze(-1), self._before, data)
         own = (self.task, self.layout, self.episode)
         seen = observe(*own, self.state, self._readings(data))
         self.state = seen.memory
@@ -214,6 +219,6 @@ class Simulation:
 
     def _vary(self, ids: Tensor) -> None:
         """Give environments the physics of their episodes."""
-        factors = self.disturbance and self.disturbance.physics(ids.numpy())
+        factors = self.disturbance and self.disturbance.physics(ids)
         if factors is not None:
             self.engine.vary(ids, *factors)

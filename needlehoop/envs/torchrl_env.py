@@ -54,7 +54,7 @@ class TorchRLEnv(EnvBase):
             self._aside = ThreadPoolExecutor(1, **alone)
         self._is_restored, self._taken = False, 0
         n = settings.num_envs
-        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([n]))
+        super().__init__(device=self.simulation.device, batch_size=torch.Size([n]))
         size, episode = settings.image_size, settings.episode
         column = torch.Size((n, 1))
         self.action_spec = Bounded(
@@ -99,13 +99,14 @@ class TorchRLEnv(EnvBase):
         The next full reset begins no episode: it returns those under way as they stood.
         """
         self.simulation.restore(state_dict["simulation"])
-        self._observer.pixels = dict(state_dict.get("pixels", {}))
+        pixels = dict(state_dict.get("pixels", {}))
+        self._observer.pixels = {name: one.to(self.device) for name, one in pixels.items()}
         self._taken = int(state_dict["taken"])
         self._is_restored = True
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs) -> TensorDict:
         asked = None if tensordict is None else tensordict.get("_reset", None)
-        no = torch.zeros(*self.batch_size, 1, dtype=torch.bool)
+        no = torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
         ends = {"done": no, "terminated": no.clone(), "truncated": no.clone()}
         if self._is_restored and (asked is None or bool(asked.all())):
             self._is_restored = False

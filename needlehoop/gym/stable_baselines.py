@@ -57,8 +57,12 @@ class StableBaselinesVecEnv(VecEnv):
         env = self.env
         env.check_begun()
         moment = env.advance(checked(self._actions, env.action_space))
-        rewards, rows, seen = moment.reward.float().numpy(), self._rows(moment), env.look(moment)
-        dones = (moment.terminated | moment.truncated).numpy()
+        rewards, rows, seen = (
+            moment.reward.float().cpu().numpy(),
+            self._rows(moment),
+            env.look(moment),
+        )
+        dones = (moment.terminated | moment.truncated).cpu().numpy()
         if dones.any():
             fresh = env.begin(mask=dones)
             begun = self._rows(fresh)

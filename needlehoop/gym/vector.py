@@ -142,7 +142,7 @@ class GymnasiumVectorEnv(VectorEnv):
         # What the step paid and ended; zero where an episode begins in it.
         rewards, terminated, truncated = (
             np.where(renewed, np.zeros_like(value), value)
-            for value in (t.numpy() for t in (moment.reward, moment.terminated, moment.truncated))
+            for value in (_array(t) for t in (moment.reward, moment.terminated, moment.truncated))
         )
         if renewed.any():
             moment = self.begin(mask=renewed)
@@ -171,25 +171,28 @@ class GymnasiumVectorEnv(VectorEnv):
             self.simulation.reseed(seed)
         if self.simulation.state is None:
             self._observer.pixels = {}
-        return self.simulation.reset(None if mask is None else torch.from_numpy(mask))
+        return self.simulation.reset(None if mask is None else self._here(mask))
 
     def advance(self, actions: np.ndarray) -> StepResult:
         """One control step of every environment under ``(n, action_size)``, and nothing else."""
         # A copy: torch would warn of arrays that it may not write to.
-        return self.simulation.step(torch.from_numpy(np.array(actions, dtype=np.float64)))
+        return self.simulation.step(self._here(np.array(actions, dtype=np.float64)))
 
     def look(self, moment: StepResult, mask: np.ndarray | None = None) -> Observation:
         """What all ``n`` environments observe at the present moment, as new arrays by name.
 
         Images are new where ``mask`` ``(n,)`` is true (everywhere by default).
         """
-        ids = None if mask is None else torch.from_numpy(mask.nonzero()[0])
+        ids = None if mask is None else self._here(mask.nonzero()[0])
         seen: dict[str, Any] = {**self._observer(moment.signals, ids)}
         pixels = seen.pop("pixels", {})
         if self._is_last:
             pixels = {name: image.permute(0, 2, 3, 1) for name, image in pixels.items()}
         # Copies: the observer keeps its images, and callers may write to theirs.
         return {name: _array(value) for name, value in (pixels | seen).items()}
+
+    def _here(self, array: np.ndarray) -> Tensor:
+        return torch.from_numpy(array).to(self.simulation.device)
 
     def check_begun(self) -> None:
         """Raises ``ResetNeeded`` before the first reset."""
@@ -242,4 +245,4 @@ def masked(values: dict[str, Any], mask: np.ndarray) -> dict[str, Any]:
 
 def _array(tensor: Tensor) -> np.ndarray:
     """A copy, contiguous."""
-    return np.array(tensor.numpy(), order="C")
+    return np.array(tensor.cpu().numpy(), order="C")

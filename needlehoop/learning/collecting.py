@@ -61,8 +61,11 @@ class MakeEnv:
 
 def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -> Any:
     """A collector of the job's kind, which fills buffers ``(num_envs, horizon)`` on a device."""
-    cores = job.env.engine.cpus
+    cores, engine = job.env.engine.cpus, job.env.engine
     parts = job.collector.parts(job.env.num_envs, cores)
+    if engine.kind == "warp":
+        # A device steps all environments at once, in the process that learns.
+        parts = [job.env.num_envs]
     firsts = [sum(parts[:i]) for i in range(len(parts))]
     makers = [
         MakeEnv(job, first, count, max(1, cores // len(parts)))
@@ -73,7 +76,11 @@ def collector_of(job: Job, policy: TensorDictModuleBase, device: torch.device) -
         from needlehoop.learning.ray_buffers import RayBuffers
 
         return RayBuffers(makers, policy, job.buffer, device)
-    shared: dict[str, Any] = {"env_device": "cpu", "policy_device": device, "total_frames": -1}
+    shared: dict[str, Any] = {
+        "env_device": engine.device,
+        "policy_device": device,
+        "total_frames": -1,
+    }
     shared |= {"storing_device": device, "auto_register_policy_transforms": False}
     if len(parts) == 1:
         # On a GPU, the same memory again would put the learner on the collector's stream.
@@ -94,7 +101,7 @@ def flown_again(job: Job, flown: Tensor) -> Iterator[TensorDictBase]:
     for actions in flown:
         steps: list[Any] = []
         for action in actions.unbind(1):
-            now["action"] = action
+            now["action"] = action.to(env.device)
             both, now = env.step_and_maybe_reset(now)
             steps.append(both)
         buffer: Any = torch.stack(steps, 1)

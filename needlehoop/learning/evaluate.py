@@ -53,7 +53,7 @@ def acting(actor: Actor, sampled: bool = False) -> MakeController:
             rows = [own.standard_normal(size, np.float32) for own in noise]
             drawn = torch.from_numpy(np.stack(rows)).to(device) if sampled else None
             with torch.no_grad():
-                return actor(*observed, noise=drawn).cpu()
+                return actor(*observed, noise=drawn).to(simulation.device)
 
         return act
 

@@ -84,14 +84,16 @@ def stress(
     simulation = build(own)
     controller = make(simulation)
     names = (*task.columns, "return", "steps")
-    ended = torch.zeros(total, len(names), dtype=torch.float64)
+    here = simulation.device
+    amounts = {key: one.to(here) for key, one in amounts.items()}
+    ended = torch.zeros(total, len(names), dtype=torch.float64, device=here)
     # The episode of each environment, counted over all conditions; -1: none is left.
-    at, dealt = torch.full((own.num_envs,), -1), 0
-    fresh, moment = torch.ones(own.num_envs, dtype=torch.bool), None
+    at, dealt = torch.full((own.num_envs,), -1, device=here), 0
+    fresh, moment = torch.ones(own.num_envs, dtype=torch.bool, device=here), None
     with tqdm(total=total, desc="stress", unit="episode", disable=None) as bar:
         while True:
             rows = fresh.nonzero().flatten()
-            following = dealt + torch.arange(len(rows))
+            following = dealt + torch.arange(len(rows), device=here)
             at[rows] = torch.where(following < total, following, -1)
             dealt += len(rows)
             if bool((at < 0).all()):
@@ -110,7 +112,7 @@ def stress(
             bar.update(int(over.sum()))
     return [
         _row(condition, dict(zip(names, found.T.numpy(), strict=True)))
-        for condition, found in zip(tried, ended.split(episodes), strict=True)
+        for condition, found in zip(tried, ended.cpu().split(episodes), strict=True)
     ]
 
 

@@ -45,7 +45,8 @@ class FoldPixels(Transform):
         found = observation_spec.clone()
         for key in self.in_keys:
             shape = self._fold(found[key].zero()).shape
-            found[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
+            here = found.device
+            found[key] = Bounded(0, 255, shape=shape, dtype=torch.uint8, device=here)
         return found
 
 
@@ -64,9 +65,10 @@ class Teacher(Transform):
         self._expert = controller(settings.definition.teacher, settings)
         self._handover, self._generator = handover, torch.Generator().manual_seed(seed)
         self._shape = (settings.num_envs, settings.episode.action_size)
-        self._noise = Perturbation(*self._shape, noise, self._generator)
-        self._learner = torch.zeros(settings.num_envs, dtype=torch.bool)
-        self._acted = torch.zeros(self._shape)
+        device = torch.device(settings.engine.device)
+        self._noise = Perturbation(*self._shape, noise, self._generator, device)
+        self._learner = torch.zeros(settings.num_envs, dtype=torch.bool, device=device)
+        self._acted = torch.zeros(self._shape, device=device)
         self._is_restored = False
 
     @property
@@ -95,7 +97,7 @@ class Teacher(Transform):
             self._is_restored = False
             return self._show(tensordict_reset)
         share = min(1.0, self._env.done_share / self._handover)
-        drawn = torch.rand(fresh.shape, generator=self._generator) < share
+        drawn = torch.rand(fresh.shape, generator=self._generator).to(fresh.device) < share
         self._learner = torch.where(fresh, drawn, self._learner)
         self._noise.begin(fresh)
         return self._show(tensordict_reset, fresh)
@@ -103,9 +105,10 @@ class Teacher(Transform):
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """With the teacher's keys."""
         found, shape = observation_spec.clone(), torch.Size(self._shape)
-        found[LABEL], found[EXPERT] = Unbounded(shape=shape), Unbounded(shape=shape)
-        column = torch.Size((shape[0], 1))
-        found[LEARNER] = Binary(1, shape=column, dtype=torch.bool)
+        here, column = found.device, torch.Size((shape[0], 1))
+        for key in (LABEL, EXPERT):
+            found[key] = Unbounded(shape=shape, device=here)
+        found[LEARNER] = Binary(1, shape=column, dtype=torch.bool, device=here)
         return found
 
     def get_extra_state(self) -> dict[str, Any]:
@@ -116,8 +119,11 @@ class Teacher(Transform):
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from a ``get_extra_state``."""
-        self._learner, self._acted = state["learner"], state["acted"]
-        self._noise.drift, self._noise.strength = state["drift"], state["strength"]
+        here = self._acted.device
+        self._learner, self._acted = state["learner"].to(here), state["acted"].to(here)
+        self._noise.drift, self._noise.strength = (
+            state[name].to(here) for name in ("drift", "strength")
+        )
         self._generator.set_state(state["generator"])
         self._is_restored = True
 

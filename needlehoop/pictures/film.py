@@ -54,7 +54,7 @@ def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
     column = Image.new("RGB", (tile, height))
     font, at = ImageFont.load_default(max(9, tile // 12)), (tile // 32, tile - tile // 32)
     for row, camera in enumerate(settings.cameras):
-        image = images[camera.name][0].numpy()
+        image = images[camera.name][0].cpu().numpy()
         picture = scaled(image, settings.renderings[camera.rendering], tile)
         # The camera's name in the lower left corner, legible on any ground.
         write = ImageDraw.Draw(picture).text

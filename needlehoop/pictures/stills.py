@@ -46,7 +46,7 @@ class Photographer:
 
     def __call__(self, data: mujoco.MjData) -> np.ndarray:
         """The scene as RGB ``(size, size, 3)`` uint8."""
-        fields = {name: getattr(data, name)[None] for name in FIELDS}
+        fields = {name: torch.tensor(getattr(data, name)[None]) for name in FIELDS}
         frame = self._tracer.render(fields)[PICTURE]
         assert frame.bgra is not None
         return frame.bgra[0, ..., [2, 1, 0]].numpy()
@@ -138,7 +138,7 @@ def stages(settings: Settings, *wanted: str) -> dict[str, dict[str, np.ndarray]]
         for name in wanted:
             if name not in seen and here.get(name):
                 images = simulation.images()
-                seen[name] = {camera: image[0].numpy() for camera, image in images.items()}
+                seen[name] = {camera: image[0].cpu().numpy() for camera, image in images.items()}
         if set(wanted) <= set(seen):
             return seen
     missing = ", ".join(name for name in wanted if name not in seen)
@@ -178,7 +178,7 @@ def disturbed_sheet(
 
     def picture(row: int, block: int, column: int) -> Image.Image:
         camera = own.cameras[block]
-        image = images[camera.name][row * len(_SEVERITIES) + column].numpy()
+        image = images[camera.name][row * len(_SEVERITIES) + column].cpu().numpy()
         return scaled(image, own.renderings[camera.rendering], tile)
 
     said = [f"severity {severity}" if severity else "undisturbed" for severity in _SEVERITIES]

@@ -129,8 +129,8 @@ def poser(
 
 
 @cache
-def _chain() -> pk.SerialChain:
-    """The arm's chain, built frame by frame from the DH rows in float64.
+def _chain(device: torch.device) -> pk.SerialChain:
+    """The arm's chain on a device, built frame by frame from the DH rows in float64.
 
     pytorch-kinematics' own MJCF reader does not know MuJoCo 3.17's joint enum, and
     MjSpec.to_xml rounds to six digits, which would cost a micrometre at the tip.
@@ -149,8 +149,10 @@ def _chain() -> pk.SerialChain:
         child = parent
     root = Frame("rcm", link=Link("rcm"), joint=ChainJoint())
     root.add_child(child)
-    chain = pk.Chain(root.to(dtype=torch.float64, device="cpu"), dtype=torch.float64)
-    return pk.SerialChain(chain, "tool", dtype=torch.float64)
+    chain = pk.Chain(
+        root.to(dtype=torch.float64, device=device), dtype=torch.float64, device=device
+    )
+    return pk.SerialChain(chain, "tool", dtype=torch.float64, device=device)
 
 
 def _dh_pose(joint: Joint) -> np.ndarray:
@@ -187,7 +189,7 @@ def forward_kinematics(q: Joints) -> Joints:
             f"q has shape {tuple(q.shape)}; expected (..., 6): {', '.join(JOINT_NAMES)}"
         )
     flat = q.reshape(-1, len(JOINTS)).to(torch.float64)
-    pose = _chain().forward_kinematics(flat).get_matrix()
+    pose = _chain(flat.device).forward_kinematics(flat).get_matrix()
     return pose.reshape(*q.shape[:-1], 4, 4)
 
 
@@ -233,9 +235,9 @@ def inverse_kinematics(
     """
     import pytorch_kinematics as pk
 
-    chain, q = _chain(), start.to(torch.float64)
-    lower, upper = joint_limits()
-    identity = damping * torch.eye(6, dtype=torch.float64)
+    chain, q = _chain(start.device), start.to(torch.float64)
+    lower, upper = joint_limits(q.device)
+    identity = damping * torch.eye(6, dtype=torch.float64, device=q.device)
     for _ in range(iterations):
         jacobian, now = chain.jacobian(q, ret_eef_pose=True)
         turn = pk.matrix_to_axis_angle(pose[:, :3, :3] @ now[:, :3, :3].mT)
@@ -245,8 +247,8 @@ def inverse_kinematics(
     return q
 
 
-def joint_limits() -> tuple[Tensor, Tensor]:
+def joint_limits(device: torch.device | None = None) -> tuple[Tensor, Tensor]:
     """Lower and upper limits of the six joints, ``(6,)`` each, rad or m."""
-    lower = torch.tensor([joint.lower for joint in JOINTS], dtype=torch.float64)
-    upper = torch.tensor([joint.upper for joint in JOINTS], dtype=torch.float64)
+    ends = [(joint.lower, joint.upper) for joint in JOINTS]
+    lower, upper = torch.tensor(ends, dtype=torch.float64, device=device).unbind(-1)
     return lower, upper

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from needlehoop.config import composing
 from needlehoop.config.strict import as_type, value
 from needlehoop.disturbances.axes import Disturb
 from needlehoop.engines.contract import FIELDS, Channels, Frame
-from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.envs.build import build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.images import things
@@ -58,11 +59,14 @@ def visibility(settings: Settings) -> dict[str, dict[str, Shown]]:
     thing_of, numbers = np.concatenate(([0], part)), range(1, len(paint) + 1)
     asked = dict.fromkeys(own.views, Channels(False, False, True))
     # Scene 0 is whole; in scene k there is nothing but thing k.
-    camera = Rasteriser(model, 1 + len(paint), asked, own.image_size, 1)
+    camera = CpuRasteriser(model, 1 + len(paint), asked, own.image_size, 1)
     counts: list[Any] = []
     for _ in rollout(simulation, controller("expert", own)):
         data = simulation.engine.data(0)
-        fields = {name: np.repeat(getattr(data, name)[None], 1 + len(paint), 0) for name in FIELDS}
+        fields = {
+            name: torch.tensor(getattr(data, name)).expand(1 + len(paint), -1, -1).clone()
+            for name in FIELDS
+        }
         for k in numbers:
             fields["geom_xpos"][k, part != k] = _AWAY
         labels = [thing_of[_geoms(frame) + 1] for frame in camera.render(fields).values()]

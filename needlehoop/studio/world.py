@@ -204,7 +204,10 @@ class World:
         seen = [simulation.images() for simulation in (small, fine)]
         pictures = {
             camera.view: np.hstack(
-                [np.array(scaled(one[camera.name][0].numpy(), kind, self.size)) for one in seen]
+                [
+                    np.array(scaled(one[camera.name][0].cpu().numpy(), kind, self.size))
+                    for one in seen
+                ]
             )
             for camera in small.settings.cameras
         }

@@ -61,7 +61,7 @@ class Tool:
     def clamp(self, place: Tensor) -> Tensor:
         """Places ``(n, 3)``, m, brought into the workspace."""
         lower, upper = torch.tensor(
-            (self.workspace_lower, self.workspace_upper), dtype=torch.float64
+            (self.workspace_lower, self.workspace_upper), dtype=torch.float64, device=place.device
         )
         return place.clamp(lower, upper)
 

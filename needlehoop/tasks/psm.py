@@ -119,16 +119,16 @@ def _tip_joints(layout: Arm, tool: Tensor, roll: Tensor) -> Tensor:
     ``roll`` ``(n,)`` about the instrument, rad; m, world frame. Clamped to the joints' limits.
     """
     joints = psm.straight_wrist(_from_rcm(layout, tool), roll, layout.grip)
-    return joints.clamp(*psm.joint_limits())
+    return joints.clamp(*psm.joint_limits(joints.device))
 
 
 def _from_rcm(layout: Arm, place: Tensor) -> Tensor:
     """Places ``(n, 3)``, m, in the remote centre's frame."""
-    away = place - torch.from_numpy(layout.rcm)
+    away = place - torch.from_numpy(layout.rcm).to(place.device)
     if not layout.tilt:
         return away
     half = -layout.tilt / 2
-    back = torch.tensor((np.cos(half), 0.0, np.sin(half), 0.0), dtype=away.dtype)
+    back = away.new_tensor((np.cos(half), 0.0, np.sin(half), 0.0))
     return geo.rotate(back.expand(len(away), 4), away)
 
 
@@ -138,7 +138,7 @@ def _pose_joints(layout: Arm, tool: Tensor, quat: Tensor, nearby: Tensor) -> Ten
     Found from the joints ``nearby`` ``(n, 6)``. ``tool`` in m, world frame; ``quat`` in the remote
     centre's frame.
     """
-    pose = torch.zeros(len(tool), 4, 4, dtype=torch.float64)
+    pose = tool.new_zeros(len(tool), 4, 4)
     pose[:, :3, :3] = geo.to_matrix(quat)
     pose[:, :3, 3] = _from_rcm(layout, tool) - layout.grip * pose[:, :3, 2]
     return psm.inverse_kinematics(pose, nearby, iterations=4)
@@ -172,7 +172,7 @@ def _displaced(
 def begin_arm(rules: ToolEpisode, robot: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """The arm's memory where it starts: targets where the tool is."""
     tool, joints, jaw = (robot[name].clone() for name in ("tool", "joints", "jaw"))
-    quat = _tool_quat(joints) if rules.control == "pose" else torch.zeros(len(joints), 4)
+    quat = _tool_quat(joints) if rules.control == "pose" else joints.new_zeros(len(joints), 4)
     roll = joints[:, 3].clone()
     return {"target": tool, "tool_roll": roll, "quat": quat, "joints": joints, "jaw": jaw}
 

@@ -144,4 +144,4 @@ def blade_turn(s: Signals, quat: Tensor) -> Tensor:
 
 def direction(quat: Tensor, *axis: float) -> Tensor:
     """An axis of turned frames ``(n, 4)`` in the world ``(n, 3)``."""
-    return geo.rotate(quat, torch.tensor(axis, dtype=quat.dtype).expand(len(quat), 3))
+    return geo.rotate(quat, quat.new_tensor(axis).expand(len(quat), 3))

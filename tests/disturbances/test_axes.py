@@ -21,8 +21,9 @@ def drawn(lead: tuple[int, ...], free: float = 0.5, **amounts: object) -> dict[s
     """What was drawn for each axis: nothing, but for some amounts by key, a ``_`` for its dot."""
     found = {}
     for key, axis in AXES.items():
-        amount = np.zeros((*lead, axis.size)) + np.array(amounts.get(key.replace(".", "_"), 0.0))
-        found[key] = Drawn(amount, np.full((*lead, axis.free), free))
+        given = torch.as_tensor(amounts.get(key.replace(".", "_"), 0.0), dtype=torch.float64)
+        amount = torch.zeros(*lead, axis.size).double() + given
+        found[key] = Drawn(amount, torch.full((*lead, axis.free), free).double())
     return found
 
 
@@ -40,11 +41,11 @@ def frame() -> Frame:
 
 def spoilt(seen: Frame, amounts: dict[str, float], place: float = 0.5) -> Frame:
     """What a view makes of a frame under such amounts of its axes."""
-    sensors = Sensors(1, ("front",), SIDE)
+    sensors = Sensors(1, ("front",), SIDE, torch.device("cpu"))
     own = drawn((1, 1), place, **{f"picture_{name}": amount for name, amount in amounts.items()})
-    sensors.set(np.array([0]), **flaws(own))
+    sensors.set(torch.tensor([0]), **flaws(own))
     found = Frame(*(one if one is None else one.clone() for one in seen))
-    sensors.spoiler(np.array([0]), np.full((1, 3), 0.3))("front", found, slice(0, 1))
+    sensors.spoiler(torch.tensor([0]), torch.full((1, 3), 0.3))("front", found, slice(0, 1))
     return found
 
 
@@ -130,39 +131,41 @@ def test_blur_keeps_the_mean_and_blends_the_edge():
 
 
 def test_a_camera_is_shifted_turned_zoomed_and_drifts():
-    start = np.zeros((1, 2, 3)), np.tile(np.eye(3), (1, 2, 1, 1))
+    eye = torch.eye(3, dtype=torch.float64)
+    start = torch.zeros(1, 2, 3, dtype=torch.float64), eye.expand(1, 2, 3, 3)
 
     def placed(**amounts):
-        own = drawn((1, 2), **amounts)
-        return optics.cameras(*start, own, np.array([0.5]), np.array([False, False]))
+        own = optics.moved(drawn((1, 2), **amounts))
+        half, no = torch.tensor([0.5]), torch.tensor([False, False])
+        return (*optics.cameras(*start, own, half, no), own.zoom)
 
-    by = np.array([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]])
-    assert np.array_equal(placed(camera_shift=by)[0], by)
-    assert np.array_equal(placed(camera_drift=by)[0], by / 2)
+    by = torch.tensor([[[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]]]).double()
+    assert torch.equal(placed(camera_shift=by)[0], by)
+    assert torch.equal(placed(camera_drift=by)[0], by / 2)
     turn = placed(camera_turn=[[[90.0, 0.0, 0.0], [0.0, 0.0, 0.0]]])[1]
-    assert np.allclose(turn[0, 0] @ [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    assert np.array_equal(turn[0, 1], np.eye(3))
+    assert np.allclose(turn[0, 0] @ torch.tensor([0.0, 1.0, 0.0]).double(), [0.0, 0.0, 1.0])
+    assert torch.equal(turn[0, 1], eye)
     assert np.allclose(placed(camera_focal=[[[0.1], [-0.1]]])[2], [[1.1, 0.9]])
 
 
 def test_one_view_fails_for_as_long_as_was_drawn():
-    one = Drawn(np.array([[3.0]]), np.array([[0.0, 0.9]]))
-    fails = [failing(one, np.array([step]), 2, 100)[0].tolist() for step in range(6)]
+    one = Drawn(torch.tensor([[3.0]]), torch.tensor([[0.0, 0.9]]))
+    fails = [failing(one, torch.tensor([step]), 2, 100)[0].tolist() for step in range(6)]
     assert fails == [[False, False], *[[False, True]] * 3, *[[False, False]] * 2]
 
 
 def test_as_many_objects_lie_about_as_were_drawn():
-    count = Drawn(np.array([[2.0]]), np.full((1, 2 * MOST_OBJECTS), 0.4))
-    places = optics.objects(count, 3, np.array([0.1, 0.2, 0.0]))[0]
+    count = Drawn(torch.tensor([[2.0]]), torch.full((1, 2 * MOST_OBJECTS), 0.4))
+    places = optics.objects(count, 3, np.array([0.1, 0.2, 0.0]))[0].numpy()
     assert (places[:, 2] > 0).tolist() == [True, True, False]
     away = np.linalg.norm(places[:2, :2] - [0.1, 0.2], axis=-1)
     assert ((away > 0.03) & (away < 0.09)).all()
 
 
 def test_numbers_depend_on_every_key_and_on_nothing_else():
-    envs = np.arange(1000)
-    some = uniform("a", 3, 7, envs, np.zeros(1000, int))
-    assert np.array_equal(some[5:6], uniform("a", 3, 7, np.array([5]), np.array([0])))
+    envs, no = torch.arange(1000), torch.zeros(1000, dtype=torch.int64)
+    some = uniform("a", 3, 7, envs, no)
+    assert torch.equal(some[5:6], uniform("a", 3, 7, torch.tensor([5]), torch.tensor([0])))
     assert abs(some.mean() - 0.5) < 0.02
     assert abs(some.std() - 12**-0.5) < 0.01
     assert abs(np.corrcoef(some.T)[0, 1]) < 0.1

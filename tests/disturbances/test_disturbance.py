@@ -96,7 +96,7 @@ def test_each_view_is_as_many_steps_late_as_it_drew():
     plain, delayed = flown(*words, steps=8)[1], flown(*words, "disturb.picture.late=3", steps=8)[1]
     simulation = build(compose_settings([*words, "disturb.picture.late=3"]))
     simulation.reset()
-    late = simulation.disturbance._drawn["picture.late"].amount[..., 0].astype(int)
+    late = simulation.disturbance._drawn["picture.late"].amount[..., 0].int().numpy()
     assert len(np.unique(late)) > 1
     for step, images in enumerate(delayed):
         for env in range(2):
@@ -138,7 +138,7 @@ def test_commands_come_late_and_the_ramp_grows():
     sent = [env.simulation.act(action.double()).clone() for _ in range(4)]
     moved = torch.stack([(one != sent[0]).any(1) for one in sent])
     first = torch.where(moved.any(0), moved.int().argmax(0), 4)
-    assert torch.equal(first, torch.from_numpy(late).long().clamp(min=1))
+    assert torch.equal(first, late.long().clamp(min=1))
 
 
 def test_what_the_tracer_cannot_show_is_refused():

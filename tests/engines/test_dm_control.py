@@ -6,12 +6,13 @@ import pytest
 import torch
 
 from needlehoop.config import composing
-from needlehoop.engines.contract import KINDS
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings, settings_from
 from needlehoop.tasks.needle_hoop.expert import Expert
 
 CAMS = "cams=[dep_front,seg_side,rgb_wrist]"
+
+KINDS = ("cpu", "dm_control")
 
 
 def built(kind: str, *words: str):

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from needlehoop.engines.contract import FIELDS, Channels
-from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.engines.rasteriser.solids import surface_of
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
@@ -32,7 +32,8 @@ def scene():
 
     def keep(state):
         datas = [{name: getattr(engine.data(i), name).copy() for name in FIELDS} for i in range(8)]
-        fields[state] = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
+        stacked = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
+        fields[state] = {name: torch.from_numpy(one) for name, one in stacked.items()}
 
     act, moment = Expert(settings.task, settings.episode), simulation.reset()
     keep("start")
@@ -53,7 +54,7 @@ def scene():
 def both(scene):
     """Renderers of all channels of all views: rasteriser and tracer."""
     views = dict.fromkeys((*VIEWS, "wrist"), ALL)
-    return Rasteriser(scene[0], ENVS, views, 64, 1), Tracer(scene[0], ENVS, views, 64)
+    return CpuRasteriser(scene[0], ENVS, views, 64, 1), Tracer(scene[0], ENVS, views, 64)
 
 
 def agreement(drawn, traced, depth=1e-3):
@@ -109,7 +110,7 @@ def test_colours_agree_on_every_material(scene, both):
 def test_a_channel_is_the_same_alone_and_the_others_are_not_made(scene, both, channels):
     model, fields = scene
     views = {"side": Channels(False, True, True), "front": Channels(*channels)}
-    alone = Rasteriser(model, ENVS, views, 64, 1).render(fields["grasp"])["front"]
+    alone = CpuRasteriser(model, ENVS, views, 64, 1).render(fields["grasp"])["front"]
     whole = both[0].render(fields["grasp"])["front"]
     for wanted, one, of_all in zip(channels, alone, whole, strict=True):
         assert torch.equal(one, of_all) if wanted else one is None
@@ -118,10 +119,10 @@ def test_a_channel_is_the_same_alone_and_the_others_are_not_made(scene, both, ch
 def test_threads_and_subsets_change_no_bit(scene):
     model, fields = scene
     views = {"front": ALL, "side": Channels(False, True, False)}
-    whole = Rasteriser(model, ENVS, views, 64, 1).render(fields["goal"])
+    whole = CpuRasteriser(model, ENVS, views, 64, 1).render(fields["goal"])
     for threads in (2, 3):
-        renderer = Rasteriser(model, ENVS, views, 64, threads)
-        for ids in (None, np.array([5]), np.array([6, 0, 3]), np.arange(ENVS)):
+        renderer = CpuRasteriser(model, ENVS, views, 64, threads)
+        for ids in (None, torch.tensor([5]), torch.tensor([6, 0, 3]), torch.arange(ENVS)):
             frames = renderer.render(fields["goal"], ids)
             for view, frame in frames.items():
                 for one, of_all in zip(frame, whole[view], strict=True):
@@ -162,8 +163,8 @@ def look(bodies, position="0 0 0", axes="1 0 0 0 0 1", fovy=60, size=96):
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    fields = {name: getattr(data, name)[None] for name in FIELDS}
-    renderers = Rasteriser(model, 1, {"eye": ALL}, size, 1), Tracer(model, 1, {"eye": ALL}, size)
+    fields = {name: torch.tensor(getattr(data, name)[None]) for name in FIELDS}
+    renderers = CpuRasteriser(model, 1, {"eye": ALL}, size, 1), Tracer(model, 1, {"eye": ALL}, size)
     return [renderer.render(fields)["eye"] for renderer in renderers]
 
 

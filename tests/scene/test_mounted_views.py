@@ -11,7 +11,7 @@ import torch
 
 from needlehoop.disturbances import optics
 from needlehoop.engines.contract import FIELDS, Channels
-from needlehoop.engines.rasteriser.renderer import Rasteriser
+from needlehoop.engines.rasteriser.renderer import CpuRasteriser
 from needlehoop.envs.build import build
 from needlehoop.envs.settings import compose_settings
 from needlehoop.scene.cameras import View, pose_of
@@ -55,8 +55,10 @@ def test_it_is_drawn_from_where_its_body_is_now_in_each_environment(psm):
         turn = body.xmat.reshape(3, 3)
         assert np.allclose(camera.xpos, body.xpos + turn @ own, atol=1e-12)
         assert np.allclose(camera.xmat.reshape(3, 3), turn @ matrix(quaternion), atol=1e-12)
-        alone = Rasteriser(engine.model, 1, {"wrist": Channels(True, True, False)}, 32, 1)
-        seen = alone.render({name: getattr(data, name)[None] for name in FIELDS})["wrist"]
+        alone = CpuRasteriser(engine.model, 1, {"wrist": Channels(True, True, False)}, 32, 1)
+        seen = alone.render({name: torch.tensor(getattr(data, name)[None]) for name in FIELDS})[
+            "wrist"
+        ]
         assert torch.equal(frames.bgra[env], seen.bgra[0])
         assert torch.equal(frames.depth[env], seen.depth[0])
         places.append(camera.xpos.copy())
@@ -96,14 +98,19 @@ def test_a_disturbance_moves_and_turns_it_about_itself():
     simulation = moved(*words)
     engine, disturbance = simulation.engine, simulation.disturbance
     datas = [{name: getattr(engine.data(i), name).copy() for name in FIELDS} for i in range(3)]
-    fields = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
-    drawn, at = disturbance.optics(fields), engine.model.camera("wrist").id
+    stacked = {name: np.stack([data[name] for data in datas]) for name in FIELDS}
+    fields = {name: torch.from_numpy(one) for name, one in stacked.items()}
+    seen, at = disturbance.optics(fields), engine.model.camera("wrist").id
+    fields, drawn = ({k: one[k].numpy() for k in FIELDS} for one in (fields, seen))
     before, after = (one["cam_xmat"].reshape(3, -1, 3, 3)[:, at] for one in (fields, drawn))
     away = drawn["cam_xpos"][:, at] - fields["cam_xpos"][:, at]
-    amounts = {key: disturbance._drawn[f"camera.{key}"].amount[:, 0] for key in ("shift", "turn")}
+    kept = disturbance._drawn
+    amounts = {key: kept[f"camera.{key}"].amount[:, 0].numpy() for key in ("shift", "turn")}
     own = before.swapaxes(1, 2)
     assert np.allclose((own @ away[..., None])[..., 0], amounts["shift"], atol=1e-12)
-    assert np.allclose(own @ after, optics.rotation(np.deg2rad(amounts["turn"])), atol=1e-12)
+    assert np.allclose(
+        own @ after, optics.rotation(torch.from_numpy(np.deg2rad(amounts["turn"]))), atol=1e-12
+    )
     assert np.abs(amounts["turn"]).max() > 1
     # Strange objects lie where people's pictures look: no camera stands in the room.
     assert np.array_equal(disturbance._target, simulation.settings.picture.focus)

@@ -30,14 +30,14 @@ _FLAT = wp.constant(1e-12)
 
 
 @wp.func
-def _is_in_sight(eye: Eye, at: wp.vec3, radius: float) -> bool:
+def is_in_sight(eye: Eye, at: wp.vec3, radius: float) -> bool:
     """Whether a sphere at ``at`` (camera frame) may be in the image."""
     reach = eye.tangent * at[2] + radius * wp.sqrt(1.0 + eye.tangent * eye.tangent)
     return at[2] > -radius and wp.abs(at[0]) < reach and wp.abs(at[1]) < reach
 
 
 @wp.func
-def _project(
+def project_vertices(
     solids: Solids, solid: Solid, eye: Eye, turn: wp.mat33, at: wp.vec3, scratch: ScratchBuffers
 ):
     """Project a solid's vertices into the scratch buffers."""
@@ -84,19 +84,37 @@ def _bounds(a: float, b: float, c: float, size: int) -> wp.vec2:
 
 
 @wp.func
-def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
-    """Fill the pixels whose centres lie in a face and that see nothing nearer; see ``slope_of``."""
+def face_bounds(corners: wp.vec3i, scratch: ScratchBuffers, size: int) -> wp.vec4:
+    """First and last column, first and last row that a face may cover; none: the last is less."""
     a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
-    columns, rows = wp.vec2(0.0, float(eye.size - 1)), wp.vec2(0.0, float(eye.size - 1))
+    columns, rows = wp.vec2(0.0, float(size - 1)), wp.vec2(0.0, float(size - 1))
     if wp.min(wp.min(a[2], b[2]), c[2]) > _NEAR:
         p, q, r = scratch.points[corners[0]], scratch.points[corners[1]], scratch.points[corners[2]]
-        columns, rows = _bounds(p[0], q[0], r[0], eye.size), _bounds(p[1], q[1], r[1], eye.size)
-    if columns[0] > columns[1] or rows[0] > rows[1]:
+        columns, rows = _bounds(p[0], q[0], r[0], size), _bounds(p[1], q[1], r[1], size)
+    return wp.vec4(columns[0], columns[1], rows[0], rows[1])
+
+
+@wp.func
+def face_row(corners: wp.vec3i, scratch: ScratchBuffers, columns: wp.vec2, y: float) -> wp.vec2:
+    """The part of a row that lies in a face, first to last pixel's index, not whole numbers."""
+    a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
+    ab, bc, ca = wp.cross(a, b), wp.cross(b, c), wp.cross(c, a)
+    span = _cut(columns, ab, _limit(ab), y)
+    return _cut(_cut(span, bc, _limit(bc), y), ca, _limit(ca), y)
+
+
+@wp.func
+def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
+    """Fill the pixels whose centres lie in a face and that see nothing nearer; see ``slope_of``."""
+    bounds = face_bounds(corners, scratch, eye.size)
+    columns = wp.vec2(bounds[0], bounds[1])
+    if bounds[0] > bounds[1] or bounds[2] > bounds[3]:
         return
+    a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
     # Inside a face each of these is negative.
     ab, bc, ca = wp.cross(a, b), wp.cross(b, c), wp.cross(c, a)
     at_ab, at_bc, at_ca = _limit(ab), _limit(bc), _limit(ca)
-    for row in range(int(rows[0]), int(rows[1]) + 1):
+    for row in range(int(bounds[2]), int(bounds[3]) + 1):
         y = float(row) + 0.5
         span = _cut(columns, ab, at_ab, y)
         span = _cut(_cut(span, bc, at_bc, y), ca, at_ca, y)
@@ -119,12 +137,12 @@ def _draw_solid(
     solid = solids.solids[index]
     away = poses.geom_xpos[env, solid.geom] - eye.position
     at = eye.turn * away
-    if not _is_in_sight(eye, at, solid.radius):
+    if not is_in_sight(eye, at, solid.radius):
         return
     axes = poses.geom_xmat[env, solid.geom]
     turn = eye.turn * axes
     scratch.turns[index] = turn
-    _project(solids, solid, eye, turn, at, scratch)
+    project_vertices(solids, solid, eye, turn, at, scratch)
     # The camera in the solid's frame.
     here = -(wp.transpose(axes) * away)
     for face in range(solid.first_face, solid.last_face):
@@ -214,7 +232,7 @@ def _grain(
 
 
 @wp.func
-def _light_lamps(solids: Solids, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers):
+def light_lamps(solids: Solids, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers):
     lights = solids.lights.shape[0]
     for light in range(lights):
         scratch.lamps[light] = -(eye.turn * poses.light_xdir[env, solids.lights[light]])
@@ -223,7 +241,7 @@ def _light_lamps(solids: Solids, poses: Poses, env: int, eye: Eye, scratch: Scra
 
 
 @wp.func
-def _table(solids: Solids, poses: Poses, env: int, eye: Eye) -> wp.vec3:
+def table_slope(solids: Solids, poses: Poses, env: int, eye: Eye) -> wp.vec3:
     """Slope of the table, see ``slope_of``; zero where there is none to be seen."""
     if solids.table.shape[0] > 0:
         geom = solids.table[0].geom
@@ -233,6 +251,46 @@ def _table(solids: Solids, poses: Poses, env: int, eye: Eye) -> wp.vec3:
         if below < 0.0:
             return slope_of(eye.turn * up, below, eye)
     return wp.vec3(0.0, 0.0, 0.0)
+
+
+@wp.func
+def table_colour(
+    solids: Solids, poses: Poses, env: int, eye: Eye, scratch: ScratchBuffers
+) -> wp.vec3:
+    """Of the table, which is matte: the same everywhere, but for its pattern."""
+    if solids.table.shape[0] == 0:
+        return wp.vec3(0.0, 0.0, 0.0)
+    up = eye.turn * wp.transpose(poses.geom_xmat[env, solids.table[0].geom])[2]
+    return _lit(solids, solids.table[0], up, up, poses, env, scratch)
+
+
+@wp.func
+def seen_colour(
+    solids: Solids,
+    poses: Poses,
+    env: int,
+    eye: Eye,
+    scratch: ScratchBuffers,
+    face: int,
+    nearness: float,
+    flat: wp.vec3,
+    x: float,
+    y: float,
+) -> wp.uint32:
+    """What a pixel shows that sees a ``face``; ``flat``: the table's colour."""
+    table = solids.faces.shape[0]
+    if face > table:
+        return wp.uint32(255 << 24)
+    ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
+    if face < table:
+        normal = _normal(solids, face, x, y, eye, scratch)
+        solid = solids.solids[solids.owners[face]]
+        return _packed(_lit(solids, solid, normal, ray, poses, env, scratch))
+    grain = poses.table_grain[env, 0]
+    if grain[0] > 0.0:
+        turned = wp.transpose(eye.turn) * ray
+        return _packed(_grain(turned, nearness, eye, grain, poses.pattern) * flat)
+    return _packed(flat)
 
 
 @wp.func
@@ -250,16 +308,12 @@ def _expose(
     As mujoco_warp's ray tracer shades: ambient and diffuse light, no shadows, no highlights,
     but for what the ``OPTICS`` say.
     """
-    grain = poses.table_grain[env, 0]
-    _light_lamps(solids, poses, env, eye, scratch)
-    slope = _table(solids, poses, env, eye)
-    nothing = wp.uint32(255 << 24)
-    flat = wp.vec3(0.0, 0.0, 0.0)
-    if solids.table.shape[0] > 0:
-        # It is matte: one colour everywhere, but for its pattern.
-        up = eye.turn * wp.transpose(poses.geom_xmat[env, solids.table[0].geom])[2]
-        flat = _lit(solids, solids.table[0], up, up, poses, env, scratch)
-    plain = _packed(flat)
+    light_lamps(solids, poses, env, eye, scratch)
+    slope = table_slope(solids, poses, env, eye)
+    flat = table_colour(solids, poses, env, eye, scratch)
+    # Most pixels see the table without a pattern.
+    plain, nothing = _packed(flat), wp.uint32(255 << 24)
+    is_plain = poses.table_grain[env, 0][0] <= 0.0
     table = solids.faces.shape[0]
     pixels = eye.size * eye.size
     colour, depth, geom = (
@@ -278,15 +332,8 @@ def _expose(
             if scratch.nearness[pixel] > wp.max(nearness, 0.0):
                 nearness = scratch.nearness[pixel]
                 face = scratch.face[pixel]
-                if lens.colour >= 0:
-                    normal = _normal(solids, face, x, y, eye, scratch)
-                    ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
-                    solid = solids.solids[solids.owners[face]]
-                    seen = _packed(_lit(solids, solid, normal, ray, poses, env, scratch))
-            elif grain[0] > 0.0 and face == table:
-                ray = wp.vec3((x - eye.centre) / eye.focal, (y - eye.centre) / eye.focal, 1.0)
-                turned = wp.transpose(eye.turn) * ray
-                seen = _packed(_grain(turned, nearness, eye, grain, poses.pattern) * flat)
+            if lens.colour >= 0 and (face < table or not is_plain):
+                seen = seen_colour(solids, poses, env, eye, scratch, face, nearness, flat, x, y)
             scratch.nearness[pixel] = 0.0
             if lens.colour >= 0:
                 frames.colour[colour + pixel] = seen

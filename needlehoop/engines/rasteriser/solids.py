@@ -57,8 +57,8 @@ class Solids:
     """Their diffuse colours, and last the headlight's."""
 
 
-def pack(model: mujoco.MjModel) -> Solids:
-    """The drawn geoms and the lights of a scene.
+def pack(model: mujoco.MjModel, device: str) -> Solids:
+    """The drawn geoms and the lights of a scene, on a device as Warp calls it.
 
     Raises ``ValueError`` for what can't be drawn: a type of geom, a finite plane or more than one,
     a transparent geom, a light that isn't directional, a mesh that is inside out.
@@ -85,22 +85,26 @@ def pack(model: mujoco.MjModel) -> Solids:
     is_lit = bool(headlight.active)
     everywhere = headlight.ambient * is_lit + model.light_ambient[lights].sum(0)
     packed = Solids()
-    packed.solids = _solids(model, rows, everywhere)
-    packed.table = _solids(model, [(geom, 0, 0, 0, 0, 0.0) for geom in tables], everywhere)
+    packed.solids = _solids(model, rows, everywhere, device)
+    packed.table = _solids(model, [(geom, 0, 0, 0, 0, 0.0) for geom in tables], everywhere, device)
     shifted = [s.faces + start for s, start in zip(surfaces, vertices[:-1], strict=True)]
-    packed.vertices = _array(corners, wp.vec3)
-    packed.faces = _array(shifted, wp.vec3i)
-    packed.planes = _array([s.planes for s in surfaces], wp.vec4)
-    packed.normals = _array([s.normals.reshape(-1, 3) for s in surfaces], wp.vec3)
+    packed.vertices = _array(corners, wp.vec3, device)
+    packed.faces = _array(shifted, wp.vec3i, device)
+    packed.planes = _array([s.planes for s in surfaces], wp.vec4, device)
+    packed.normals = _array([s.normals.reshape(-1, 3) for s in surfaces], wp.vec3, device)
     owners = np.repeat(np.arange(len(bodies)), np.diff(faces))
-    packed.owners = _array([owners], int)
-    packed.geoms = _array([np.array(bodies, int)[owners], (tables or [-1]), [-1]], int)
-    packed.lights = _array([lights], int)
-    packed.lamps = _array([model.light_diffuse[lights], [headlight.diffuse * is_lit]], wp.vec3)
+    packed.owners = _array([owners], int, device)
+    packed.geoms = _array([np.array(bodies, int)[owners], (tables or [-1]), [-1]], int, device)
+    packed.lights = _array([lights], int, device)
+    packed.lamps = _array(
+        [model.light_diffuse[lights], [headlight.diffuse * is_lit]], wp.vec3, device
+    )
     return packed
 
 
-def _solids(model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray) -> wp.array:
+def _solids(
+    model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray, device: str
+) -> wp.array:
     """Solids from their numbers, with the colours of their geoms and the light everywhere."""
     solids = []
     for row in rows:
@@ -115,14 +119,14 @@ def _solids(model: mujoco.MjModel, rows: list[tuple], everywhere: np.ndarray) ->
             raise ValueError(f"geom {geom}: transparent geoms can't be drawn")
         solids.append((*row, rgba[:3], everywhere + emission))
     dtype: Any = Solid.numpy_dtype()
-    return wp.array(np.array(solids, dtype), dtype=Solid, device="cpu")
+    return wp.array(np.array(solids, dtype), dtype=Solid, device=device)
 
 
-def _array(parts: list, dtype: type) -> wp.array:
+def _array(parts: list, dtype: type, device: str) -> wp.array:
     """Parts one after the other; none are an empty array."""
     if not parts:
-        return wp.zeros(0, dtype=dtype, device="cpu")
-    return wp.array(np.concatenate(parts), dtype=dtype, device="cpu")
+        return wp.zeros(0, dtype=dtype, device=device)
+    return wp.array(np.concatenate(parts), dtype=dtype, device=device)
 
 
 class Surface(NamedTuple):

@@ -153,6 +153,7 @@ class _Walk:
 
     def __init__(self, table: Mapping[str, Signal], signals: Any):
         self._table, self._signals = table, signals
+        self._device = signals.elapsed.device
         self._variables: dict[str, Tensor] = {}
         self._summands: dict[str, Tensor] = {}
         """The values whose plain sum the result is, if it is one."""
@@ -248,7 +249,7 @@ class _Walk:
                 if value > MAX_CONSTANT:
                     raise _refuse(node, f"numbers go up to {MAX_CONSTANT:g}")
                 dtype = torch.bool if isinstance(value, bool) else torch.float64
-                return torch.tensor([value], dtype=dtype)
+                return torch.tensor([value], dtype=dtype, device=self._device)
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.UnaryOp(op=ast.Not(), operand=operand):

@@ -142,7 +142,7 @@ def _is_near(hand: SimpleNamespace) -> Tensor:
 
 def _to(place: tuple[float, float, float], hand: SimpleNamespace) -> Tensor:
     """The move ``(n, 3)``, m, of a tool to a place."""
-    return torch.tensor(place, dtype=torch.float64) - hand.tool_midpoint
+    return hand.tool_midpoint.new_tensor(place) - hand.tool_midpoint
 
 
 def _choose(where: Tensor, yes: Tensor, no: Tensor) -> Tensor:

@@ -101,10 +101,10 @@ def lying(layout: Needle, places: Tensor, yaw: Tensor) -> Tensor:
 
 def centre_line(layout: Needle, position: Tensor, quat: Tensor) -> Tensor:
     """Points of the needle's centre line from tail to tip, ``(n, k, 3)`` in the world, m."""
-    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _local_curve(layout))
+    return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _local_curve(layout, quat.device))
 
 
 @cache
-def _local_curve(layout: Needle) -> Tensor:
+def _local_curve(layout: Needle, device: torch.device) -> Tensor:
     tail, tip = layout.needle_angles
-    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, 33)))
+    return torch.from_numpy(layout.centre_line(np.linspace(tail, tip, 33))).to(device)

@@ -40,7 +40,9 @@ def observe(
     position, quat = r["block_position"], r["block_quat"]
 
     def walls() -> Tensor:
-        return position.unsqueeze(1) + geo.rotate(quat.unsqueeze(1), _inside_walls(layout))
+        return position.unsqueeze(1) + geo.rotate(
+            quat.unsqueeze(1), _inside_walls(layout, quat.device)
+        )
 
     grasped, welds = hold(rules, memory, r, walls, position, quat)
     low = lower_edge(layout, position, quat)
@@ -99,7 +101,7 @@ def _vertical(quat: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 @cache
-def _inside_walls(layout: PegLayout) -> Tensor:
+def _inside_walls(layout: PegLayout, device: torch.device) -> Tensor:
     """Points in the middle of the walls ``(k, 3)``, block frame, 2 to 3 mm apart."""
     out, half = layout.hole_radius + layout.wall / 2, layout.wall_length / 2
     return torch.tensor(
@@ -110,4 +112,5 @@ def _inside_walls(layout: PegLayout) -> Tensor:
             for up in torch.linspace(-0.9, 0.9, 7).tolist()
         ],
         dtype=torch.float64,
+        device=device,
     )
