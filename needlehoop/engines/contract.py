@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from needlehoop.config.strict import OneOf, Range
+from needlehoop.config.strict import OneOf, Range, check_names
 from needlehoop.runs.machine import available_cpus
 
 if TYPE_CHECKING:
+    import torch
     from torch import Tensor
 
 KINDS = ("cpu", "dm_control", "warp")
@@ -40,6 +41,17 @@ class EngineConfig:
             raise ValueError(f"engine.device: {self.device!r} needs engine=warp")
         if self.kind == "warp" and self.renderer != "rasteriser":
             raise ValueError(f"engine.renderer: {self.renderer!r}; engine=warp draws by rasteriser")
+
+    @property
+    def torch_device(self) -> torch.device:
+        """Where the engine's tensors are; ``ValueError`` if that is not on this machine."""
+        import torch
+
+        gpus = ["cuda"] if torch.cuda.is_available() else []
+        check_names("engine.device", [self.device], ["cpu", *gpus])
+        if self.device == "cpu":
+            return torch.device("cpu")
+        return torch.device("cuda", torch.cuda.current_device())
 
     @property
     def cpus(self) -> int:

@@ -16,7 +16,6 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from needlehoop.config.strict import check_names
 from needlehoop.engines import streams
 from needlehoop.engines.contract import Channels, EngineConfig
 from needlehoop.engines.engine import Engine
@@ -66,10 +65,7 @@ class WarpEngine(Engine):
         if quality > 1:
             raise ValueError(f"quality: {quality}; engine=warp draws with quality=1 alone")
         start_warp()
-        check_names("engine.device", [config.device], ["cpu", *["cuda"] * wp.is_cuda_available()])
-        self.device = torch.device("cpu")
-        if config.device == "cuda":
-            self.device = torch.device("cuda", torch.cuda.current_device())
+        self.device = config.torch_device
         self._contacts = config.contacts
         rows = _ROWS * config.contacts + _OTHER_ROWS
         with streams.on(self.device):

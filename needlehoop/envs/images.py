@@ -35,7 +35,7 @@ class Imager:
     """
 
     def __init__(self, model: mujoco.MjModel, settings: Settings, threads: int):
-        device = torch.device(settings.engine.device)
+        device = settings.engine.torch_device
         self._threads, self._most = threads, _MOST
         if device.type == "cuda":
             self._threads, self._most = 1, settings.num_envs

@@ -65,7 +65,7 @@ class Teacher(Transform):
         self._expert = controller(settings.definition.teacher, settings)
         self._handover, self._generator = handover, torch.Generator().manual_seed(seed)
         self._shape = (settings.num_envs, settings.episode.action_size)
-        device = torch.device(settings.engine.device)
+        device = settings.engine.torch_device
         self._noise = Perturbation(*self._shape, noise, self._generator, device)
         self._learner = torch.zeros(settings.num_envs, dtype=torch.bool, device=device)
         self._acted = torch.zeros(self._shape, device=device)

@@ -209,7 +209,6 @@ def test_nothing_mixes_the_devices(monkeypatch):
 
     monkeypatch.setattr(streams, "on", on_cpu)
     monkeypatch.setattr(streams, "warp_name", lambda device: "cpu")
-    monkeypatch.setattr(wp, "is_cuda_available", lambda: True)
     monkeypatch.setattr(wp._src.torch, "device_from_torch", lambda device: wp.get_device("cpu"))
     monkeypatch.setattr(wp, "to_torch", lambda array: put(to_torch(array), True))
     monkeypatch.setattr(WarpEngine, "_run", lambda self, what: self._launch(what))
