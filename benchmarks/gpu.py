@@ -10,7 +10,7 @@ On a GPU then a whole training from ``dep_front,seg_side``, evaluated each minut
 
 import sys
 import time
-from collections import Counter
+from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise
 
@@ -62,7 +62,7 @@ def parts(device: str, envs: int, steps: int) -> str:
     """Steps per second of the environment, and where a step's time goes."""
     simulation = build(settings(device, envs))
     moment, act = simulation.reset(stagger=True), controller("smooth", simulation.settings)
-    spent: Counter[str] = Counter()
+    spent: dict[str, float] = defaultdict(float)
     for step in range(steps + 2):
         if step == 2:
             spent.clear()
