@@ -1,8 +1,8 @@
 """Puts what the runs in results/ say into the documentation: ``python -m analysis.findings``.
 
-It refills the tables of docs/evidence.md and draws the figures of docs/findings.md. A table of the
-page stands below a comment that names it; everything else is written by hand, and read again after
-each refill.
+It refills the tables of docs/findings.md and docs/evidence.md, and draws their figures. A table
+stands below a comment that names it; everything else is written by hand, and read again after each
+refill.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis import placements, survival
+from analysis import placements, second_round, survival
 from analysis.comparisons import claims, writers_table
 from analysis.protocol import (
     BLIND,
@@ -30,6 +30,7 @@ from analysis.protocol import (
     traits_table,
 )
 from analysis.runs import runs_of, stress_of
+from analysis.verdicts import verdicts_table
 from needlehoop.runs.shipped import RECORDINGS
 from needlehoop.study.data import paper
 from needlehoop.study.data.paper import reward_label, reward_order
@@ -55,13 +56,16 @@ from needlehoop.study.stats.run import (
 )
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "evidence.md"
+DOCS = ROOT / "docs"
 PROTOCOL = ROOT / "results" / "protocol"
 
 STUDIES = ("fast", "table2", "rewards")
 
 PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
 """The protocol's study of another task, and what Q1's success is called where it predicts that."""
+
+MOUNTED = "operating_room"
+"""Runs with cameras on an instrument or an endoscope."""
 
 PAIRS = "placement_pairs"
 """Two of the cameras at random places."""
@@ -86,13 +90,13 @@ _REWARDED = ("dep_front+seg_side", "dep_front+rgb_side", "rgb_front+seg_side")
 """Camera sets that were trained with every reward."""
 
 
-def refilled(page: str) -> str:
-    """The page with the tables of today's runs; ``ValueError`` if one has no place in it."""
-    for marker, table in TABLES.items():
+def refilled(name: str, page: str) -> str:
+    """A page of ``TABLES`` with today's tables; ``ValueError`` if one has no place in it."""
+    for marker, table in TABLES[name].items():
         head = f"<!-- {marker} -->\n"
         before, found, after = page.partition(head)
         if not found:
-            raise ValueError(f"{PAGE.name}: no table {marker}")
+            raise ValueError(f"{name}: no table {marker}")
         _, end, after = after.partition("\n\n")
         page = before + head + Table(marker, "", table()).markdown() + end[1:] + after
     return page
@@ -211,7 +215,19 @@ def _rewards() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-TABLES: Mapping[str, Callable[[], pd.DataFrame]] = {
+def mounted_foretellers() -> dict[str, dict[str, dict[str, float]]]:
+    """What was said of the sets with cameras on instruments before they were trained."""
+    return {
+        "claude": second_round.model_scores(RECORDINGS / "claude_operating_room"),
+        "probe": second_round.probe_scores(ROOT / "results" / MOUNTED),
+    }
+
+
+_EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
+    "renewal": lambda: second_round.renewal_table(runs("protocol"), runs("renewal")),
+    "mounted": lambda: second_round.views_table(runs(MOUNTED)),
+    "mounted_questions": lambda: second_round.questions_table(runs(MOUNTED)),
+    "mounted_foretold": lambda: second_round.foretold_table(mounted_foretellers(), runs(MOUNTED)),
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
     "protocol_changes": lambda: changes_table(runs("protocol")),
@@ -235,9 +251,19 @@ TABLES: Mapping[str, Callable[[], pd.DataFrame]] = {
     "foretold": _foretold,
     "rewards": _rewards,
 }
-"""The page's tables, by the comments above them."""
+
+TABLES: Mapping[str, Mapping[str, Callable[[], pd.DataFrame]]] = {
+    "findings.md": {
+        "verdicts": lambda: verdicts_table(
+            runs("protocol"), runs(MOUNTED), runs("protocol_rewards"), study
+        )
+    },
+    "evidence.md": _EVIDENCE,
+}
+"""Each page's tables, by the comments above them."""
 
 FIGURES: Mapping[str, Callable[[], Figure]] = {
+    "mounted": lambda: second_round.views_figure(runs(MOUNTED)),
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "foretold": lambda: foretold_figure(foretellers(), means(runs("protocol"))),
     "where_cameras": lambda: placements.places_figure(runs("placements"), runs(PAIRS)),
@@ -247,12 +273,14 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
 
 
 def main() -> None:
-    """Refill the page, draw figures."""
-    PAGE.write_text(refilled(PAGE.read_text()))
+    """Refill the pages, draw figures."""
+    for name in TABLES:
+        page = DOCS / name
+        page.write_text(refilled(name, page.read_text()))
     for name, figure in FIGURES.items():
         with styled():
-            save(figure(), ROOT / "docs" / name)
-    print(f"refilled {PAGE.name}")
+            save(figure(), DOCS / name)
+    print(f"refilled {', '.join(TABLES)}")
 
 
 if __name__ == "__main__":

@@ -17,11 +17,11 @@ from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, estim
 
 RENDERINGS = {"rgb": "colour", "seg": "segmentation", "dep": "colour and depth"}
 VIEWS = {
-    "wrist": "on the instrument",
-    "front+wrist": "front and on the instrument",
-    "ecm_left+wrist": "endoscope, one eye, and on the instrument",
-    "front+side": "front and side",
-    "ecm_left+ecm_right": "endoscope, both eyes",
+    "wrist": "instrument alone",
+    "front+wrist": "front + instrument",
+    "ecm_left+wrist": "one eye + instrument",
+    "front+side": "front + side",
+    "ecm_left+ecm_right": "endoscope, two eyes",
     "ecm_left": "endoscope, one eye",
 }
 """Q7's sets of views, and what the page calls them."""
@@ -201,7 +201,7 @@ def views_figure(runs: pd.DataFrame) -> Figure:
             )
     axes.set_yticks(range(len(order)), [VIEWS[views] for views in order])
     axes.set_xlim(-2, 102)
-    axes.set_xlabel("needle through the hoop, of 100 episodes\n(dot: a training, bar: the mean)")
+    axes.set_xlabel("threaded, of 100\n(dot: a training, bar: the mean)")
     axes.grid(axis="x", color=FAINT, alpha=0.25, linewidth=0.5)
     for number, said in enumerate(RENDERINGS.values()):
         axes.plot([], [], "o", markersize=3, color=COLOURS[number], label=said)

@@ -1,4 +1,4 @@
-"""What docs/evidence.md says is what the runs in results/ gave; the report holds the findings."""
+"""What the pages' tables say is what the runs in results/ gave; the report holds the findings."""
 
 from pathlib import Path
 
@@ -8,13 +8,15 @@ from analysis import findings as analysis
 from analysis.report import as_html
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "evidence.md").read_text()
 
 
-def test_a_refilled_page_is_the_page():
-    assert analysis.refilled(PAGE) == PAGE
-    with pytest.raises(ValueError, match=r"evidence\.md: no table claims"):
-        analysis.refilled(PAGE.replace("<!-- claims", "<!-- nothing"))
+@pytest.mark.parametrize("name", analysis.TABLES)
+def test_a_refilled_page_is_the_page(name):
+    page = (analysis.DOCS / name).read_text()
+    assert analysis.refilled(name, page) == page
+    marker = next(iter(analysis.TABLES[name]))
+    with pytest.raises(ValueError, match=f"{name}: no table {marker}"):
+        analysis.refilled(name, page.replace(f"<!-- {marker}", "<!-- nothing"))
 
 
 def test_a_page_holds_its_pictures_and_its_links_lead_on(tmp_path):
