@@ -87,12 +87,12 @@ def _extremes(success: dict[str, float]) -> dict[str, str]:
 
 def _singles(fast: StudyFindings, long: StudyFindings, mounted: pd.DataFrame) -> dict[str, str]:
     alone = {name: one for name, one in _successes(long).items() if "+" not in name}
-    best = max((name for name in _successes(fast) if name in alone), key=_successes(fast).get)
-    wrist = 100 * float(mounted[mounted["cameras"] == "rgb_wrist"]["success"].mean())
+    sooner = {name: one for name, one in _successes(fast).items() if name in alone}
+    best, wrist = max(sooner, key=sooner.__getitem__), 100 * means(mounted)["rgb_wrist"]
     verdict = FAILS if max(alone.values()) >= _WELL else HOLDS
     told = (
         f"single cameras thread in {_range(alone.values())} of 100 by PPO; `{best}` in"
-        f" {_successes(fast)[best]:.0f} after a third of the steps; one on the instrument in"
+        f" {sooner[best]:.0f} after a third of the steps; one on the instrument in"
         f" {wrist:.0f}, by imitation"
     )
     return _row(
@@ -161,7 +161,7 @@ def _writers(runs: pd.DataFrame) -> dict[str, str]:
 
 def _cheats(study: StudyFindings, runs: pd.DataFrame) -> dict[str, str]:
     own = [100 * (one.middle(CHEAT) or 0.0) for one in study.results if one.reward == "vlm_text"]
-    claude = 100 * float(runs[runs["reward"] == "vlm_text"]["cheat"].mean())
+    claude = 100 * means(runs, of="cheat", by="reward")["vlm_text"]
     told = (
         "under the paper's own text reward agents touch the goal without threading in"
         f" {_range(own)} of 100, under `claude`'s five in {claude:.0f}"
@@ -178,7 +178,7 @@ def _cheats(study: StudyFindings, runs: pd.DataFrame) -> dict[str, str]:
 def _one_camera(success: dict[str, float], mounted: pd.DataFrame) -> dict[str, str]:
     shaded = {name: 100 * one for name, one in success.items() if name.startswith("segdep_")}
     pairs = [100 * one for name, one in success.items() if is_two_sided(name)]
-    wrist = 100 * float(mounted[mounted["cameras"] == "rgb_wrist"]["success"].mean())
+    wrist = 100 * means(mounted)["rgb_wrist"]
     told = (
         f"segmentation shaded by depth threads in {_range(shaded.values())} of 100 from one view,"
         f" pairs in {_range(pairs)}; colour from the instrument in {wrist:.0f}"
