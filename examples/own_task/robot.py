@@ -45,5 +45,5 @@ ROBOT = Robot(
     commands={"grip_command": "opening"},
     body="base",
     proprio=("tool", "grip", "grip_command"),
-    opens=3,
+    opens=(3,),
 )

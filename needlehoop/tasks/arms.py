@@ -119,8 +119,8 @@ def side_by_side(words: Mapping[str, str]) -> Robot:
                 for name, word in words.items()
             }
         ),
-        # The last arm's jaw.
-        opens=ROBOT.opens,
+        # Each arm's jaw is the last of its actions.
+        opens=tuple(-1 - i * len(ROBOT.actions["tip"]) for i in reversed(range(len(names)))),
         label=ROBOT.label,
         tool=ROBOT.tool,
         actions={

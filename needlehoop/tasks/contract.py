@@ -128,9 +128,9 @@ class Robot:
     put the tip beside its target. ``None``: ``disturb.robot.offset`` is refused."""
     parts: Mapping[str, Part] = field(default_factory=dict)
     """Descriptions of bodies for cameras that are mounted on them."""
-    opens: int | None = None
-    """Index of the action that lets go where it is 1. Actions of 0 hold still. ``None``: nothing
-    is ever held."""
+    opens: tuple[int, ...] = ()
+    """Indices of the actions that let go where they are 1; empty: nothing is ever held. Actions of
+    0 hold still."""
     label: str = ""
     """Its name in datasets, such as ``dvrk_psm``; empty: ``body``."""
     tool: str = ""

@@ -131,10 +131,10 @@ def _stopped(blind: Settings, episodes: int) -> dict[str, tuple[Signals, Signals
     flight = _fly(simulation, act)
     finished, found = flight.last(), {}
     opens, facts = task.robot.opens, [fact.name for fact in task.facts if fact.name != task.goal]
-    loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens is not None else ()
+    loose = {task.phases[0].ends, facts[-1]} - {task.goal} if facts and opens else ()
     for moment, first in _firsts(flight, task, facts).items():
         for loosen in (False, True) if moment in loose else (False,):
-            short = _short(act, first, opens if loosen else None)
+            short = _short(act, first, opens if loosen else ())
             # 20 steps after it stopped all has come to rest.
             stop = _fly(simulation, short, most=int(first.max()) + 21)
             ended = (first >= 0) & (stop.alive & ~stop.at_goal).all(0)
@@ -162,16 +162,16 @@ def _firsts(flight: _Flight, task: Task, facts: Sequence[str]) -> dict[str, Tens
     return {name: torch.where(now.any(0), now.argmax(0), -1) for name, now in came.items()}
 
 
-def _short(act: Controller, first: Tensor, opens: int | None) -> Controller:
-    """Acts up to the step ``first``, then holds still; ``opens``: the action that lets go."""
+def _short(act: Controller, first: Tensor, opens: Sequence[int]) -> Controller:
+    """Acts up to the step ``first``, then holds still; ``opens``: the actions that let go."""
     numbers = count()
 
     def short(signals: Signals) -> Tensor:
         action = act(signals)
         still = (first >= 0) & (next(numbers) >= first)
         action[still] = 0.0
-        if opens is not None:
-            action[still, opens] = 1.0
+        for one in opens:
+            action[still, one] = 1.0
         return action
 
     return short

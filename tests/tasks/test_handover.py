@@ -298,3 +298,8 @@ def test_it_is_told_without_what_decides_success(layout):
     assert other == said
     (changed,) = reward_prompt(handover("episode.lift_height=0.0107", layout=layout), RULES)
     assert "more than 10.7 mm above the table" in changed
+
+
+def test_what_lets_go_are_both_arms_jaws():
+    names = TASK.robot.actions["tip"]
+    assert [names[one] for one in TASK.robot.opens] == ["psm1_jaw", "psm2_jaw"]
