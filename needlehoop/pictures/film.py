@@ -13,6 +13,7 @@ from needlehoop.envs.controllers import Controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation
 from needlehoop.pictures.stills import Photographer, scaled
+from needlehoop.scene.cameras import in_rows
 
 
 def record(simulation: Simulation, controller: Controller, episodes: int, out: Path) -> None:
@@ -46,18 +47,22 @@ def record(simulation: Simulation, controller: Controller, episodes: int, out: P
 
 
 def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
-    """The scene with a column of the cameras' images, pixel by pixel, at its right."""
+    """The scene with a column of the cameras' images, pixel by pixel, at its right.
+
+    The two eyes of a stereo camera are side by side.
+    """
     if not images:
         return scene
-    height = len(scene)
-    tile = height // max(3, len(images)) // 16 * 16
-    column = Image.new("RGB", (tile, height))
+    height, rows = len(scene), in_rows(settings.cameras, settings.views)
+    tile = height // max(3, len(rows)) // 16 * 16
+    column = Image.new("RGB", (tile * max(map(len, rows)), height))
     font, at = ImageFont.load_default(max(9, tile // 12)), (tile // 32, tile - tile // 32)
-    for row, camera in enumerate(settings.cameras):
-        image = images[camera.name][0].cpu().numpy()
-        picture = scaled(image, settings.renderings[camera.rendering], tile)
-        # The camera's name in the lower left corner, legible on any ground.
-        write = ImageDraw.Draw(picture).text
-        write(at, camera.name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
-        column.paste(picture, (0, row * tile))
+    for y, row in enumerate(rows):
+        for x, camera in enumerate(row):
+            image = images[camera.name][0].cpu().numpy()
+            picture = scaled(image, settings.renderings[camera.rendering], tile)
+            # The camera's name in the lower left corner, legible on any ground.
+            write = ImageDraw.Draw(picture).text
+            write(at, camera.name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
+            column.paste(picture, (x * tile, y * tile))
     return np.concatenate((scene, np.asarray(column)), 1)

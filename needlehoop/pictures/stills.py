@@ -19,7 +19,7 @@ from needlehoop.engines.contract import FIELDS, Channels
 from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings
-from needlehoop.scene.cameras import Rendering
+from needlehoop.scene.cameras import Rendering, in_rows
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 4
@@ -84,7 +84,10 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     pixels = settings.image_size if raw else size * _OVERSAMPLING
     s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
     states = list(stages(s, "start", "goal").values())
-    renderings, views = _ordered(s), list(s.views)
+    renderings = _ordered(s)
+    # The eyes of a stereo camera are beside each other.
+    rows = in_rows([one for one in s.cameras if one.rendering == renderings[0]], s.views)
+    views = [camera.view for row in rows for camera in row]
 
     def tile(row: int, block: int, column: int) -> Image.Image:
         image = states[block][f"{renderings[row]}_{views[column]}"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, NamedTuple
 
@@ -146,6 +146,36 @@ def parse_cameras(
     return tuple(cameras)
 
 
+def in_rows(cameras: Sequence[Camera], views: Mapping[str, View]) -> list[tuple[Camera, ...]]:
+    """Cameras as they are shown, row by row: one, or the left and the right eye of a stereo camera.
+
+    Eyes need the same rendering. A row stands where its first camera stood.
+    """
+    rows, left = [], list(cameras)
+    while left:
+        first = left.pop(0)
+        same = [other for other in left if other.rendering == first.rendering]
+        pairs = [pair for other in same for pair in ((first, other), (other, first))]
+        row = next((pair for pair in pairs if _are_eyes(*pair, views)), (first,))
+        rows.append(row)
+        left = [camera for camera in left if camera not in row]
+    return rows
+
+
+def _are_eyes(one: Camera, other: Camera, views: Mapping[str, View]) -> bool:
+    """Whether the first is the left eye and the second the right one of a stereo camera.
+
+    They look the same way from the same body, and the second stands straight to the right.
+    """
+    left, right = views[one.view], views[other.view]
+    (here, turn), (there, same_turn) = pose_of(left), pose_of(right)
+    way, across = there - here, _right_of(turn)
+    alike = (left.body, left.fovy) == (right.body, right.fovy) and np.allclose(turn, same_turn)
+    # To a micrometre.
+    is_right = bool(way @ across > 1e-6)
+    return alike and is_right and np.allclose(way, way @ across * across, atol=1e-6)
+
+
 def pose_of(view: View) -> tuple[np.ndarray, np.ndarray]:
     """Position ``(3,)`` in m and quaternion ``(4,)`` (w, x, y, z) of a view's camera.
 
@@ -209,3 +239,9 @@ def line_of_sight(quaternion: np.ndarray) -> np.ndarray:
     """The direction ``(3,)`` in which a camera looks, of length 1."""
     w, x, y, z = quaternion
     return -np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+
+def _right_of(quaternion: np.ndarray) -> np.ndarray:
+    """The direction ``(3,)`` to the right in a camera's image, of length 1."""
+    w, x, y, z = quaternion
+    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
