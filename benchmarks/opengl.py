@@ -19,6 +19,7 @@ from needlehoop.engines.contract import Frame
 from needlehoop.envs.dm_control_env import load
 from needlehoop.envs.images import Imager, channels_of
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.image_size import sides
 
 
 class OpenGLEnvironment(gymnasium.Env):
@@ -28,14 +29,14 @@ class OpenGLEnvironment(gymnasium.Env):
     """
 
     def __init__(self, settings: Settings, env: int = 0):
-        self._size = size = settings.image_size
+        self._sides = width, height = sides(settings.image_size)
         self._environment = load(replace(settings, cams=()), env)
         self._physics = self._environment.physics
         self._imager = Imager(self._physics.model.ptr, settings, 1)
         self._asked = channels_of(settings)
         images: dict[str, spaces.Space] = {}
         for camera in settings.cameras:
-            shape = (settings.renderings[camera.rendering].channels, size, size)
+            shape = (settings.renderings[camera.rendering].channels, height, width)
             images[camera.name] = spaces.Box(0, 255, shape, np.uint8)
         self.observation_space = spaces.Dict(images)
         self.action_space = spaces.Box(-1.0, 1.0, (settings.episode.action_size,), np.float32)
@@ -70,4 +71,5 @@ class OpenGLEnvironment(gymnasium.Env):
         return {name: image[0].numpy() for name, image in self._imager(frames).items()}
 
     def _render(self, view: str, **kind: bool) -> np.ndarray:
-        return self._physics.render(self._size, self._size, camera_id=view, **kind)
+        width, height = self._sides
+        return self._physics.render(height, width, camera_id=view, **kind)

@@ -16,6 +16,7 @@ import numpy as np
 
 from needlehoop.demonstrations.episodes import Demonstration
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.image_size import ImageSize, sides, typed
 
 _PREFIX, _DEPTH = "observation.images.", "_depth"
 """A film's key is the camera's name between them, or after the first."""
@@ -61,9 +62,10 @@ def spans(settings: Settings) -> dict[str, Span]:
         if settings.renderings[camera.rendering].depth == "channel"
     }
     # The codec of depth takes no smaller ones.
-    if found and settings.image_size < 16:
+    size = settings.image_size
+    if found and min(sides(size)) < 16:
         raise ValueError(
-            f"image_size: {settings.image_size}; LeRobot's films of depth need at least 16 pixels"
+            f"image_size: {typed(size)}; LeRobot's films of depth need at least 16 pixels"
         )
     return found
 
@@ -87,11 +89,11 @@ def streams(episode: Demonstration, depths: Mapping[str, Span]) -> dict[str, np.
 
 @contextmanager
 def film(
-    path: Path, size: int, rate: int, span: Span | None
+    path: Path, size: ImageSize, rate: int, span: Span | None
 ) -> Iterator[Callable[[np.ndarray], None]]:
-    """Adds square images of ``size`` px to a film; ``span``: its depths, ``None`` for colours."""
+    """Adds images to a film; ``span``: its depths, ``None`` for colours."""
     kind = _COLOUR if span is None else _GREY
-    frames = imageio_ffmpeg.write_frames(str(path), (size, size), fps=rate, **kind)
+    frames = imageio_ffmpeg.write_frames(str(path), sides(size), fps=rate, **kind)
 
     def add(images: np.ndarray) -> None:
         if span is not None:
@@ -106,12 +108,12 @@ def film(
         yield add
 
 
-def description(size: int, rate: int, span: Span | None) -> dict[str, Any]:
+def description(size: ImageSize, rate: int, span: Span | None) -> dict[str, Any]:
     """What the dataset's metadata say of a film, in LeRobot's words; as in ``film``."""
-    is_depth = span is not None
+    is_depth, (width, height) = span is not None, sides(size)
     said: dict[str, Any] = {
-        "video.height": size,
-        "video.width": size,
+        "video.height": height,
+        "video.width": width,
         "video.channels": 1 if is_depth else 3,
         "video.codec": "hevc" if is_depth else "h264",
         "video.pix_fmt": (_GREY if is_depth else _COLOUR)["pix_fmt_out"],

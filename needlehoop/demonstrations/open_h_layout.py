@@ -30,6 +30,7 @@ from needlehoop.demonstrations.lerobot_rows import (
     spread,
 )
 from needlehoop.envs.settings import Settings
+from needlehoop.scene.image_size import ImageSize, sides
 
 _CHUNK = 1000
 """Episodes in a folder."""
@@ -117,7 +118,7 @@ def write(
     (meta / "README.md").write_text(_readme(info, settings, demonstrator))
 
 
-def _filmed(folder: Path, episode: Demonstration, number: int, size: int, rate: int) -> _Kept:
+def _filmed(folder: Path, episode: Demonstration, number: int, size: ImageSize, rate: int) -> _Kept:
     films, stats = {}, {}
     for key, images in streams(episode, {}).items():
         films[key] = _made(folder / _WAITING / f"{number}_{key}.mp4")
@@ -147,7 +148,7 @@ def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> s
     """Open-H's page on a dataset, as far as we can fill it."""
     told = {key: one for key, one in info["features"].items() if one["names"]}
     cameras = [key for key, one in told.items() if one["dtype"] == "video"]
-    task, size = settings.definition, settings.image_size
+    task, (width, height) = settings.definition, sides(settings.image_size)
     words = task.telling.values(settings.task, settings.episode) if task.telling else {}
     values = {
         "summary": task.summary,
@@ -155,7 +156,7 @@ def _readme(info: Mapping[str, Any], settings: Settings, demonstrator: str) -> s
         "hours": f"{info['total_frames'] / info['fps'] / 3600:.2f}",
         "splits": ", ".join(f"`{name}` {span}" for name, span in info["splits"].items()),
         "demonstrator": demonstrator,
-        "cameras": "\n".join(f"- `{key}`: {size} x {size} px" for key in cameras),
+        "cameras": "\n".join(f"- `{key}`: {width} x {height} px" for key in cameras),
         "robot": info["robot_type"],
         "tool": task.robot.tool or "none",
         "rate": info["fps"],

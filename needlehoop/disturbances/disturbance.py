@@ -13,6 +13,7 @@ from torch import Tensor
 from needlehoop.disturbances import optics
 from needlehoop.disturbances.axes import AXES, EPISODE, RASTERISED, THING, VIEW, Drawn, uniform
 from needlehoop.disturbances.sensors import Sensors, Spoiler, flaws
+from needlehoop.scene.image_size import ImageSize
 
 _DELIVERY = ("picture.late", "picture.frozen", "picture.black")
 _SENSORS = tuple(key for key in AXES if key.startswith("picture.") and key not in _DELIVERY)
@@ -29,7 +30,7 @@ class Disturbance:
         things: number of the thing that each geom belongs to ``(ngeom,)``.
         views: names of the chosen cameras' views.
         target: the point that they look at ``(3,)``, m.
-        size: side of their images, px.
+        size: of their images.
         device: the engine's.
     """
 
@@ -40,7 +41,7 @@ class Disturbance:
         things: np.ndarray,
         views: tuple[str, ...],
         target: np.ndarray,
-        size: int,
+        size: ImageSize,
         max_steps: int,
         num_envs: int,
         device: torch.device,

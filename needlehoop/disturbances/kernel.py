@@ -43,7 +43,7 @@ class Flaw:
     flips: float
     """Share of the pixels that take over a neighbour's label, which shows only along edges."""
     drop: wp.vec3
-    """Share of the picture that blood covers; its row and column as shares of the side."""
+    """Share of the picture that blood covers; its row and column as shares of height and width."""
 
 
 @wp.func
@@ -166,14 +166,17 @@ def _flip(image: wp.array2d[int], flips: float, grain: wp.array2d[float]):
 
 @wp.func
 def _cover(
-    drop: wp.vec3, side: int, image: wp.array2d[wp.uint8], depth: wp.array2d[float],
+    drop: wp.vec3,
+    size: wp.vec2i,
+    image: wp.array2d[wp.uint8],
+    depth: wp.array2d[float],
     geom: wp.array2d[int],
-):  # fmt: skip
+):
     """Cover a disc with blood. Channels without rows are not there."""
-    y, x = float(side) * drop[1] - 0.5, float(side) * drop[2] - 0.5
-    radius = float(side) * wp.sqrt(drop[0] / wp.pi)
-    for row in range(wp.max(int(y - radius), 0), wp.min(int(y + radius) + 1, side)):
-        for column in range(wp.max(int(x - radius), 0), wp.min(int(x + radius) + 1, side)):
+    y, x = float(size[1]) * drop[1] - 0.5, float(size[0]) * drop[2] - 0.5
+    radius = wp.sqrt(float(size[0] * size[1])) * wp.sqrt(drop[0] / wp.pi)
+    for row in range(wp.max(int(y - radius), 0), wp.min(int(y + radius) + 1, size[1])):
+        for column in range(wp.max(int(x - radius), 0), wp.min(int(x + radius) + 1, size[0])):
             down, right = float(row) - y, float(column) - x
             if down * down + right * right < radius * radius:
                 if image.shape[0] > 0:
@@ -205,7 +208,7 @@ def spoil(
     colours: wp.uint64,
     depths: wp.uint64,
     geoms: wp.uint64,
-    side: int,
+    size: wp.vec2i,
 ):
     """Add flaws to pictures of a view, each by a thread of its own.
 
@@ -216,30 +219,33 @@ def spoil(
         normal: address of a table of normal numbers, float32; ``uniform``: of numbers in [0, 1).
         scratch: address of a buffer for ``_expose``; the next picture's is ``stride`` numbers on,
             0 if they are drawn one after the other.
-        colours: address of BGRA pictures ``(k, side, side)``; 0 where there are none. So are
+        colours: address of BGRA pictures ``(k, h, w)``; 0 where there are none. So are
             ``depths`` in m, float32, and ``geoms``, ids, int32.
     """
     at = wp.tid()
     flaw, start = flaws[envs[first + at], view], starts[envs[first + at], view]
-    skip, none = wp.uint64(at) * wp.uint64(4 * side * side), wp.uint64(0)
+    skip, none = wp.uint64(at) * wp.uint64(4 * size[0] * size[1]), wp.uint64(0)
+    width, height = size[0], size[1]
     image = wp.array(
-        ptr=colours + skip, shape=(wp.where(colours > none, side, 0), 4 * side), dtype=wp.uint8
+        ptr=colours + skip, shape=(wp.where(colours > none, height, 0), 4 * width), dtype=wp.uint8
     )
-    depth = wp.array(ptr=depths + skip, shape=(wp.where(depths > none, side, 0), side), dtype=float)
-    geom = wp.array(ptr=geoms + skip, shape=(wp.where(geoms > none, side, 0), side), dtype=int)
+    depth = wp.array(
+        ptr=depths + skip, shape=(wp.where(depths > none, height, 0), width), dtype=float
+    )
+    geom = wp.array(ptr=geoms + skip, shape=(wp.where(geoms > none, height, 0), width), dtype=int)
     more = flaw.gain - wp.vec3(1.0, 1.0, 1.0)
     graded = wp.dot(more, more) + wp.dot(flaw.bias, flaw.bias)
     if image.shape[0] > 0 and flaw.blur + graded + flaw.noise > 0.0:
-        grain = wp.array(ptr=_after(normal, start[0]), shape=(side, 4 * side), dtype=float)
+        grain = wp.array(ptr=_after(normal, start[0]), shape=(height, 4 * width), dtype=float)
         own = scratch + wp.uint64(at) * wp.uint64(4 * stride)
-        room = wp.array(ptr=own, shape=(side + SPARE, 4 * side + 2 * EDGE), dtype=float)
+        room = wp.array(ptr=own, shape=(height + SPARE, 4 * width + 2 * EDGE), dtype=float)
         _expose(image, flaw, grain, room)
     if depth.shape[0] > 0 and flaw.depth_noise + flaw.depth_step > 0.0:
         _measure(
-            depth, flaw, wp.array(ptr=_after(normal, start[1]), shape=(side, side), dtype=float)
+            depth, flaw, wp.array(ptr=_after(normal, start[1]), shape=(height, width), dtype=float)
         )
     if geom.shape[0] > 0 and flaw.flips > 0.0:
-        grain = wp.array(ptr=_after(uniform, start[2]), shape=(side, side), dtype=float)
+        grain = wp.array(ptr=_after(uniform, start[2]), shape=(height, width), dtype=float)
         _flip(geom, flaw.flips, grain)
     if flaw.drop[0] > 0.0:
-        _cover(flaw.drop, side, image, depth, geom)
+        _cover(flaw.drop, size, image, depth, geom)

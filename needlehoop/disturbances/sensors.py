@@ -15,6 +15,7 @@ from needlehoop.disturbances.kernel import EDGE, SPARE, Flaw, spoil
 from needlehoop.engines import streams
 from needlehoop.engines.contract import Frame
 from needlehoop.engines.quiet_start import start_warp
+from needlehoop.scene.image_size import ImageSize, sides
 
 _PERIOD = 2**18
 """Places in the tables of noise at which an image's may begin."""
@@ -43,14 +44,18 @@ def flaws(drawn: Mapping[str, Drawn]) -> dict[str, Tensor]:
 
 
 class Sensors:
-    """Sensors of all views ``size`` px wide. Noise is cut out of two tables that never change.
+    """Sensors of all views. Noise is cut out of two tables that never change.
 
     Each picture is spoilt by one thread: a GPU spoils all pictures of a view at once.
     """
 
-    def __init__(self, num_envs: int, views: tuple[str, ...], size: int, device: torch.device):
+    def __init__(
+        self, num_envs: int, views: tuple[str, ...], size: ImageSize, device: torch.device
+    ):
         start_warp()
-        self._views, self._size, self._device = views, size, device
+        self._views, self._device = views, device
+        width, height = sides(size)
+        self._size = wp.vec2i(width, height)
         shape, generator = (num_envs, len(views)), np.random.default_rng(0)
         kind: Any = Flaw
         warp = streams.warp_name(device)
@@ -58,13 +63,13 @@ class Sensors:
         self._flaws = wp.zeros(shape, dtype=kind, device=warp)
         self._fields: Any = self._given.numpy()
         self._starts = torch.zeros(*shape, 3, dtype=torch.int32, device=device)
-        count = _PERIOD + 4 * size**2
+        count = _PERIOD + 4 * width * height
         tables = (
             generator.standard_normal(count, dtype=np.float32),
             generator.random(count, dtype=np.float32),
         )
         self._normal, self._uniform = (torch.from_numpy(one).to(device) for one in tables)
-        room = (size + SPARE) * (4 * size + 2 * EDGE)
+        room = (height + SPARE) * (4 * width + 2 * EDGE)
         # Threads of a GPU run at the same time; the CPU's Warp runs them one after the other.
         self._stride = 0 if device.type == "cpu" else room
         self._room = room if device.type == "cpu" else num_envs * room
@@ -89,7 +94,7 @@ class Sensors:
         """
         begins = (places * _PERIOD).to(self._starts)
         self._starts[ids] = begins.reshape(len(ids), len(self._views), 3)
-        envs, side = ids.int(), self._size
+        envs = ids.int()
 
         def run(view: str, frame: Frame, part: slice) -> None:
             channels = [one if one is None else one.contiguous() for one in frame]
@@ -100,7 +105,7 @@ class Sensors:
                 *(self._normal.data_ptr(), self._uniform.data_ptr()),
                 *(scratch.data_ptr(), self._stride),
                 *(0 if one is None else one.data_ptr() for one in channels),
-                side,
+                self._size,
             ]
             with streams.on(self._device):
                 wp.launch(spoil, dim=part.stop - part.start, inputs=inputs)

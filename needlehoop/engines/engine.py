@@ -19,6 +19,7 @@ from torch import Tensor
 from needlehoop.engines.contract import FIELDS, Channels, EngineConfig, Frame, Optics
 from needlehoop.engines.quiet_start import silence_mujoco
 from needlehoop.engines.rasteriser.renderer import CpuRasteriser
+from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
@@ -151,7 +152,7 @@ class HostEngine(Engine):
     Args:
         substeps: physics steps per control step.
         views: channels to render by view; empty for no cameras.
-        size: image width and height, px.
+        size: of the images.
         quality: of the images, see ``Tracer``.
     """
 
@@ -162,7 +163,7 @@ class HostEngine(Engine):
         num_envs: int,
         substeps: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         quality: int,
         config: EngineConfig,
     ):

@@ -12,10 +12,11 @@ from torch import Tensor
 
 from needlehoop.engines.contract import FIELDS, Channels, Frame
 from needlehoop.engines.quiet_start import start_warp
+from needlehoop.scene.image_size import ImageSize, sides
 
 
 class Tracer:
-    """Renders environments, one after the other, in images ``size`` px wide and high.
+    """Renders environments, one after the other.
 
     ``quality``: 1 traces one ray a pixel without shadows (what agents see); k > 1 traces
     k x k rays with shadows (pictures for people).
@@ -26,17 +27,17 @@ class Tracer:
         model: mujoco.MjModel,
         num_envs: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         quality: int = 1,
     ):
         start_warp()
-        self.views, self._size = dict(views), size
+        self.views, self._sides = dict(views), sides(size)
         self._model = mjw.put_model(model)
         self._data = mjw.make_data(model, nworld=num_envs, nconmax=1, njmax=1)
         self._context = mjw.create_render_context(
             model,
             nworld=num_envs,
-            cam_res=(size, size),
+            cam_res=self._sides,
             cam_active=list(views),
             render_rgb=[channels.colour for channels in views.values()],
             render_depth=[channels.depth for channels in views.values()],
@@ -79,13 +80,14 @@ class Tracer:
             wp.to_torch(context.depth_data),
             wp.to_torch(context.seg_data)[..., 0],
         )
-        frames, at, pixels = {}, [0, 0, 0], self._size**2
+        width, height = self._sides
+        frames, at, pixels = {}, [0, 0, 0], width * height
         for view, channels in self.views.items():
             picked = []
             for i, (wanted, kind) in enumerate(zip(channels, kinds, strict=True)):
                 own = kind[:, at[i] : at[i] + pixels] if wanted else None
                 at[i] += pixels * wanted
-                own = own if own is None else own.unflatten(1, (self._size, self._size))
+                own = own if own is None else own.unflatten(1, (height, width))
                 picked.append(own if own is None or ids is None else own[ids])
             frames[view] = Frame(*picked)
         return frames

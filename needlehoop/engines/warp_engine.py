@@ -21,6 +21,7 @@ from needlehoop.engines.contract import Channels, EngineConfig
 from needlehoop.engines.engine import Engine
 from needlehoop.engines.quiet_start import start_warp
 from needlehoop.engines.rasteriser.renderer import ParallelRasteriser
+from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks.contract import Robot, Weld
 from needlehoop.tasks.start import Start
 
@@ -57,7 +58,7 @@ class WarpEngine(Engine):
         num_envs: int,
         substeps: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         quality: int,
         config: EngineConfig,
     ):

@@ -20,6 +20,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation, StepResult
+from needlehoop.scene.image_size import sides
 
 
 class DmControlTask(control.Task):
@@ -63,9 +64,10 @@ class DmControlTask(control.Task):
     def observation_spec(self, physics: Physics) -> OrderedDict[str, specs.Array]:
         """Known without an observation: dm_control may ask before the first reset."""
         s = self._settings
+        width, height = sides(s.image_size)
         found: OrderedDict[str, specs.Array] = OrderedDict()
         for name, channels in s.image_channels.items():
-            shape = (s.image_size, s.image_size, channels)
+            shape = (height, width, channels)
             found[name] = specs.BoundedArray(shape, np.uint8, 0, 255, name)
         for name, length in s.vectors.items():
             found[name] = specs.Array((length,), np.float32, name)

@@ -13,13 +13,11 @@ from needlehoop.disturbances.axes import RASTERISED, Disturb
 from needlehoop.engines.contract import EngineConfig
 from needlehoop.robot.psm import VARIANTS
 from needlehoop.scene.cameras import Camera, Rendering, View, parse_cameras
+from needlehoop.scene.image_size import ImageSize
 from needlehoop.tasks import registry
 from needlehoop.tasks.contract import Task
 from needlehoop.tasks.layout import Episode, Layout
 from needlehoop.tasks.registry import find
-
-ImageSize = Annotated[int, Range(1, 2048)]
-"""Side of a square image, px."""
 
 
 @dataclass(frozen=True)

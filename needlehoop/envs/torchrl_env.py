@@ -16,6 +16,7 @@ from needlehoop.envs.build import build
 from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
+from needlehoop.scene.image_size import sides
 
 
 class TorchRLEnv(EnvBase):
@@ -55,7 +56,7 @@ class TorchRLEnv(EnvBase):
         self._is_restored, self._taken = False, 0
         n = settings.num_envs
         super().__init__(device=self.simulation.device, batch_size=torch.Size([n]))
-        size, episode = settings.image_size, settings.episode
+        (width, height), episode = sides(settings.image_size), settings.episode
         column = torch.Size((n, 1))
         self.action_spec = Bounded(
             -1.0, 1.0, shape=torch.Size((n, episode.action_size)), dtype=torch.float32
@@ -69,7 +70,7 @@ class TorchRLEnv(EnvBase):
         if settings.cameras:
             pixels = Composite(shape=(n,))
             for name, channels in settings.image_channels.items():
-                shape = torch.Size((n, channels, size, size))
+                shape = torch.Size((n, channels, height, width))
                 pixels[name] = Bounded(0, 255, shape=shape, dtype=torch.uint8)
             observed["pixels"] = pixels
         for name, length in settings.vectors.items():

@@ -18,6 +18,7 @@ from needlehoop.envs.observer import Observer
 from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import StepResult
 from needlehoop.pictures.stills import Photographer
+from needlehoop.scene.image_size import sides
 
 MODES = ("rgb_array",)
 """Of rendering."""
@@ -86,10 +87,10 @@ class GymnasiumVectorEnv(VectorEnv):
         self._over = np.zeros(self.num_envs, dtype=np.bool_)
 
     def _space(self, settings: Settings) -> spaces.Dict:
-        size = settings.image_size
+        width, height = sides(settings.image_size)
         found: dict[str, spaces.Space] = {}
         for name, count in settings.image_channels.items():
-            shape = (size, size, count) if self._is_last else (count, size, size)
+            shape = (height, width, count) if self._is_last else (count, height, width)
             found[name] = spaces.Box(0, 255, shape, np.uint8)
         for name, length in settings.vectors.items():
             low, high = (0.0, 1.0) if name == "told" else (-np.inf, np.inf)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.config.strict import OneOf, Range, check_names
+from needlehoop.scene.image_size import ImageSize, sides, typed
 
 DTYPES = {"fp32": torch.float32, "bf16": torch.bfloat16}
 """Types of convolutions, by name."""
@@ -29,12 +30,12 @@ class EncoderConfig:
     """How a stack halves the image: by a max-pool after its convolution, as ML-Agents does, or by
     a convolution of stride 2."""
 
-    def check_fit(self, size: int) -> None:
-        """Raises ``ValueError`` where square images of ``size`` px do not fit stem and stacks."""
+    def check_fit(self, size: ImageSize) -> None:
+        """Raises ``ValueError`` where images of this size do not fit stem and stacks."""
         least = self.stem * 2 ** len(self.channels)
-        if size % self.stem or size < least:
+        if any(side % self.stem or side < least for side in sides(size)):
             raise ValueError(
-                f"image_size: {size} does not fit encoder={self.name}:"
+                f"image_size: {typed(size)} does not fit encoder={self.name}:"
                 f" choose a multiple of {self.stem}, at least {least}"
             )
 
@@ -89,8 +90,7 @@ class Encoder(nn.Module):
     def __init__(self, shape: torch.Size, config: EncoderConfig, out: int, dtype: torch.dtype):
         super().__init__()
         channels, height, width = shape
-        for side in (height, width):
-            config.check_fit(side)
+        config.check_fit((width, height))
         stem, inner = config.stem, channels * config.stem**2
         self.dtype = dtype
         self._centre: Tensor

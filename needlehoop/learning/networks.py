@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from needlehoop.config.strict import Names, Range, shown
-from needlehoop.envs.settings import ImageSize
 from needlehoop.learning.encoder import Encoder, EncoderConfig, linear
+from needlehoop.scene.image_size import ImageSize, sides
 
 
 @dataclass(frozen=True)
@@ -159,8 +159,8 @@ class PolicySpec:
     @property
     def images(self) -> dict[str, torch.Size]:
         """The shape ``(c, h, w)`` of each camera's image."""
-        size = self.image_size
-        return {name: torch.Size((c, size, size)) for name, c in self.channels.items()}
+        width, height = sides(self.image_size)
+        return {name: torch.Size((c, height, width)) for name, c in self.channels.items()}
 
     @property
     def keys(self) -> list[Any]:

@@ -20,6 +20,7 @@ from needlehoop.learning.job import Job, checked_job
 from needlehoop.learning.networks import check_same
 from needlehoop.learning.weights import read_actor, read_spec
 from needlehoop.runs.run import Run
+from needlehoop.scene.image_size import typed
 
 _SEED = 1_000_001
 """Of the episodes where there is no run: as in a run's final evaluation by default."""
@@ -46,7 +47,7 @@ def subject(
     chosen = [*words, f"seed={_SEED if seed is None else seed}"]
     if path.suffix == ".safetensors":
         spec = read_spec(path)
-        seen = [f"cams=[{','.join(spec.channels)}]", f"image_size={spec.image_size}"]
+        seen = [f"cams=[{','.join(spec.channels)}]", f"image_size={typed(spec.image_size)}"]
         settings = compose_settings([*seen, f"episode.control={spec.control}", *chosen])
         if settings.image_channels != spec.channels:
             raise ValueError(

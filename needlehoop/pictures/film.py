@@ -56,13 +56,13 @@ def _frame(settings: Settings, scene: np.ndarray, images: dict) -> np.ndarray:
     height, rows = len(scene), in_rows(settings.cameras, settings.views)
     tile = height // max(3, len(rows)) // 16 * 16
     column = Image.new("RGB", (tile * max(map(len, rows)), height))
-    font, at = ImageFont.load_default(max(9, tile // 12)), (tile // 32, tile - tile // 32)
+    font, edge = ImageFont.load_default(max(9, tile // 12)), tile // 32
     for y, row in enumerate(rows):
         for x, camera in enumerate(row):
             image = images[camera.name][0].cpu().numpy()
             picture = scaled(image, settings.renderings[camera.rendering], tile)
             # The camera's name in the lower left corner, legible on any ground.
-            write = ImageDraw.Draw(picture).text
+            write, at = ImageDraw.Draw(picture).text, (edge, picture.height - edge)
             write(at, camera.name, "white", font, anchor="ls", stroke_width=2, stroke_fill="black")
             column.paste(picture, (x * tile, y * tile))
     return np.concatenate((scene, np.asarray(column)), 1)

@@ -20,6 +20,7 @@ from needlehoop.envs.build import PICTURE, build
 from needlehoop.envs.controllers import controller, rollout
 from needlehoop.envs.settings import Settings
 from needlehoop.scene.cameras import Rendering, in_rows
+from needlehoop.scene.image_size import scaled_to, sides
 
 _OVERSAMPLING = 3
 _AFTER_SUCCESS = 4
@@ -68,9 +69,10 @@ def to_rgb(image: np.ndarray, rendering_depth: str) -> np.ndarray:
 
 
 def scaled(image: np.ndarray, rendering: Rendering, size: int, raw: bool = True) -> Image.Image:
-    """The same as a picture of ``size`` px; ``raw`` leaves its pixels to be seen."""
+    """The same as a picture, its longer side ``size`` px; ``raw`` leaves its pixels to be seen."""
     resampling = Image.Resampling.NEAREST if raw else Image.Resampling.BOX
-    return Image.fromarray(to_rgb(image, rendering.depth)).resize((size, size), resampling)
+    whole = sides(scaled_to((image.shape[2], image.shape[1]), size))
+    return Image.fromarray(to_rgb(image, rendering.depth)).resize(whole, resampling)
 
 
 def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
@@ -81,7 +83,8 @@ def contact_sheet(settings: Settings, size: int, raw: bool) -> Image.Image:
     """
     if size < 16:
         raise ValueError(f"size: {size} must be at least 16")
-    pixels = settings.image_size if raw else size * _OVERSAMPLING
+    own = settings.image_size
+    pixels = own if raw else scaled_to(own, size * _OVERSAMPLING)
     s = replace(settings, cams=_cameras(settings), image_size=pixels, quality=1 if raw else 2)
     states = list(stages(s, "start", "goal").values())
     renderings = _ordered(s)
@@ -195,9 +198,10 @@ def sheet(
     size: int,
     tile: Callable[[int, int, int], Image.Image],
 ) -> Image.Image:
-    """Tiles of ``size`` px in rows and in blocks of columns, with the names of all.
+    """Tiles in rows and in blocks of columns, with the names of all.
 
-    ``tile`` makes the picture in a row, a block and a column, by their numbers.
+    ``tile`` makes the picture in a row, a block and a column, by their numbers, at most ``size``
+    px wide and high.
     """
     gap, head, font = max(2, size // 32), size // 6, ImageFont.load_default(max(9, size // 12))
     label = round(max(map(font.getlength, rows))) + 4 * gap

@@ -22,6 +22,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.envs.simulation import Simulation, StepResult
 from needlehoop.pictures.stills import scaled
 from needlehoop.scene.cameras import View
+from needlehoop.scene.image_size import scaled_to
 from needlehoop.studio.players import BY_HAND, Hand, Player, has_sliders
 
 Levels = Mapping[str, Mapping[str, Sequence[float]]]
@@ -67,7 +68,7 @@ class Frame:
     quaternion: np.ndarray
     """Of the bodies ``(nbody, 4)``."""
     pictures: Mapping[str, np.ndarray]
-    """By view, ``(size, 2 size, 3)`` uint8: the agent's own pixels, enlarged, then ``size``."""
+    """By view, ``(h, 2 w, 3)`` uint8: the agent's own pixels, enlarged, then finer ones."""
     status: str
     hand: Hand | None
     """Where the arm's targets are; ``None`` where it has no sliders."""
@@ -81,7 +82,7 @@ class World:
         settings: the scene; its views are those of the page.
         players: who can act, by name; ``player`` does at first.
         rendering: what the cameras show at first.
-        size: pixels of the finer picture.
+        size: pixels of the finer picture's longer side.
     """
 
     def __init__(
@@ -162,7 +163,7 @@ class World:
         """
         settings, player = wish.settings, self.players.get(wish.player)
         shown = replace(settings, cams=tuple(f"{wish.rendering}_{v}" for v in settings.views))
-        own = [shown, replace(shown, image_size=self.size)]
+        own = [shown, replace(shown, image_size=scaled_to(settings.image_size, self.size))]
         own += [replace(settings, **player.sees)] if player and player.sees else []
         goes_on = before is not None and wish.begun == before.begun
         old = self._sims[0].snapshot() if goes_on else {}

@@ -16,6 +16,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.pictures.stills import stages, to_rgb
 from needlehoop.runs.run import Run
 from needlehoop.scene.cameras import Rendering
+from needlehoop.scene.image_size import ImageSize, scaled_to, sides
 from needlehoop.vlm import description
 from needlehoop.vlm.messages import Part, Png
 from needlehoop.vlm.record import Record
@@ -36,7 +37,7 @@ class Album:
 
     pictures: Mapping[str, Mapping[str, Png]]
     """By stage (see ``description.stages_of``, and ``SEEN``) and camera."""
-    pixels: int
+    pixels: ImageSize
     names: Sequence[str] = ()
     """The stages as they are named to the model, in order; none: by their own names."""
 
@@ -57,9 +58,9 @@ class Album:
 
     def show_seen(self, cameras: Sequence[str]) -> list[Part]:
         """Two stages at the agent's own resolution, enlarged."""
-        n, names = self.pixels, self._stages()
+        (width, height), names = sides(self.pixels), self._stages()
         two = ", ".join(names[stage] for stage in _seen([*names]))
-        said = f"as the agent sees it, {n} x {n} pixels (enlarged), {two}:"
+        said = f"as the agent sees it, {width} x {height} pixels (enlarged), {two}:"
         shown = self.pictures[SEEN]
         return [part for camera in cameras for part in (f"{camera} {said}", shown[camera])]
 
@@ -70,7 +71,7 @@ def _seen(stages: Sequence[str]) -> tuple[str, str]:
 
 
 def open_album(record: Record, settings: Settings, size: int) -> Album:
-    """The pictures of all cameras, ``size`` pixels wide and high; drawn if the record has none.
+    """The pictures of all cameras, their longer side ``size`` pixels; drawn if the record has none.
 
     ``ValueError``: disturbed cameras, or the record shows another scene; else as in ``stages``.
     """
@@ -111,9 +112,10 @@ def _take(settings: Settings, size: int) -> dict[str, dict[str, Png]]:
     alone = replace(settings, cams=cameras, num_envs=1)
     kinds = {camera.name: settings.renderings[camera.rendering] for camera in alone.cameras}
     shown = [*description.stages_of(settings.definition)]
-    taken, own = stages(replace(alone, image_size=size), *shown), stages(alone, *_seen(shown))
+    large = replace(alone, image_size=scaled_to(settings.image_size, size))
+    taken, own = stages(large, *shown), stages(alone, *_seen(shown))
     # Each pixel is repeated, to come as near as possible to the other pictures' size.
-    times = max(1, round(size / settings.image_size))
+    times = max(1, round(size / max(sides(settings.image_size))))
     found: dict[str, dict[str, Png]] = {stage: {} for stage in (*shown, SEEN)}
     for name in cameras:
         for stage in shown:

@@ -19,6 +19,7 @@ from needlehoop.envs.settings import Settings
 from needlehoop.rewards.language.functions import FUNCTIONS
 from needlehoop.rewards.language.program import MAX_EXPONENT
 from needlehoop.scene.cameras import Rendering, View, line_of_sight, pose_of
+from needlehoop.scene.image_size import ImageSize, sides
 from needlehoop.scene.signals import describe, vocabulary
 from needlehoop.tasks.contract import Task, Telling
 from needlehoop.vlm.moments import ranges
@@ -140,24 +141,30 @@ def _task_values(settings: Settings) -> Mapping[str, object]:
 
 def cameras(settings: Settings, renderings: Sequence[str]) -> str:
     """All views, the given renderings, and how cameras are named."""
-    views, task = settings.views, settings.definition
+    views, task, size = settings.views, settings.definition, settings.image_size
     kinds, telling = settings.renderings, telling_of(task)
     told = {name: rendering(kinds[name], telling, views) for name in renderings}
     return fill(
         "cameras",
-        views=bullets({name: view(own, task) for name, own in views.items()}),
+        views=bullets({name: view(own, task, size) for name, own in views.items()}),
         renderings=bullets(told),
         example=f"{renderings[0]}_{next(iter(views))}",
-        pixels=settings.image_size,
+        pixels=extent(size),
     )
 
 
-def view(view: View, task: Task) -> str:
-    """Where a camera stands or is mounted, and how much it sees."""
+def extent(size: ImageSize) -> str:
+    """What prompts say before ``pixels wide and high``."""
+    return " by ".join(map(str, dict.fromkeys(sides(size))))
+
+
+def view(view: View, task: Task, size: ImageSize) -> str:
+    """Where a camera stands or is mounted, and how much it sees in images of a size."""
     where, distance = (
         _mount(view, view.body, task) if view.body else _stand(view, telling_of(task).front)
     )
-    wide = 2000 * distance * math.tan(math.radians(view.fovy / 2))
+    width, height = sides(size)
+    wide = 2000 * distance * math.tan(math.radians(view.fovy / 2)) * (width / height)
     rolled = f", turned by {view.roll:g} degrees about its line of sight" if view.roll else ""
     if view.orbit is None:
         return (

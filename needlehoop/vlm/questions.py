@@ -162,7 +162,9 @@ def opening(
         said.append(description.cameras(settings, [*shown.renderings]))
     said.append(description.stages(settings, prompt_detail))
     album = replace(album, names=description.stage_names(settings, prompt_detail))
-    text = fill("rank_afresh", told="\n\n".join(said), pixels=settings.image_size)
+    text = fill(
+        "rank_afresh", told="\n\n".join(said), pixels=description.extent(settings.image_size)
+    )
     return [text, *album.show(shown.cams), *album.show_seen(shown.cams)]
 
 

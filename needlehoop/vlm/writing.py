@@ -124,8 +124,10 @@ def reward_prompt(
     for camera in settings.cameras:
         kind = settings.renderings[camera.rendering]
         shown = description.rendering(kind, telling, views)
-        cameras[camera.name] = f"{description.view(views[camera.view], task)}; {shown}"
-    pixels, listed = settings.image_size, description.bullets(cameras)
+        cameras[camera.name] = (
+            f"{description.view(views[camera.view], task, settings.image_size)}; {shown}"
+        )
+    pixels, listed = description.extent(settings.image_size), description.bullets(cameras)
     text = fill("reward_images", reward=text, cameras=listed, pixels=pixels)
     return [text, *album.show([*cameras], "start")]
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from needlehoop.engines.contract import FIELDS, Channels
-from needlehoop.engines.rasteriser.renderer import CpuRasteriser
+from needlehoop.engines.rasteriser.renderer import CpuRasteriser, ParallelRasteriser
 from needlehoop.engines.rasteriser.solids import surface_of
 from needlehoop.engines.tracer import Tracer
 from needlehoop.envs.build import build
@@ -128,6 +128,41 @@ def test_threads_and_subsets_change_no_bit(scene):
                 for one, of_all in zip(frame, whole[view], strict=True):
                     if one is not None:
                         assert torch.equal(one, of_all if ids is None else of_all[ids])
+
+
+@pytest.mark.parametrize("kind", ["one after the other", "at once"])
+@pytest.mark.parametrize("width", [48, 64, 100])
+def test_an_image_that_is_not_square_shows_the_middle_of_a_wider_one(scene, kind, width):
+    def drawn(size):
+        views = {"front": ALL, "wrist": ALL}
+        if kind == "at once":
+            made = ParallelRasteriser(scene[0], ENVS, views, size, torch.device("cpu"))
+        else:
+            made = CpuRasteriser(scene[0], ENVS, views, size, 1)
+        return made.render(scene[1]["goal"])
+
+    whole, part = drawn((120, 64)), drawn((width, 64) if width != 64 else 64)
+    left = (120 - width) // 2
+    for view, frame in part.items():
+        for name, one, wide in zip(frame._fields, frame, whole[view], strict=True):
+            own = wide[:, :, left : left + width]
+            assert one.shape == own.shape == (ENVS, 64, width, *one.shape[3:])
+            if name == "depth":
+                assert torch.allclose(one, own, rtol=0.0, atol=1e-6)
+            else:
+                assert torch.equal(one, own), (view, name)
+
+
+@pytest.mark.parametrize("size", [(96, 48), (48, 80)])
+def test_images_that_are_not_square_show_what_the_tracer_shows(scene, size):
+    views = dict.fromkeys((*VIEWS, "wrist"), ALL)
+    drawn = CpuRasteriser(scene[0], ENVS, views, size, 1).render(scene[1]["random"])
+    traced = Tracer(scene[0], ENVS, views, size).render(scene[1]["random"])
+    for view in views:
+        geoms, depths, colours = agreement(drawn[view], traced[view])
+        assert geoms >= 0.998
+        assert depths >= 0.99
+        assert colours >= 0.98
 
 
 WORLD = """

@@ -119,11 +119,11 @@ def test_a_disturbance_moves_and_turns_it_about_itself():
 def test_a_model_is_told_what_it_is_mounted_on():
     settings = compose_settings(WRIST)
     task, wrist = settings.definition, settings.views["wrist"]
-    assert description.view(wrist, task) == (
+    assert description.view(wrist, task, 64) == (
         "mounted on the instrument's shaft, with which it moves and turns, looking along it towards"
         " its tip, 12 degrees turned from that; at 107 mm from it its image is 149 mm wide"
     )
-    said = description.view(replace(wrist, body="jaw_1", roll=30.0), task)
+    said = description.view(replace(wrist, body="jaw_1", roll=30.0), task, 64)
     assert said.startswith(
         "mounted on the moving body jaw_1, with which it moves and turns, turned by 30 degrees"
         " about its line of sight; at 107 mm"

@@ -4,6 +4,10 @@ Points are projected to ``(x z, y z, z)``: pixels from the upper left corner of 
 the depth z in m along the optical axis. In these homogeneous coordinates the line through two
 corners is their cross product, on either side of the camera's plane, so nothing is clipped. The
 depth buffer holds 1/z, which over a plane is linear in x and y.
+
+An image that is not square is a part of a square one that is as high: its columns begin in that
+one's column ``left``, which is negative in a wide image. Columns are counted in the square one. So
+numbers are worked out in the same way for all images.
 """
 
 # Warp compiles this file; its types are not all Python's.
@@ -35,7 +39,7 @@ class Poses:
     cam_xmat: wp.array2d[wp.mat33]
     light_xdir: wp.array2d[wp.vec3]
     cam_tangent: wp.array2d[float]
-    """Of half the field of view."""
+    """Of half the field of view, up and down."""
     geom_tint: wp.array2d[wp.vec3]
     geom_sheen: wp.array2d[float]
     lamp_strength: wp.array2d[float]
@@ -54,12 +58,16 @@ class Eye:
     turn: wp.mat33
     """From the world to the camera: x right, y down, z ahead."""
     tangent: float
+    """Of half the field of view, up and down."""
     focal: float
     """Pixels to a tangent of 1."""
     centre: float
+    """Of the square image, pixels."""
+    width: int
+    height: int
     """Of the image, pixels."""
-    size: int
-    """Of the image, pixels."""
+    left: int
+    """First column."""
 
 
 @wp.struct
@@ -93,15 +101,18 @@ class FrameBuffers:
 
 
 @wp.func
-def eye_of(poses: Poses, lens: Lens, env: int, size: int) -> Eye:
+def eye_of(poses: Poses, lens: Lens, env: int, size: wp.vec2i) -> Eye:
+    """``size``: width and height, pixels."""
     eye = Eye()
     eye.position = poses.cam_xpos[env, lens.camera]
     axes = wp.transpose(poses.cam_xmat[env, lens.camera])
     eye.turn = wp.matrix_from_rows(axes[0], -axes[1], -axes[2])
     eye.tangent = poses.cam_tangent[env, lens.camera]
-    eye.centre = 0.5 * float(size)
+    eye.centre = 0.5 * float(size[1])
     eye.focal = eye.centre / eye.tangent
-    eye.size = size
+    eye.width = size[0]
+    eye.height = size[1]
+    eye.left = (size[1] - size[0]) // 2
     return eye
 
 
@@ -110,7 +121,7 @@ def slope_of(normal: wp.vec3, distance: float, eye: Eye) -> wp.vec3:
     """1/z over a plane: its change per pixel to the right and down, its value at the corner.
 
     The plane's unit normal is in the camera frame, its distance from there along the normal in m;
-    the corner is the image's upper left one.
+    the corner is the square image's upper left one.
     """
     rise = normal / distance
     across, down = rise[0] / eye.focal, rise[1] / eye.focal

@@ -32,8 +32,10 @@ _FLAT = wp.constant(1e-12)
 @wp.func
 def is_in_sight(eye: Eye, at: wp.vec3, radius: float) -> bool:
     """Whether a sphere at ``at`` (camera frame) may be in the image."""
-    reach = eye.tangent * at[2] + radius * wp.sqrt(1.0 + eye.tangent * eye.tangent)
-    return at[2] > -radius and wp.abs(at[0]) < reach and wp.abs(at[1]) < reach
+    wide = eye.tangent * float(eye.width) / float(eye.height)
+    beside = wide * at[2] + radius * wp.sqrt(1.0 + wide * wide)
+    above = eye.tangent * at[2] + radius * wp.sqrt(1.0 + eye.tangent * eye.tangent)
+    return at[2] > -radius and wp.abs(at[0]) < beside and wp.abs(at[1]) < above
 
 
 @wp.func
@@ -75,22 +77,23 @@ def _cut(span: wp.vec2, edge: wp.vec3, limit: wp.vec2, y: float) -> wp.vec2:
 
 
 @wp.func
-def _bounds(a: float, b: float, c: float, size: int) -> wp.vec2:
-    """First and last pixel whose centre lies between the least and the greatest."""
+def _bounds(a: float, b: float, c: float, limits: wp.vec2) -> wp.vec2:
+    """First and last pixel, within limits, whose centre lies between the least and greatest."""
     least, greatest = wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
     return wp.vec2(
-        wp.ceil(wp.max(least - 0.5, 0.0)), wp.floor(wp.min(greatest - 0.5, float(size - 1)))
+        wp.ceil(wp.max(least - 0.5, limits[0])), wp.floor(wp.min(greatest - 0.5, limits[1]))
     )
 
 
 @wp.func
-def face_bounds(corners: wp.vec3i, scratch: ScratchBuffers, size: int) -> wp.vec4:
+def face_bounds(corners: wp.vec3i, scratch: ScratchBuffers, eye: Eye) -> wp.vec4:
     """First and last column, first and last row that a face may cover; none: the last is less."""
     a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
-    columns, rows = wp.vec2(0.0, float(size - 1)), wp.vec2(0.0, float(size - 1))
+    columns = wp.vec2(float(eye.left), float(eye.left + eye.width - 1))
+    rows = wp.vec2(0.0, float(eye.height - 1))
     if wp.min(wp.min(a[2], b[2]), c[2]) > _NEAR:
         p, q, r = scratch.points[corners[0]], scratch.points[corners[1]], scratch.points[corners[2]]
-        columns, rows = _bounds(p[0], q[0], r[0], size), _bounds(p[1], q[1], r[1], size)
+        columns, rows = _bounds(p[0], q[0], r[0], columns), _bounds(p[1], q[1], r[1], rows)
     return wp.vec4(columns[0], columns[1], rows[0], rows[1])
 
 
@@ -106,7 +109,7 @@ def face_row(corners: wp.vec3i, scratch: ScratchBuffers, columns: wp.vec2, y: fl
 @wp.func
 def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: ScratchBuffers):
     """Fill the pixels whose centres lie in a face and that see nothing nearer; see ``slope_of``."""
-    bounds = face_bounds(corners, scratch, eye.size)
+    bounds = face_bounds(corners, scratch, eye)
     columns = wp.vec2(bounds[0], bounds[1])
     if bounds[0] > bounds[1] or bounds[2] > bounds[3]:
         return
@@ -124,7 +127,7 @@ def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: 
         start = slope[0] * 0.5 + slope[1] * y + slope[2]
         for column in range(first, last + 1):
             nearness = start + slope[0] * float(column)
-            pixel = row * eye.size + column
+            pixel = row * eye.width + column - eye.left
             if nearness > scratch.nearness[pixel]:
                 scratch.nearness[pixel] = nearness
                 scratch.face[pixel] = face
@@ -315,16 +318,16 @@ def _expose(
     plain, nothing = _packed(flat), wp.uint32(255 << 24)
     is_plain = poses.table_grain[env, 0][0] <= 0.0
     table = solids.faces.shape[0]
-    pixels = eye.size * eye.size
+    pixels = eye.width * eye.height
     colour, depth, geom = (
         (lens.colour * frames.count + env) * pixels,
         (lens.depth * frames.count + env) * pixels,
         (lens.geom * frames.count + env) * pixels,
     )
-    for row in range(eye.size):
+    for row in range(eye.height):
         start = slope[0] * 0.5 + slope[1] * (float(row) + 0.5) + slope[2]
-        for column in range(eye.size):
-            pixel = row * eye.size + column
+        for column in range(eye.left, eye.left + eye.width):
+            pixel = row * eye.width + column - eye.left
             nearness = start + slope[0] * float(column)
             face = wp.where(nearness > 0.0, table, table + 1)
             seen = wp.where(nearness > 0.0, plain, nothing)
@@ -350,11 +353,14 @@ def draw(
     poses: Poses,
     scratch: ScratchBuffers,
     frames: FrameBuffers,
-    size: int,
+    size: wp.vec2i,
     first: int,
     last: int,
 ):
-    """Draw environments ``first`` to ``last`` (excluded) through every lens, ``size`` px wide."""
+    """Draw environments ``first`` to ``last`` (excluded) through every lens.
+
+    ``size``: width and height of the images, pixels.
+    """
     for env in range(first, last):
         for view in range(lenses.shape[0]):
             lens = lenses[view]

@@ -68,14 +68,14 @@ def _scratch(images: Images, image: int) -> ScratchBuffers:
 
 
 @wp.func
-def _eye(lenses: wp.array[Lens], poses: Poses, image: int, first: int, size: int) -> Eye:
+def _eye(lenses: wp.array[Lens], poses: Poses, image: int, first: int, size: wp.vec2i) -> Eye:
     views = lenses.shape[0]
     return eye_of(poses, lenses[image % views], first + image // views, size)
 
 
 @wp.kernel
 def project(
-    solids: Solids, lenses: wp.array[Lens], poses: Poses, images: Images, size: int, first: int
+    solids: Solids, lenses: wp.array[Lens], poses: Poses, images: Images, size: wp.vec2i, first: int
 ):
     """Each solid's sight, corners and slopes of the faces that are turned to the camera.
 
@@ -112,7 +112,7 @@ def project(
 
 @wp.kernel
 def cover(
-    solids: Solids, lenses: wp.array[Lens], poses: Poses, images: Images, size: int, first: int
+    solids: Solids, lenses: wp.array[Lens], poses: Poses, images: Images, size: wp.vec2i, first: int
 ):
     """Each face's pixels, a thread for every ``STRIPS``-th row."""
     image, face, strip = wp.tid()
@@ -123,7 +123,8 @@ def cover(
         return
     scratch = _scratch(images, image)
     corners = solids.faces[face]
-    bounds = face_bounds(corners, scratch, size)
+    eye = _eye(lenses, poses, image, first, size)
+    bounds = face_bounds(corners, scratch, eye)
     low = _LOW - wp.uint64(face)
     row = int(bounds[2]) + strip
     while row <= int(bounds[3]):
@@ -134,7 +135,8 @@ def cover(
                 nearness = start + slope[0] * float(column)
                 if nearness > 0.0:
                     high = wp.uint64(wp.cast(nearness, wp.uint32)) << wp.uint64(32)
-                    wp.atomic_max(images.keys, image, row * size + column, high | low)
+                    pixel = row * eye.width + column - eye.left
+                    wp.atomic_max(images.keys, image, pixel, high | low)
         row += STRIPS
 
 
@@ -144,7 +146,7 @@ def shade(
     lenses: wp.array[Lens],
     poses: Poses,
     images: Images,
-    size: int,
+    size: wp.vec2i,
     first: int,
     frames: FrameBuffers,
 ):
@@ -154,7 +156,7 @@ def shade(
     env = first + image // lenses.shape[0]
     eye = _eye(lenses, poses, image, first, size)
     scratch = _scratch(images, image)
-    row, column = pixel // size, pixel % size
+    row, column = pixel // size[0], eye.left + pixel % size[0]
     slope = table_slope(solids, poses, env, eye)
     start = slope[0] * 0.5 + slope[1] * (float(row) + 0.5) + slope[2]
     nearness = start + slope[0] * float(column)
@@ -166,8 +168,8 @@ def shade(
     if drawn > wp.max(nearness, 0.0):
         nearness = drawn
         face = int(_LOW - (key & _LOW))
-    at = env * size * size + pixel
-    step = frames.count * size * size
+    at = env * size[0] * size[1] + pixel
+    step = frames.count * size[0] * size[1]
     if lens.colour >= 0:
         flat = table_colour(solids, poses, env, eye, scratch)
         x, y = float(column) + 0.5, float(row) + 0.5

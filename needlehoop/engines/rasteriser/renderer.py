@@ -4,6 +4,7 @@
 # pyright: reportGeneralTypeIssues=false
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -21,14 +22,14 @@ from needlehoop.engines.quiet_start import start_warp
 from needlehoop.engines.rasteriser import kernel, parallel
 from needlehoop.engines.rasteriser.buffers import PATTERN, FrameBuffers, Lens, Poses, ScratchBuffers
 from needlehoop.engines.rasteriser.solids import pack
+from needlehoop.scene.image_size import ImageSize, sides
 
 
 class Rasteriser(ABC):
     """Renders ``n`` environments on a device; a subclass says how it is drawn.
 
     Curved geoms are polygons within 0.1 mm. Colours have no shadows and no highlights, as in
-    ``Tracer`` with ``quality=1``. ``size``: width and height of the images, px. What can be drawn:
-    see ``solids.pack``.
+    ``Tracer`` with ``quality=1``. What can be drawn: see ``solids.pack``.
     """
 
     def __init__(
@@ -36,12 +37,14 @@ class Rasteriser(ABC):
         model: mujoco.MjModel,
         num_envs: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         device: torch.device,
     ):
         start_warp()
         self._warp = streams.warp_name(device)
-        self._size, self._solids = size, pack(model, self._warp)
+        self._solids = pack(model, self._warp)
+        width, height = sides(size)
+        self._size = wp.vec2i(width, height)
         counts = [iter(range(len(views))) for _ in range(3)]
         self._images = {
             view: [next(at) if wanted else -1 for at, wanted in zip(counts, channels, strict=True)]
@@ -50,7 +53,7 @@ class Rasteriser(ABC):
         rows = [(model.camera(view).id, *images) for view, images in self._images.items()]
         dtype: Any = Lens.numpy_dtype()
         self._lenses = wp.array(np.array(rows, dtype), dtype=Lens, device=self._warp)
-        pixels = size * size
+        pixels = width * height
         sizes = [num_envs * pixels * sum(asked) for asked in zip(*views.values(), strict=True)]
         lengths = dict(zip(("colour", "depth", "geom"), sizes, strict=True))
         self._buffers = self._zeros(FrameBuffers, **lengths)
@@ -65,9 +68,11 @@ class Rasteriser(ABC):
         tangents = np.tan(np.deg2rad(model.cam_fovy) / 2)
         self._tangents = torch.from_numpy(tangents).to(device)
         self._kinds = (
-            wp.to_torch(self._buffers.colour).view(torch.uint8).view(-1, num_envs, size, size, 4),
-            wp.to_torch(self._buffers.depth).view(-1, num_envs, size, size),
-            wp.to_torch(self._buffers.geom).view(-1, num_envs, size, size),
+            wp.to_torch(self._buffers.colour)
+            .view(torch.uint8)
+            .view(-1, num_envs, height, width, 4),
+            wp.to_torch(self._buffers.depth).view(-1, num_envs, height, width),
+            wp.to_torch(self._buffers.geom).view(-1, num_envs, height, width),
         )
 
     def render(self, fields: Mapping[str, Tensor], ids: Tensor | None = None) -> dict[str, Frame]:
@@ -116,11 +121,11 @@ class CpuRasteriser(Rasteriser):
         model: mujoco.MjModel,
         num_envs: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         threads: int,
     ):
         super().__init__(model, num_envs, views, size, torch.device("cpu"))
-        vertices, pixels = self._solids.vertices.shape[0], size * size
+        vertices, pixels = self._solids.vertices.shape[0], math.prod(sides(size))
         lengths = {"corners": vertices, "points": vertices, "nearness": pixels, "face": pixels}
         lengths["turns"] = self._solids.solids.shape[0]
         lengths["lamps"] = self._solids.lamps.shape[0]
@@ -152,7 +157,7 @@ class ParallelRasteriser(Rasteriser):
         model: mujoco.MjModel,
         num_envs: int,
         views: Mapping[str, Channels],
-        size: int,
+        size: ImageSize,
         device: torch.device,
     ):
         super().__init__(model, num_envs, views, size, device)
@@ -162,7 +167,7 @@ class ParallelRasteriser(Rasteriser):
         lengths = {"corners": solids.vertices.shape[0], "points": solids.vertices.shape[0]}
         lengths |= {"turns": solids.solids.shape[0], "seen": solids.solids.shape[0]}
         lengths |= {"slopes": solids.faces.shape[0], "lamps": solids.lamps.shape[0]}
-        lengths["keys"] = size * size
+        self._pixels = lengths["keys"] = math.prod(sides(size))
         shapes = {name: (images, length) for name, length in lengths.items()}
         self._scratch = self._zeros(parallel.Images, **shapes)
         # Compiles, because nothing may compile while a CUDA graph is captured.
@@ -178,7 +183,7 @@ class ParallelRasteriser(Rasteriser):
                 wp.launch(parallel.project, dim=(images, solids), inputs=own)
                 strips = (images, faces, parallel.STRIPS)
                 wp.launch(parallel.cover, dim=strips, inputs=own)
-                wp.launch(parallel.shade, dim=(images, size * size), inputs=[*own, self._buffers])
+                wp.launch(parallel.shade, dim=(images, self._pixels), inputs=[*own, self._buffers])
 
 
 _AT_ONCE = 4096

@@ -1,0 +1,116 @@
+"""Images that are not square, from the word that is typed to every face of an environment."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+
+import needlehoop
+from needlehoop.config import strict
+from needlehoop.disturbances.sensors import Sensors
+from needlehoop.engines.contract import Frame
+from needlehoop.envs.settings import compose_settings
+from needlehoop.pictures.film import _frame
+from needlehoop.pictures.stills import scaled
+from needlehoop.scene.image_size import ImageSize, scaled_to, sides, typed
+
+CAMS = ("dep_front", "segdep_side")
+WIDE = ["image_size=[48,32]", "engine.threads=1"]
+
+
+@pytest.mark.parametrize(
+    ("word", "size", "said"),
+    [
+        ("64", 64, "64"),
+        ("[80,64]", (80, 64), "[80,64]"),
+        ("[64,64]", 64, "64"),
+        ("[1,3]", (1, 3), "[1,3]"),
+    ],
+)
+def test_a_size_is_a_side_or_width_and_height(word, size, said):
+    found = compose_settings([f"image_size={word}"]).image_size
+    assert found == size
+    assert typed(found) == said
+    assert strict.structure(found, ImageSize) == size
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("[80,64,3]", "neither the side of a square nor"),
+        ("[80]", "neither the side of a square nor"),
+        ("[80,high]", "'high' is not a whole number"),
+        ("[80,0]", "0 must be at least 1"),
+        ("4096", "4096 must be at most 2048"),
+        ("[80,63]", "width and height must differ by an even number"),
+    ],
+)
+def test_a_wrong_size_is_refused_with_its_key(word, said):
+    with pytest.raises(ValueError, match=f"^image_size: .*{said}"):
+        compose_settings([f"image_size={word}"])
+
+
+@pytest.mark.parametrize("size", [64, (80, 64), (64, 80), (160, 90), (2048, 2), (2, 2048)])
+@pytest.mark.parametrize("longer", [16, 33, 256])
+def test_a_scaled_size_has_the_same_shape_and_is_one_that_may_be_typed(size, longer):
+    found = scaled_to(size, longer)
+    assert strict.structure(found, ImageSize) == found
+    (w, h), (width, height) = sides(size), sides(found)
+    assert max(width, height) == longer
+    assert (width >= height) == (w >= h)
+    assert min(width, height) == pytest.approx(longer * min(w, h) / max(w, h), abs=2.0)
+
+
+def test_every_face_of_an_environment_has_the_images_that_it_says():
+    env = needlehoop.make_env(cams=CAMS, num_envs=2, overrides=[*WIDE, "obs.frame_stack=2"])
+    pixels = env.reset()["pixels"]
+    assert pixels["dep_front"].shape == (2, 8, 32, 48)
+    assert env.observation_spec.is_in(env.reset())
+    vector = gymnasium.make_vec("needlehoop/NeedleHoop-v0", num_envs=2, cams=CAMS, overrides=WIDE)
+    observed, _ = vector.reset(seed=1)
+    assert vector.observation_space.contains(observed)
+    moment = needlehoop.load(cams=CAMS, overrides=WIDE)
+    shown = moment.reset().observation["segdep_side"]
+    assert shown.shape == moment.observation_spec()["segdep_side"].shape == (32, 48, 3)
+
+
+def test_a_wide_image_stays_wide_in_pictures_for_people():
+    settings = compose_settings([f"cams=[{','.join(CAMS)}]", *WIDE])
+    image = np.zeros((4, 32, 48), np.uint8)
+    assert scaled(image, settings.renderings["dep"], 96).size == (96, 64)
+    images = {name: torch.full((1, 4, 32, 48), 255, dtype=torch.uint8) for name in settings.cams}
+    images["segdep_side"] = images["segdep_side"][:, :3]
+    tiles = _frame(settings, np.zeros((480, 480, 3), np.uint8), images)[:, 480:]
+    filled = (tiles == 255).all(-1)
+    # Two tiles of 160 px, each filled from above to two thirds, but for its camera's name.
+    assert filled[:80].all()
+    assert not filled[108:160].any()
+    assert filled[160:240].all()
+
+
+def test_flaws_fall_on_all_of_a_wide_image():
+    device, size = torch.device("cpu"), (48, 32)
+    sensors, ids = Sensors(2, ("front",), size, device), torch.arange(2)
+    none = {name: torch.zeros(2, 1) for name in ("blur", "depth_noise", "depth_step", "flips")}
+    even = {"gain": torch.ones(2, 1, 3), "bias": torch.zeros(2, 1, 3)}
+    noise = torch.tensor([[0.0], [8.0]])
+    # A quarter of the first image is covered; its middle is at half the height and the width.
+    drop = torch.tensor([[[0.25, 0.5, 0.5]], [[0.0, 0.0, 0.0]]])
+    sensors.set(ids, **none, **even, noise=noise, drop=drop)
+    frame = Frame(
+        torch.full((2, 32, 48, 4), 128, dtype=torch.uint8),
+        torch.ones(2, 32, 48),
+        torch.zeros(2, 32, 48, dtype=torch.int32),
+    )
+    sensors.spoiler(ids, torch.full((2, 3), 0.5))("front", frame, slice(0, 2))
+    covered = frame.geom[0] == -1
+    assert float(covered.float().mean()) == pytest.approx(0.25, abs=0.02)
+    assert torch.equal(covered, covered.flip(0))
+    assert torch.equal(covered, covered.flip(1))
+    assert torch.equal(covered, frame.depth[0] == 0)
+    assert (frame.geom[1] == 0).all()
+    colours = frame.bgra[1, ..., :3].float()
+    # In every row and every column.
+    for spread in (colours.std(0), colours.std(1)):
+        assert 4 < float(spread.min()) <= float(spread.max()) < 14
+    assert (frame.bgra[1, ..., 3] == 255).all()
