@@ -148,7 +148,7 @@ class CpuRasteriser(Rasteriser):
 class ParallelRasteriser(Rasteriser):
     """Draws all images at once, a thread for each face and each pixel: for GPUs.
 
-    Colours and ids are the ``CpuRasteriser``'s. An image takes about 180 kB while it is drawn, so
+    Colours and ids are the ``CpuRasteriser``'s. An image takes 180 to 300 kB while it is drawn, so
     no more than ``_AT_ONCE`` are.
     """
 
