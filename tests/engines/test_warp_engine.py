@@ -231,3 +231,17 @@ def test_its_own_kernels_compile_for_gpus(arch, tmp_path):
     for kernel in (parallel.shade, sensors.spoil):
         wp.compile_aot_module(kernel.module, arch=arch, module_dir=tmp_path, use_ptx=False)
     assert len([*tmp_path.rglob(f"*sm{arch}.cubin")]) == 2
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("arch", [89, 90])
+def test_all_kernels_compile_for_gpus(arch, tmp_path):
+    words = ["cams=[rgb_front,seg_wrist]", SEVERE, "episode.grasp=friction"]
+    simulation = built(*words, envs=1)
+    moment = simulation.reset()
+    simulation.step(teacher(simulation)(moment.signals))
+    simulation.images()
+    used = [one for one in wp._src.context.user_modules.values() if one.execs]
+    for module in used:
+        wp.compile_aot_module(module, arch=arch, module_dir=tmp_path, use_ptx=True)
+    assert len([*tmp_path.rglob(f"*sm{arch}.ptx")]) >= len(used) > 50
