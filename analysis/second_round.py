@@ -111,7 +111,8 @@ def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
         )
         row = {"question": f"{said} (`{views}` less `front+side`)"}
         row |= {f"{RENDERINGS[name]}, points (95 %)": _points(one) for name, one in found.items()}
-        rows.append(row | {"all, points (95 %)": "", "verdict": "yes" if enough >= 2 else "no"})
+        told = _verdict(enough >= 2, *found.values())
+        rows.append(row | {"all, points (95 %)": "", "verdict": told})
     pair, alone = (
         {name: _successes(runs, views, name) for name in RENDERINGS}
         for views in ("ecm_left+wrist", "ecm_left")
@@ -123,8 +124,15 @@ def questions_table(runs: pd.DataFrame) -> pd.DataFrame:
         for name in RENDERINGS
     }
     adds = pooled.interval is not None and pooled.interval.low > 0
-    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": "yes" if adds else "no"})
+    told = _verdict(adds, pooled)
+    rows.append(row | {"all, points (95 %)": _points(pooled), "verdict": told})
     return pd.DataFrame(rows)
+
+
+def _verdict(is_so: bool, *found: Estimated) -> str:
+    if any(one.interval is None for one in found):
+        return "too few seeds"
+    return "yes" if is_so else "no"
 
 
 def _centred(
