@@ -267,6 +267,8 @@ def _check_same(run: Run, job: Job) -> None:
         own = {"env": None, "disturb": disturbance, "engine": vars(one.env.engine)}
         # A function itself is in no file; its source is.
         own["reward"] = {k: v for k, v in one.env.reward.items() if k != rewards.CALL}
+        # A sweep composes the views of all its runs for each of them.
+        own["views"] = {seen.view: one.env.views[seen.view] for seen in one.env.cameras}
         settings.append({**vars(one), **vars(one.env), **own})
     if other := differing(settings[0], settings[1], _OF_NO_CONSEQUENCE):
         raise ValueError(

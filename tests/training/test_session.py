@@ -92,6 +92,15 @@ def test_a_run_goes_on_with_other_threads_and_not_with_other_pixels(folder):
         run_composed(composed(*TINY, "existing=resume", "engine.renderer=tracer"))
 
 
+def test_views_that_no_camera_of_the_run_uses_do_not_count(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = [*TINY, "cams=[seg_front]", "image_size=8", "existing=resume"]
+    run_composed(composed(*words))
+    with pytest.raises(ValueError, match="exists with another views;"):
+        run_composed(composed(*words, "views.front.fovy=10"))
+    run_composed(composed(*words, "views.side.fovy=10"))
+
+
 def test_settings_that_were_edited_are_refused(folder):
     for changes, said in (({"steps": 8}, "steps"), ({"steps": 48, "seed": 3}, "seed, steps")):
         change(folder, **changes)
