@@ -51,7 +51,7 @@ def test_the_teacher_succeeds(task):
 @pytest.mark.parametrize("task", TASKS)
 def test_the_expert_succeeds_in_all_of_many_episodes(task, grasp):
     words = [] if task == "reach" else [f"episode.grasp={grasp}"]
-    simulation = built(*of_task(task), *words, envs=12)
+    simulation = built(*of_task(task), *words, envs=50)
     expert = controller("expert", simulation.settings)
     assert outcome_of(simulation, expert).success.all()
 
