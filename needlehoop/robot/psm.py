@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -149,10 +149,8 @@ def _chain(device: torch.device) -> pk.SerialChain:
         child = parent
     root = Frame("rcm", link=Link("rcm"), joint=ChainJoint())
     root.add_child(child)
-    chain = pk.Chain(
-        root.to(dtype=torch.float64, device=device), dtype=torch.float64, device=device
-    )
-    return pk.SerialChain(chain, "tool", dtype=torch.float64, device=device)
+    where: Any = {"dtype": torch.float64, "device": str(device)}
+    return pk.SerialChain(pk.Chain(root.to(**where), **where), "tool", **where)
 
 
 def _dh_pose(joint: Joint) -> np.ndarray:
