@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import statsmodels.api as sm
-from scipy.stats import ttest_ind
 
-from analysis.protocol import share
+from analysis.protocol import more, share
 from needlehoop.study.data import paper
 from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.findings import StudyFindings
@@ -103,9 +102,7 @@ def writers_table(runs: pd.DataFrame) -> pd.DataFrame:
         own = runs[runs["reward"] == name]
         successes, added = own["success"].tolist(), None
         if name != paper.HUMAN and len(successes) >= ENOUGH:
-            ends = ttest_ind(successes, human, equal_var=False).confidence_interval()
-            more = float(np.mean(successes) - np.mean(human))
-            added = Estimated(more, Interval(float(ends.low), float(ends.high)))
+            added = more(successes, human)
         rows.append(
             {
                 "who wrote it": said,

@@ -13,6 +13,7 @@ import pandas as pd
 import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau
+from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
 from analysis.runs import is_two_sided
 from needlehoop.study.data import paper
@@ -53,6 +54,16 @@ def share(successes: Sequence[float]) -> Estimated:
     """The mean success of runs; no interval of fewer than three."""
     mean = rate(successes, [EPISODES] * len(successes))
     return mean if mean.seeds >= ENOUGH else Estimated(mean.value)
+
+
+def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
+    """Mean of the first runs less that of the second, with Welch's 95 % interval."""
+    value = float(np.mean(first) - np.mean(second))
+    if min(len(first), len(second)) < ENOUGH:
+        return Estimated(value)
+    both = CompareMeans(DescrStatsW(first), DescrStatsW(second))
+    low, high = both.tconfint_diff(usevar="unequal")
+    return Estimated(value, Interval(float(low), float(high)))
 
 
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:

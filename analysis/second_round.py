@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau, ttest_1samp
-from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
-from analysis.protocol import means
+from analysis.protocol import means, more
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent, written
 from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, rate
@@ -42,16 +41,6 @@ def views_of(cameras: str) -> str:
 def rendering_of(cameras: str) -> str:
     """The one rendering of a camera set's cameras."""
     return cameras.partition("_")[0]
-
-
-def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
-    """Mean of the first runs less that of the second, with Welch's 95 % interval."""
-    value = float(np.mean(first) - np.mean(second))
-    if min(len(first), len(second)) < ENOUGH:
-        return Estimated(value)
-    both = CompareMeans(DescrStatsW(first), DescrStatsW(second))
-    low, high = both.tconfint_diff(usevar="unequal")
-    return Estimated(value, Interval(float(low), float(high)))
 
 
 def renewal_table(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:

@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 
 from analysis.comparisons import CLAIMS, claims
-from analysis.protocol import means
+from analysis.protocol import means, more
 from analysis.runs import is_two_sided
-from analysis.second_round import more
 from needlehoop.study.data import paper
 from needlehoop.study.render.table import written
 from needlehoop.study.stats.findings import StudyFindings
