@@ -50,7 +50,8 @@ class TorchRLEnv(EnvBase):
         """The simulation inside: signals, state, engine."""
         self._observer = Observer(self.simulation)
         self._aside = None
-        if settings.engine.cpus > 1:
+        # Warp's current device and stream are all threads'.
+        if settings.engine.cpus > 1 and settings.engine.kind != "warp":
             alone = {"initializer": torch.set_num_threads, "initargs": (1,)}
             self._aside = ThreadPoolExecutor(1, **alone)
         self._is_restored, self._taken = False, 0
