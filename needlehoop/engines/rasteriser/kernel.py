@@ -97,13 +97,36 @@ def face_bounds(corners: wp.vec3i, scratch: ScratchBuffers, eye: Eye) -> wp.vec4
     return wp.vec4(columns[0], columns[1], rows[0], rows[1])
 
 
+@wp.struct
+class Outline:
+    """A face's edges, negative inside it, and where each crosses a row, see ``_limit``."""
+
+    ab: wp.vec3
+    bc: wp.vec3
+    ca: wp.vec3
+    at_ab: wp.vec2
+    at_bc: wp.vec2
+    at_ca: wp.vec2
+
+
 @wp.func
-def face_row(corners: wp.vec3i, scratch: ScratchBuffers, columns: wp.vec2, y: float) -> wp.vec2:
-    """The part of a row that lies in a face, first to last pixel's index, not whole numbers."""
+def outline_of(corners: wp.vec3i, scratch: ScratchBuffers) -> Outline:
     a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
-    ab, bc, ca = wp.cross(a, b), wp.cross(b, c), wp.cross(c, a)
-    span = _cut(columns, ab, _limit(ab), y)
-    return _cut(_cut(span, bc, _limit(bc), y), ca, _limit(ca), y)
+    outline = Outline()
+    outline.ab = wp.cross(a, b)
+    outline.bc = wp.cross(b, c)
+    outline.ca = wp.cross(c, a)
+    outline.at_ab = _limit(outline.ab)
+    outline.at_bc = _limit(outline.bc)
+    outline.at_ca = _limit(outline.ca)
+    return outline
+
+
+@wp.func
+def face_row(outline: Outline, columns: wp.vec2, y: float) -> wp.vec2:
+    """The part of a row that lies in a face, first to last pixel's index, not whole numbers."""
+    span = _cut(columns, outline.ab, outline.at_ab, y)
+    return _cut(_cut(span, outline.bc, outline.at_bc, y), outline.ca, outline.at_ca, y)
 
 
 @wp.func
@@ -113,14 +136,10 @@ def _draw_face(face: int, corners: wp.vec3i, slope: wp.vec3, eye: Eye, scratch: 
     columns = wp.vec2(bounds[0], bounds[1])
     if bounds[0] > bounds[1] or bounds[2] > bounds[3]:
         return
-    a, b, c = scratch.corners[corners[0]], scratch.corners[corners[1]], scratch.corners[corners[2]]
-    # Inside a face each of these is negative.
-    ab, bc, ca = wp.cross(a, b), wp.cross(b, c), wp.cross(c, a)
-    at_ab, at_bc, at_ca = _limit(ab), _limit(bc), _limit(ca)
+    outline = outline_of(corners, scratch)
     for row in range(int(bounds[2]), int(bounds[3]) + 1):
         y = float(row) + 0.5
-        span = _cut(columns, ab, at_ab, y)
-        span = _cut(_cut(span, bc, at_bc, y), ca, at_ca, y)
+        span = face_row(outline, columns, y)
         if span[0] > span[1]:
             continue
         first, last = int(wp.ceil(span[0])), int(wp.floor(span[1]))

@@ -23,6 +23,7 @@ from needlehoop.engines.rasteriser.kernel import (
     face_row,
     is_in_sight,
     light_lamps,
+    outline_of,
     project_vertices,
     seen_colour,
     table_colour,
@@ -125,10 +126,11 @@ def cover(
     corners = solids.faces[face]
     eye = _eye(lenses, poses, image, first, size)
     bounds = face_bounds(corners, scratch, eye)
+    columns, outline = wp.vec2(bounds[0], bounds[1]), outline_of(corners, scratch)
     low = _LOW - wp.uint64(face)
     row = int(bounds[2]) + strip
     while row <= int(bounds[3]):
-        span = face_row(corners, scratch, wp.vec2(bounds[0], bounds[1]), float(row) + 0.5)
+        span = face_row(outline, columns, float(row) + 0.5)
         if span[0] <= span[1]:
             start = slope[0] * 0.5 + slope[1] * (float(row) + 0.5) + slope[2]
             for column in range(int(wp.ceil(span[0])), int(wp.floor(span[1])) + 1):
