@@ -19,6 +19,7 @@ from analysis.comparisons import claims, writers_table
 from analysis.protocol import (
     BLIND,
     RULE,
+    best_table,
     changes_table,
     foretold_figure,
     foretold_table,
@@ -229,6 +230,7 @@ _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
     "mounted_questions": lambda: second_round.questions_table(runs(MOUNTED)),
     "mounted_foretold": lambda: second_round.foretold_table(mounted_foretellers(), runs(MOUNTED)),
     "protocol": lambda: sets_table(runs("protocol")),
+    "protocol_best": lambda: best_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
     "protocol_changes": lambda: changes_table(runs("protocol")),
     "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),

@@ -6,13 +6,14 @@ Of any task that has the paper's camera sets; so of Q5 (does it hold on another 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, permutations, product
 
 import numpy as np
 import pandas as pd
 import statsmodels.formula.api as smf
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau
+from scipy.stats import kendalltau, permutation_test
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
 from analysis.runs import is_two_sided
@@ -21,7 +22,13 @@ from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import p_value, percent, written
 from needlehoop.study.stats.agreement import agreement
 from needlehoop.study.stats.predictions import Prediction
-from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, improvement, rate
+from needlehoop.study.stats.statistics import (
+    ENOUGH,
+    Estimated,
+    Interval,
+    chance_above,
+    estimate,
+)
 
 TRAITS = {
     "two_views": "a front and a side view",
@@ -35,8 +42,8 @@ COLOUR = ("rgb_default", "rgb_front+rgb_side")
 """Camera sets of colour alone."""
 
 PREREGISTERED = ("the paper's VLM", "claude", "probe")
-EPISODES = 100
-"""Of a run's own evaluation."""
+
+CHANCE, EXACT = "chance to beat it", "exact p"
 
 RULE, BLIND = "the rule", "drawn blindly"
 
@@ -51,9 +58,11 @@ def means(rows: pd.DataFrame, of: str = "success", by: str = "cameras") -> dict[
 
 
 def share(successes: Sequence[float]) -> Estimated:
-    """The mean success of runs; no interval of fewer than three."""
-    mean = rate(successes, [EPISODES] * len(successes))
-    return mean if mean.seeds >= ENOUGH else Estimated(mean.value)
+    """The mean success of runs, with Student's interval cut at 0 and 1; none of one or two runs."""
+    found = estimate(successes)
+    if (ends := found.interval) is None:
+        return found
+    return replace(found, interval=Interval(max(ends.low, 0.0), min(ends.high, 1.0)))
 
 
 def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
@@ -66,6 +75,20 @@ def more(first: Sequence[float], second: Sequence[float]) -> Estimated:
     return Estimated(value, Interval(float(low), float(high)))
 
 
+def beating(first: Sequence[float], second: Sequence[float]) -> dict[str, str]:
+    """The chance that a run of the first beats one of the second; a tie is half. With an exact p.
+
+    The test is two-sided: it takes every way to share all runs out between the two.
+    """
+    apart = permutation_test(
+        (first, second),
+        lambda a, b, axis: chance_above(np.moveaxis(a, axis, -1), np.moveaxis(b, axis, -1)),
+        n_resamples=int(1e6),
+        vectorized=True,
+    )
+    return {CHANCE: written(float(apart.statistic)), EXACT: p_value(float(apart.pvalue))}
+
+
 def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     """Each camera set's runs, their mean, and the chance that one of the best set beats one."""
     groups = {str(name): own for name, own in runs.groupby("cameras")}
@@ -74,19 +97,31 @@ def sets_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     rows = []
     for name in order:
         successes = groups[name]["success"].tolist()
-        beaten = improvement(best, successes)
+        against = {} if name == order[0] else beating(best, successes)
         rows.append(
             {
                 "cameras": name,
                 f"{done} by seed, %": percent(successes),
                 "mean (95 %), %": percent(share(successes)),
                 "sampled, %": percent(float(np.mean(groups[name]["sampled"]))),
-                "chance of a run of the best set to beat it (95 %)": written(
-                    beaten if beaten.interval else None
-                ),
+                f"the best set's {CHANCE}": against.get(CHANCE, ""),
+                EXACT: against.get(EXACT, ""),
             }
         )
     return pd.DataFrame(rows)
+
+
+def best_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
+    """What the set that does best in the other seeds does in a seed that did not choose it."""
+    rows = []
+    for seed, left_out in runs.groupby("seed"):
+        chosen = next(iter(means(runs[runs["seed"] != seed])))
+        success = left_out.loc[left_out["cameras"] == chosen, "success"].item()
+        rows.append((str(seed), chosen, success))
+    rows.append(("mean", "", float(np.mean([one[-1] for one in rows]))))
+    names = ("seed left out", "best in the other seeds", f"{done} in the seed left out, %")
+    written_rows = [(seed, name, percent(success)) for seed, name, success in rows]
+    return pd.DataFrame(written_rows, columns=names)
 
 
 def traits_table(runs: pd.DataFrame) -> pd.DataFrame:
@@ -113,9 +148,7 @@ def changes_table(runs: pd.DataFrame) -> pd.DataFrame:
             "colour alone": colour,
             "instead": name,
             "adds, points": written(mean[name] - mean[colour], "+.0f", 100.0),
-            "chance of one of its runs to beat one of colour (95 %)": written(
-                improvement(own[name], own[colour])
-            ),
+            **beating(own[name], own[colour]),
         }
         for colour in COLOUR
         for name in mean

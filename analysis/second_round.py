@@ -10,10 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import kendalltau, ttest_1samp
 
-from analysis.protocol import means, more
+from analysis.protocol import means, more, share
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent, written
-from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval, rate
+from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
 
 RENDERINGS = {"rgb": "colour", "seg": "segmentation", "dep": "colour and depth"}
 VIEWS = {
@@ -25,9 +25,6 @@ VIEWS = {
     "ecm_left": "endoscope, one eye",
 }
 """Q7's sets of views, and what the page calls them."""
-
-EPISODES = 300
-"""Of a run's own evaluation."""
 
 MARGIN = 0.05
 """Success that a set may lose and still be enough."""
@@ -84,9 +81,7 @@ def views_table(runs: pd.DataFrame) -> pd.DataFrame:
         mean = float(np.mean([np.mean(values) for values in own.values()]))
         row = {"views": f"{said} (`{views}`)"}
         for name, values in own.items():
-            row[f"{RENDERINGS[name]}: threaded (95 %), %"] = percent(
-                rate(values, [EPISODES] * len(values))
-            )
+            row[f"{RENDERINGS[name]}: threaded (95 %), %"] = percent(share(values))
         rows.append((mean, row | {"mean, %": percent(mean)}))
     return pd.DataFrame([row for _, row in sorted(rows, key=lambda pair: -pair[0])])
 

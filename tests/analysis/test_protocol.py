@@ -11,6 +11,8 @@ from study_files import rows_of
 
 from analysis.protocol import (
     TRAITS,
+    beating,
+    best_table,
     beyond_the_rule,
     changes_table,
     mean_tau,
@@ -79,10 +81,37 @@ def test_camera_sets_are_told_apart_by_runs_not_by_episodes():
     table = rows_of(sets_table(runs))
     assert len(table) == 14
     assert table[0]["threaded by seed, %"] == "88, 90, 92, 94, 96"
-    last = table[-1]["chance of a run of the best set to beat it (95 %)"]
-    assert last == "1.00 (1.00 to 1.00)"
+    assert table[0]["exact p"] == ""
+    assert table[-1]["the best set's chance to beat it"] == "1.00"
+    # Two of the 252 ways to share ten runs out put all high ones on one side.
+    assert table[-1]["exact p"] == "0.008"
     # Student's of five runs: 92 +- 2.776 * 3.16 / sqrt(5).
     assert table[0]["mean (95 %), %"] == "92 (88 to 96)"
+
+
+def test_the_test_of_two_sets_counts_ties_and_few_runs_as_they_are():
+    assert beating([0.5, 0.5, 0.5], [0.5, 0.5, 0.5])["exact p"] == "1.00"
+    # Of three runs that all beat three, one order of ten says so, and its mirror image.
+    assert beating([0.7, 0.8, 0.9], [0.1, 0.2, 0.3]) == {
+        "chance to beat it": "1.00",
+        "exact p": "0.10",
+    }
+    # By hand: 4 of the 6 pairs are won and two are ties.
+    assert beating([3.0, 2.0, 2.0], [1.0, 2.0])["chance to beat it"] == "0.83"
+
+
+def test_the_best_set_is_judged_by_a_seed_that_did_not_choose_it():
+    names = ["rgb_default", "dep_front+seg_side"]
+    success = {names[0]: [1.0, 0.4, 0.4], names[1]: [0.5, 0.5, 0.5]}
+    runs = pd.DataFrame(
+        {"cameras": name, "seed": seed, "success": one}
+        for name, own in success.items()
+        for seed, one in enumerate(own)
+    )
+    table = rows_of(best_table(runs))
+    # Seed 0 alone lifts the first set's mean, and is left out of its own choice.
+    assert [row["best in the other seeds"] for row in table] == [names[1], names[0], names[0], ""]
+    assert [row["threaded in the seed left out, %"] for row in table] == ["50", "40", "40", "43"]
 
 
 def test_other_renderings_stand_beside_colour_in_the_same_views():
@@ -90,7 +119,6 @@ def test_other_renderings_stand_beside_colour_in_the_same_views():
     rows = {(row["colour alone"], row["instead"]): row for row in rows_of(changes_table(runs))}
     assert len(rows) == 4 + 8
     depth, labels = rows["rgb_default", "dep_default"], rows["rgb_default", "seg_default"]
-    chance = "chance of one of its runs to beat one of colour (95 %)"
     assert (depth["adds, points"], labels["adds, points"]) == ("+20", "-10")
-    assert (depth[chance][:4], labels[chance][:4]) == ("1.00", "0.00")
+    assert (depth["chance to beat it"], labels["chance to beat it"]) == ("1.00", "0.00")
     assert ("rgb_front+rgb_side", "dep_default") not in rows

@@ -107,11 +107,11 @@ def difference(first: Estimated, second: Estimated) -> Estimated:
 def improvement(better: Sequence[float], worse: Sequence[float]) -> Estimated:
     """The chance that a run of one camera set ends above a run of another; a tie is half."""
     a, b = np.asarray(better, dtype=float), np.asarray(worse, dtype=float)
-    value, fewest = float(_above(a[None], b[None])[0]), min(len(a), len(b))
+    value, fewest = float(chance_above(a[None], b[None])[0]), min(len(a), len(b))
     if fewest < ENOUGH_TO_COMPARE:
         return Estimated(value, None, fewest)
     generator = np.random.default_rng(0)
-    drawn = _above(_resample(a, generator), _resample(b, generator))
+    drawn = chance_above(_resample(a, generator), _resample(b, generator))
     return Estimated(value, _percentiles(drawn), fewest)
 
 
@@ -126,6 +126,6 @@ def _percentiles(drawn: np.ndarray) -> Interval:
     return Interval(float(low), float(high))
 
 
-def _above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Share of pairs in which a run of ``a`` ``(k, n)`` beats one of ``b`` ``(k, m)``."""
-    return (np.sign(a[:, :, None] - b[:, None, :]) / 2 + 0.5).mean(axis=(1, 2))
+def chance_above(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Share of pairs in which a run of ``a`` ``(..., n)`` beats one of ``b`` ``(..., m)``."""
+    return (np.sign(a[..., :, None] - b[..., None, :]) / 2 + 0.5).mean(axis=(-2, -1))
