@@ -79,12 +79,8 @@ def write(
     for number, one in enumerate([*good, *bad]):
         columns = _columns(one.episode, number, frames, rate, settings)
         frames += len(one.episode)
-        place = {"episode_chunk": number // _CHUNK, "episode_index": number}
-        path = _made(folder / _DATA.format(**place))
-        pq.write_table(pa.table({key: column(rows) for key, rows in columns.items()}), path)
-        for key, filmed in one.films.items():
-            filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
-        length, task = len(one.episode), settings.definition.summary
+        _place(folder, number, one.films, columns)
+        task, length = settings.definition.summary, len(one.episode)
         stories.append({"episode_index": number, "tasks": [task], "length": length})
         numbers = {key: rows for key, rows in columns.items() if rows.dtype.kind != "U"}
         own = {**one.stats, **{key: spread(rows) for key, rows in numbers.items()}}
@@ -116,6 +112,17 @@ def write(
         text = "".join(json.dumps(line) + "\n" for line in lines)
         (meta / f"{name}.jsonl").write_text(text)
     (meta / "README.md").write_text(_readme(info, settings, demonstrator))
+
+
+def _place(
+    folder: Path, number: int, films: Mapping[str, Path], columns: Mapping[str, np.ndarray]
+) -> None:
+    """Write an episode's numbers, and move its films to where they belong."""
+    place = {"episode_chunk": number // _CHUNK, "episode_index": number}
+    table = pa.table({key: column(rows) for key, rows in columns.items()})
+    pq.write_table(table, _made(folder / _DATA.format(**place)))
+    for key, filmed in films.items():
+        filmed.rename(_made(folder / _FILM.format(video_key=key, **place)))
 
 
 def _filmed(folder: Path, episode: Demonstration, number: int, size: ImageSize, rate: int) -> _Kept:

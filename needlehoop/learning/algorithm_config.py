@@ -103,8 +103,6 @@ class DaggerConfig(MemoryConfig):
     kind: Annotated[str, OneOf(DAGGER)]
     bend: Positive
     """Error, in units of the action, at which the loss turns from square to straight."""
-    jaw: Positive
-    """Weight of the jaw's error; that of the motion's is 1."""
     noise: Annotated[float, Range(0.0, 100.0)]
     """Strongest noise on an episode in which the expert acts, in units of the action."""
     handover: Positive
@@ -138,7 +136,7 @@ class SacConfig(MemoryConfig):
 CONFIGS = {PPO: PpoConfig, DAGGER: DaggerConfig, SAC: SacConfig}
 """By ``algo.kind``."""
 
-_GONE = {"shards"}
+_GONE = {"shards", "jaw"}
 """Keys of runs from before, which decide nothing any more."""
 
 

@@ -68,15 +68,12 @@ class Dagger(MemoryAlgorithm):
         label: Any = frames[LABEL]
         loc, scale = actor.head(actor.trunk(*(frames[key] for key in self.agent.seen_keys)))
         error = functional.smooth_l1_loss(loc, label, reduction="none", beta=self.config.bend)
-        weights = torch.ones_like(label[0])
-        weights[-1] = self.config.jaw
-        imitation = (error * weights).mean()
+        imitation = error.mean()
         left = (loc.detach() - label) ** 2
         likelihood = (scale.log() + left / (2 * scale**2)).mean()
         reported = {
             "loss_imitation": imitation,
             "error": (loc - label).abs().mean(),
-            "error_jaw": (loc - label)[:, -1].abs().mean(),
             "sigma": scale.mean(),
         }
         step(self._optimizers["all"], imitation + likelihood)
