@@ -17,15 +17,15 @@ from matplotlib.figure import Figure
 from analysis import placements, second_round, survival
 from analysis.comparisons import claims, writers_table
 from analysis.protocol import (
-    BLIND,
+    RANDOM,
     RULE,
     best_table,
     changes_table,
-    foretold_figure,
-    foretold_table,
     held,
     means,
     predicted,
+    predictions_figure,
+    predictions_table,
     sets_figure,
     sets_table,
     traits_table,
@@ -116,12 +116,12 @@ def runs(name: str) -> pd.DataFrame:
 
 
 @cache
-def foretellers() -> list[Prediction]:
+def camera_predictions() -> list[Prediction]:
     """Who predicted the protocol's camera sets."""
     return predictions(None, PROTOCOL, [*paper.lists().values()], papers=True)
 
 
-def peg_foretellers() -> list[Prediction]:
+def peg_predictions() -> list[Prediction]:
     """Who predicted the same camera sets for the peg transfer: a model, and the needle's runs."""
     ranked = pd.read_csv(RECORDINGS / "claude_peg_transfer" / "rankings.csv")
     orders = [
@@ -179,8 +179,8 @@ def _claims() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _foretold() -> pd.DataFrame:
-    """Each prediction against the earlier studies: tau-b, p beyond the rule, regret.
+def _predictions() -> pd.DataFrame:
+    """Each prediction against the earlier studies: tau-b, p within classes, regret.
 
     The protocol's runs predict them, too.
     """
@@ -188,12 +188,12 @@ def _foretold() -> pd.DataFrame:
     imitated = scored(IMITATED, means(runs("protocol")), paper.lists().values())
     for column, (name, truth) in _MEASURED.items():
         measured = study(name).truths[truth]
-        foretold = [*study(name).predictions_of(truth), imitated]
-        for who, lists in predicted(foretold).items():
+        given = [*study(name).predictions_of(truth), imitated]
+        for who, lists in predicted(given).items():
             tau, p, lost = held(who, lists, measured)
             told = (written(tau), "" if p is None else f"p {p_value(p)}", f"loses {lost:.2f}")
             found.setdefault(who, {})[column] = ", ".join(filter(None, told))
-    ordered = [who for who in found if who not in (RULE, BLIND)] + [RULE, BLIND]
+    ordered = [who for who in found if who not in (RULE, RANDOM)] + [RULE, RANDOM]
     rows = [
         {"prediction": who} | {column: found[who].get(column, "") for column in _MEASURED}
         for who in ordered
@@ -216,7 +216,7 @@ def _rewards() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def mounted_foretellers() -> dict[str, dict[str, dict[str, float]]]:
+def mounted_predictions() -> dict[str, dict[str, dict[str, float]]]:
     """What was said of the sets with cameras on instruments before they were trained."""
     return {
         "claude": second_round.model_scores(RECORDINGS / "claude_operating_room"),
@@ -228,29 +228,35 @@ _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
     "renewal": lambda: second_round.renewal_table(runs("protocol"), runs("renewal")),
     "mounted": lambda: second_round.views_table(runs(MOUNTED)),
     "mounted_questions": lambda: second_round.questions_table(runs(MOUNTED)),
-    "mounted_foretold": lambda: second_round.foretold_table(mounted_foretellers(), runs(MOUNTED)),
+    "mounted_predictions": lambda: second_round.predictions_table(
+        mounted_predictions(), runs(MOUNTED)
+    ),
     "protocol": lambda: sets_table(runs("protocol")),
     "protocol_best": lambda: best_table(runs("protocol")),
     "protocol_traits": lambda: traits_table(runs("protocol")),
     "protocol_changes": lambda: changes_table(runs("protocol")),
-    "protocol_foretold": lambda: foretold_table(foretellers(), means(runs("protocol"))),
+    "protocol_predictions": lambda: predictions_table(
+        camera_predictions(), means(runs("protocol"))
+    ),
     "pegs": lambda: sets_table(runs(PEGS), "placed"),
     "pegs_traits": lambda: traits_table(runs(PEGS)),
     "pegs_changes": lambda: changes_table(runs(PEGS)),
-    "pegs_foretold": lambda: foretold_table(peg_foretellers(), means(runs(PEGS))),
+    "pegs_predictions": lambda: predictions_table(peg_predictions(), means(runs(PEGS))),
     "places": lambda: placements.places_table(runs("placements")),
-    "placements": lambda: placements.foretold_table(placements.single_scores(), runs("placements")),
+    "placements": lambda: placements.predictions_table(
+        placements.single_scores(), runs("placements")
+    ),
     "pairs": lambda: placements.places_table(runs(PAIRS)),
-    "pairs_foretold": lambda: placements.foretold_table(
+    "pairs_predictions": lambda: placements.predictions_table(
         placements.pair_scores(runs("placements")), runs(PAIRS)
     ),
     "survival": lambda: survival.sets_table(runs("protocol"), survived()),
     "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
-    "survival_foretold": lambda: survival.foretold_table(runs("protocol"), stress_of(PROTOCOL)),
+    "survival_predicted": lambda: survival.predictions_table(runs("protocol"), stress_of(PROTOCOL)),
     "writers": lambda: writers_table(runs("protocol_rewards")),
     "results": _results,
     "claims": _claims,
-    "foretold": _foretold,
+    "predictions": _predictions,
     "rewards": _rewards,
 }
 
@@ -267,7 +273,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], pd.DataFrame]]] = {
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mounted": lambda: second_round.views_figure(runs(MOUNTED)),
     "which_cameras": lambda: sets_figure(runs("protocol")),
-    "foretold": lambda: foretold_figure(foretellers(), means(runs("protocol"))),
+    "predictions": lambda: predictions_figure(camera_predictions(), means(runs("protocol"))),
     "where_cameras": lambda: placements.places_figure(runs("placements"), runs(PAIRS)),
     "survival": lambda: survival.survival_figure(survived()),
 }

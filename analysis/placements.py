@@ -107,14 +107,14 @@ def correlations(scores: pd.DataFrame, runs: pd.DataFrame) -> list[dict[str, str
     return rows
 
 
-def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Each prediction of these camera sets beside a blind choice; of the model, in how many of the
+def predictions_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """Each prediction of these camera sets beside a random choice; of the model, in how many of the
     bootstrap's draws its ρ is above that of the best rule."""
     success = pd.Series(means(runs))
     rules = (PIXELS, HIDDEN, ELEVATION)
     rho = scores.loc[success.index, [*rules]].corrwith(success, method="spearman")
     above = _drawn(scores, MODEL, runs) > _drawn(scores, str(rho.idxmax()), runs)
-    blind = {"prediction": "drawn blindly",
+    blind = {"prediction": "picked at random",
              "regret, points": percent(float(success.max() - success.mean()))}  # fmt: skip
     rows = pd.DataFrame([*correlations(scores, runs), blind]).fillna("")
     told = percent(float(np.mean(above)))
@@ -123,7 +123,7 @@ def foretold_table(scores: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def places_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Place and success of each single camera or pair, the best first, and what was foretold."""
+    """Place and success of each single camera or pair, the best first, and what was predicted."""
     cameras = _size(runs["cameras"])
     places = (-scores(cameras)).rank(method="min").astype(int)
     rows = []

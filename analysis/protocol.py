@@ -1,4 +1,4 @@
-"""What the runs of docs/protocol.md say of Q1 (which cameras?) and Q2 (could it be foretold?).
+"""What the runs of docs/protocol.md say of Q1 (which cameras?) and Q2 (could it be predicted?).
 
 Of any task that has the paper's camera sets; so of Q5 (does it hold on another task?), too.
 """
@@ -45,7 +45,7 @@ PREREGISTERED = ("the paper's VLM", "claude", "probe")
 
 CHANCE, EXACT = "chance to beat it", "exact p"
 
-RULE, BLIND = "the rule", "drawn blindly"
+RULE, RANDOM = "the rule", "picked at random"
 
 Scores = Mapping[str, float]
 
@@ -165,11 +165,11 @@ def mean_tau(lists: Sequence[Scores], measured: Scores) -> float:
     return sum(taus) / len(taus)
 
 
-def beyond_the_rule(lists: Sequence[Scores], measured: Scores) -> float:
+def p_within_classes(lists: Sequence[Scores], measured: Scores) -> float:
     """p of a prediction's mean tau-b among all orders of its scores within the rule's two classes.
 
-    So it asks what the prediction knows beyond "a front and a side view first". The test is exact:
-    it takes every order of every list with each of every other.
+    So it asks what the prediction knows that "a front and a side view first" does not. The test is
+    exact: it takes every order of every list with each of every other.
     """
     observed = mean_tau(lists, measured)
     orders = [[mean_tau([one], measured) for one in _within_classes(own)] for own in lists]
@@ -199,21 +199,21 @@ def predicted(predictions: Sequence[Prediction]) -> dict[str, list[Scores]]:
         if all(scores := [one.lists.get(frozenset(names), {}) for names in lists])
     }
     found[RULE] = [{name: float(is_two_sided(name)) for name in names} for names in lists]
-    found[BLIND] = [dict.fromkeys(names, 0.0) for names in lists]
+    found[RANDOM] = [dict.fromkeys(names, 0.0) for names in lists]
     return found
 
 
 def held(
     who: str, lists: Sequence[Scores], measured: Scores
 ) -> tuple[float | None, float | None, float]:
-    """Mean tau-b, p beyond the rule and regret; ``None`` where there is nothing to test."""
-    tau = None if who == BLIND else mean_tau(lists, measured)
-    p = None if who in (RULE, BLIND) else beyond_the_rule(lists, measured)
+    """Mean tau-b, p within classes and regret; ``None`` where there is nothing to test."""
+    tau = None if who == RANDOM else mean_tau(lists, measured)
+    p = None if who in (RULE, RANDOM) else p_within_classes(lists, measured)
     return tau, p, regret(lists, measured)
 
 
-def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> pd.DataFrame:
-    """Each prediction of the paper's three lists beside the rule and a blind choice."""
+def predictions_table(predictions: Sequence[Prediction], measured: Scores) -> pd.DataFrame:
+    """Each prediction of the paper's three lists beside the rule and a random choice."""
     rows = []
     for who, lists in predicted(predictions).items():
         tau, p, lost = held(who, lists, measured)
@@ -222,9 +222,9 @@ def foretold_table(predictions: Sequence[Prediction], measured: Scores) -> pd.Da
             {
                 "prediction": who,
                 "τ-b": written(tau),
-                "p beyond the rule": p_value(p),
+                "p within classes": p_value(p),
                 "regret, points": written(lost, ".1f", 100.0),
-                "test": "" if who in (RULE, BLIND) else kind,
+                "test": "" if who in (RULE, RANDOM) else kind,
             }
         )
     return pd.DataFrame(rows)
@@ -249,7 +249,7 @@ def sets_figure(runs: pd.DataFrame) -> Figure:
     return figure
 
 
-def foretold_figure(predictions: Sequence[Prediction], measured: Scores) -> Figure:
+def predictions_figure(predictions: Sequence[Prediction], measured: Scores) -> Figure:
     """How well each preregistered prediction agrees with success, beside the line of the rule."""
     lists = predicted(predictions)
     shown = (*PREREGISTERED, RULE)

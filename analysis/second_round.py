@@ -157,7 +157,7 @@ def _by_rendering(scores: Mapping[str, float]) -> dict[str, dict[str, float]]:
     }
 
 
-def foretold_table(
+def predictions_table(
     predictions: Mapping[str, Mapping[str, Mapping[str, float]]], runs: pd.DataFrame
 ) -> pd.DataFrame:
     """How well each prediction of the six sets agrees with success: τ-b, and what it loses."""

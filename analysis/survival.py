@@ -65,10 +65,10 @@ def axes_table(stress: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def foretold_table(runs: pd.DataFrame, stress: pd.DataFrame) -> pd.DataFrame:
-    """Whether success without disturbances foretells that under them: Spearman's ρ over sets.
+def predictions_table(runs: pd.DataFrame, stress: pd.DataFrame) -> pd.DataFrame:
+    """Whether success without disturbances predicts that under them: Spearman's ρ over sets.
 
-    The other seeds are those that were not tested: with them no run foretells itself. What costs
+    The other seeds are those that were not tested: with them no run predicts itself. What costs
     most is shown by itself, too.
     """
     others = runs.query("seed not in @stress.seed.tolist()")

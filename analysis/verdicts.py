@@ -80,7 +80,7 @@ def _extremes(success: dict[str, float]) -> dict[str, str]:
         "V, VLM predictions",
         told,
         verdict,
-        "[Q2](evidence.md#q2-could-it-have-been-foretold)",
+        "[Q2](evidence.md#q2-could-it-have-been-predicted)",
     )
 
 

@@ -14,9 +14,9 @@ from analysis.placements import (
     HIDDEN,
     MODEL,
     PIXELS,
-    foretold_table,
     pair_scores,
     places_table,
+    predictions_table,
     scores,
 )
 
@@ -41,13 +41,13 @@ def test_a_ranking_is_held_against_mean_success():
     )
     right = [5.0, 4.0, 3.0, 2.0, 1.0]
     scores = {MODEL: right, PIXELS: right[::-1], HIDDEN: right[::-1], ELEVATION: right[::-1]}
-    table = rows_of(foretold_table(pd.DataFrame(scores, index=[*success]), runs))
+    table = rows_of(predictions_table(pd.DataFrame(scores, index=[*success]), runs))
     rows = {row["prediction"]: row for row in table}
     assert rows[MODEL]["ρ (95 %)"].startswith("1.00 (")
     assert rows[PIXELS]["ρ (95 %)"].startswith("-1.00 (")
     assert float(rows[MODEL]["p"]) == pytest.approx(1 / 120, abs=0.002)
     assert rows[PIXELS]["p"] == "1.00"
     assert (rows[MODEL]["regret, points"], rows[PIXELS]["regret, points"]) == ("0", "80")
-    assert rows["drawn blindly"]["regret, points"] == "42"
+    assert rows["picked at random"]["regret, points"] == "42"
     assert int(rows[MODEL]["above the best rule, %"]) > 95
     assert rows[PIXELS]["above the best rule, %"] == ""

@@ -1,4 +1,4 @@
-"""The protocol's tests: what a prediction knows beyond the rule, traits, camera sets."""
+"""The protocol's tests: what a prediction knows that the rule does not, traits, camera sets."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from analysis.protocol import (
     TRAITS,
     beating,
     best_table,
-    beyond_the_rule,
     changes_table,
     mean_tau,
+    p_within_classes,
     sets_table,
     traits_table,
 )
@@ -29,19 +29,19 @@ MEASURED = {
 }
 
 
-def test_the_rule_itself_knows_nothing_beyond_the_rule():
+def test_the_rule_itself_knows_nothing_p_within_classes():
     rule = [{name: float(is_two_sided(name)) for name in names} for names in LISTS]
     assert mean_tau(rule, MEASURED) > 0.5
-    assert beyond_the_rule(rule, MEASURED) == 1.0
+    assert p_within_classes(rule, MEASURED) == 1.0
 
 
 def test_a_ranking_that_is_right_within_the_classes_knows_more_and_its_reverse_does_not():
     right = [{name: MEASURED[name] for name in names} for names in LISTS]
     assert mean_tau(right, MEASURED) == pytest.approx(1.0)
-    assert beyond_the_rule(right, MEASURED) < 0.01
+    assert p_within_classes(right, MEASURED) < 0.01
     within = [{name: 2 * is_two_sided(name) - MEASURED[name] for name in names} for names in LISTS]
     assert mean_tau(within, MEASURED) > 0.0
-    assert beyond_the_rule(within, MEASURED) > 0.9
+    assert p_within_classes(within, MEASURED) > 0.9
 
 
 def _runs(success) -> pd.DataFrame:

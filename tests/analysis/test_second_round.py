@@ -52,7 +52,7 @@ def test_predictions_are_held_against_each_rendering_by_itself():
         for name in second.RENDERINGS
     }
     wrong = {name: {c: -one for c, one in own.items()} for name, own in right.items()}
-    table = second.foretold_table({"right": right, "wrong": wrong}, runs).set_index("prediction")
+    table = second.predictions_table({"right": right, "wrong": wrong}, runs).set_index("prediction")
     assert table["τ-b, mean"].tolist() == ["1.00", "-1.00"]
     assert table["its first loses, points"].tolist() == ["0", "50"]
 

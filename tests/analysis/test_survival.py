@@ -1,4 +1,4 @@
-"""Which camera sets survive: means over axes, and whether undisturbed success foretells them."""
+"""Which camera sets survive: means over axes, and whether undisturbed success predicts them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from study_files import rows_of
 
-from analysis.survival import MODERATE, foretold_table, sets_table, survival
+from analysis.survival import MODERATE, predictions_table, sets_table, survival
 from needlehoop.study.data import paper
 
 AXES = {"camera.shift": 0.2, "robot.late": 1.0}
@@ -47,9 +47,9 @@ def test_the_best_survivor_comes_first_and_what_was_not_trained_stays_empty():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_success_foretells_survival_where_it_does(sign):
+def test_success_predicts_survival_where_it_does(sign):
     both = pd.concat([_stress(sign=sign), _stress(MODERATE, sign)])
-    rows = rows_of(foretold_table(_runs(), both))
+    rows = rows_of(predictions_table(_runs(), both))
     assert [row["prediction"] for row in rows] == ["Q1", "Q1, other seeds"] * 5
     for row in rows[:4]:
         assert float(row["ρ (95 %)"].split()[0]) == sign
