@@ -21,10 +21,11 @@ class Human:
     """Grasp, lift, take, give; values in ``conf/reward/human/handover.yaml``.
 
     An episode's return is its last potential, so each term counts what is so now. A needle that
-    PSM 2 holds pays only if it was handed over in the air: one that it fetched off the table, or
-    picked up after a fall, pays for nothing but PSM 1's way to it. Until both hold the needle an
-    arm earns up to 0.8 of its grasp by its way there and by shutting its jaws about the needle.
-    Letting go earns little before PSM 1 has let go, and its whole term once the needle is handed.
+    PSM 2 holds pays only if it was handed over in the air, and not if it was fetched off the table
+    or picked up after a fall. Until both hold the needle an arm earns up to 0.3 of its term by its
+    way, and up to 0.5 by shutting its jaws about the needle. PSM 2's way is to where it will take
+    the needle, and pays from the start: an arm that is paid later drifts away before. Letting go
+    earns little before PSM 1 has let go, and its whole term once the needle is handed.
     """
 
     rate: Positive
@@ -41,30 +42,33 @@ class Human:
         """Terms ``(n,)`` by name."""
         s = signals
         one = torch.ones_like(s.elapsed)
+        way_1 = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
+        # To PSM 2's pickup point as it will be with the needle at the meeting place.
+        way_2 = self._closeness(s.psm2_tool_midpoint, s.pickup_2 + s.meeting - s.needle_middle)
         held = torch.logical_or(s.grasped_1, s.released)
         taken = torch.logical_or(s.both, s.released)
         up = held * self._closeness(s.needle_middle, s.meeting)
         opened = (s.psm1_jaw_command / _WIDE_OPEN).clamp(0.0, 1.0)
         given = 0.4 * s.both * opened + (0.7 + 0.3 * s.handed) * s.released
         return {
-            "grasp": self.grasp * torch.where(held, one, self._about(s, 1)),
+            "grasp": self.grasp * torch.where(held, one, 0.3 * way_1 + self._jaws(s, 1)),
             "lift": self.lift * up,
-            "take": self.take * torch.where(taken, one, up * s.lifted * self._about(s, 2)),
+            "take": self.take
+            * torch.where(taken, one, 0.3 * way_2 + up * s.lifted * self._jaws(s, 2)),
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
 
-    def _about(self, s: Signals, arm: int) -> Tensor:
-        """How near an arm is to holding the needle at its pickup point, from 0 to 0.8 ``(n,)``."""
-        tool, wrist, quat, jaw, told = (
+    def _jaws(self, s: Signals, arm: int) -> Tensor:
+        """How nearly an arm's jaws are shut about its pickup point, from 0 to 0.5 ``(n,)``."""
+        wrist, quat, jaw, told = (
             getattr(s, f"psm{arm}_{name}")
-            for name in ("tool_midpoint", "wrist_pos", "tool_quat", "jaw", "jaw_command")
+            for name in ("wrist_pos", "tool_quat", "jaw", "jaw_command")
         )
         pickup = getattr(s, f"pickup_{arm}")
         away = outside_jaws(wrist, quat, jaw, pickup.unsqueeze(1)).squeeze(1)
         shut = (1.0 - told / _WIDE_OPEN).clamp(0.0, 1.0) * (away == 0)
-        near = torch.exp(-self.gap_rate * away)
-        return 0.3 * self._closeness(tool, pickup) + 0.2 * near + 0.3 * shut
+        return 0.2 * torch.exp(-self.gap_rate * away) + 0.3 * shut
 
     def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
         return torch.exp(-self.rate * distance(a, b))
