@@ -7,6 +7,7 @@ PLACES = {
     "needlehoop.agent": "results/agents/dep_front+seg_side/human/seed0",
     "needlehoop.agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
     "needlehoop.agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
+    "needlehoop.agent_handover": "results/handover/rgb_front+rgb_side/expert/seed0",
 }
 
 setup(

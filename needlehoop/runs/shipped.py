@@ -23,6 +23,7 @@ _RUNS = {
     "agent": "results/agents/dep_front+seg_side/human/seed0",
     "agent_reach": "results/reach/dep_front+seg_side/expert/seed0",
     "agent_peg_transfer": "results/peg_transfer/dep_front+seg_side/expert/seed0",
+    "agent_handover": "results/handover/rgb_front+rgb_side/expert/seed0",
 }
 """Runs whose agents are shipped: in an installed package under these names, or in a checkout."""
 
