@@ -122,7 +122,7 @@ def test_commands_take_it(capsys, tmp_path):
     assert main(["tasks", own, "task=cube_on_spot"]) == 0
     assert "grip_command" in capsys.readouterr().out
     assert main(["export", own, f"out={tmp_path}/arm"]) == 2
-    assert "cube_on_spot has no PSM" in capsys.readouterr().err
+    assert "cube_on_spot does not have one PSM" in capsys.readouterr().err
 
 
 def test_a_model_is_asked_about_it(capsys, tmp_path):

@@ -108,7 +108,7 @@ def _arm(settings: Any) -> Any:
     from needlehoop.tasks.psm import build_arm
 
     if not isinstance(settings.task, ArmLayout):
-        raise ValueError(f"what: {settings.task.name} has no PSM; choose scene")
+        raise ValueError(f"what: {settings.task.name} does not have one PSM; choose scene")
     spec = build_arm(settings.task, settings.psm)
     model = spec.compile()
     qpos = model.qpos0[None].copy()
