@@ -218,6 +218,18 @@ def test_the_reward_rises_from_stage_to_stage():
     assert best[-1] > 8.5
 
 
+def test_the_second_arms_way_pays_while_the_needle_lies_on_the_table():
+    scene = told()
+    s = scene.moment.signals
+    before = scene.simulation.reward(s)
+    s.psm2_tool_midpoint = s.pickup_2 + s.meeting - s.needle_middle
+    after = scene.simulation.reward(s)
+    assert (after["take"] > before["take"] + 0.1).all()
+    # No further than its way, however its jaws stand.
+    torch.testing.assert_close(after["take"], torch.full((6,), 0.6).double())
+    assert all(torch.equal(after[key], before[key]) for key in before if key != "take")
+
+
 # The physics.
 
 
