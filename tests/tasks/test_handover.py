@@ -218,16 +218,24 @@ def test_the_reward_rises_from_stage_to_stage():
     assert best[-1] > 8.5
 
 
-def test_the_second_arms_way_pays_while_the_needle_lies_on_the_table():
+def test_the_second_arm_is_paid_for_waiting_with_open_jaws_above_its_place():
     scene = told()
     s = scene.moment.signals
     before = scene.simulation.reward(s)
-    s.psm2_tool_midpoint = s.pickup_2 + s.meeting - s.needle_middle
-    after = scene.simulation.reward(s)
-    assert (after["take"] > before["take"] + 0.1).all()
-    # No further than its way, however its jaws stand.
-    torch.testing.assert_close(after["take"], torch.full((6,), 0.6).double())
-    assert all(torch.equal(after[key], before[key]) for key in before if key != "take")
+    place = s.pickup_2 + s.meeting - s.needle_middle
+
+    def waiting(height: float, jaw: float) -> Tensor:
+        s.psm2_tool_midpoint = place + torch.tensor([0.0, 0.0, height]).double()
+        s.psm2_jaw_command = torch.full((6,), jaw).double()
+        found = scene.simulation.reward(s)
+        assert all(torch.equal(found[key], before[key]) for key in before if key != "take")
+        return found["take"]
+
+    ready = waiting(0.015, 1.35)
+    assert (ready > before["take"] + 0.05).all()
+    assert (ready < 0.6 + 1e-9).all()
+    for height, jaw in ((0.0, 1.35), (0.03, 1.35), (0.015, 0.0)):
+        assert (waiting(height, jaw) < ready - 0.05).all()
 
 
 # The physics.

@@ -15,6 +15,9 @@ from needlehoop.tasks.psm import outside_jaws
 _WIDE_OPEN = 1.35
 """Angle of jaws that pay nothing for being shut, rad."""
 
+_HOVER = 0.015
+"""Height above its place at which PSM 2 waits while the needle is far, m."""
+
 
 @dataclass(frozen=True)
 class Human:
@@ -23,9 +26,12 @@ class Human:
     An episode's return is its last potential, so each term counts what is so now. A needle that
     PSM 2 holds pays only if it was handed over in the air, and not if it was fetched off the table
     or picked up after a fall. Until both hold the needle an arm earns up to 0.3 of its term by its
-    way, and up to 0.5 by shutting its jaws about the needle. PSM 2's way is to where it will take
-    the needle, and pays from the start: an arm that is paid later drifts away before. Letting go
-    earns little before PSM 1 has let go, and its whole term once the needle is handed.
+    way, and up to 0.5 by shutting its jaws about the needle. Letting go earns little before PSM 1
+    has let go, and its whole term once the needle is handed.
+
+    PSM 2's way pays from the start, because an arm that is paid for nothing drifts away. It leads
+    with open jaws to above the place where PSM 2 will take the needle, and down to it as the needle
+    comes: an arm that waits in the place itself, or with shut jaws, is in PSM 1's way.
     """
 
     rate: Positive
@@ -42,33 +48,51 @@ class Human:
         """Terms ``(n,)`` by name."""
         s = signals
         one = torch.ones_like(s.elapsed)
-        way_1 = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
-        # To PSM 2's pickup point as it will be with the needle at the meeting place.
-        way_2 = self._closeness(s.psm2_tool_midpoint, s.pickup_2 + s.meeting - s.needle_middle)
         held = torch.logical_or(s.grasped_1, s.released)
         taken = torch.logical_or(s.both, s.released)
         up = held * self._closeness(s.needle_middle, s.meeting)
-        opened = (s.psm1_jaw_command / _WIDE_OPEN).clamp(0.0, 1.0)
+        way = self._closeness(s.psm1_tool_midpoint, s.pickup_1)
+        jaws = up * s.lifted * self._jaws(s, 2)
+        opened = _open(s.psm1_jaw_command)
         given = 0.4 * s.both * opened + (0.7 + 0.3 * s.handed) * s.released
         return {
-            "grasp": self.grasp * torch.where(held, one, 0.3 * way_1 + self._jaws(s, 1)),
+            "grasp": self.grasp * torch.where(held, one, 0.3 * way + self._jaws(s, 1)),
             "lift": self.lift * up,
-            "take": self.take
-            * torch.where(taken, one, 0.3 * way_2 + up * s.lifted * self._jaws(s, 2)),
+            "take": self.take * torch.where(taken, one, self._waiting(s, up) + jaws),
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
 
+    def _waiting(self, s: Signals, up: Tensor) -> Tensor:
+        """How near PSM 2 waits to where the needle comes, from 0 to 0.3 ``(n,)``.
+
+        ``up``: from 0 to 1, how near to the meeting place PSM 1 holds the needle.
+        """
+        # Its pickup point as it will be with the needle at the meeting place, and above it.
+        place = s.pickup_2 + s.meeting - s.needle_middle
+        place = place + torch.stack((0 * up, 0 * up, _HOVER * (1.0 - up)), -1)
+        is_about = self._away(s, 2) == 0
+        ready = torch.where(is_about, torch.ones_like(up), _open(s.psm2_jaw_command))
+        return 0.15 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
+
     def _jaws(self, s: Signals, arm: int) -> Tensor:
         """How nearly an arm's jaws are shut about its pickup point, from 0 to 0.5 ``(n,)``."""
-        wrist, quat, jaw, told = (
-            getattr(s, f"psm{arm}_{name}")
-            for name in ("wrist_pos", "tool_quat", "jaw", "jaw_command")
-        )
-        pickup = getattr(s, f"pickup_{arm}")
-        away = outside_jaws(wrist, quat, jaw, pickup.unsqueeze(1)).squeeze(1)
-        shut = (1.0 - told / _WIDE_OPEN).clamp(0.0, 1.0) * (away == 0)
+        away = self._away(s, arm)
+        shut = (1.0 - _open(getattr(s, f"psm{arm}_jaw_command"))) * (away == 0)
         return 0.2 * torch.exp(-self.gap_rate * away) + 0.3 * shut
+
+    def _away(self, s: Signals, arm: int) -> Tensor:
+        """Distance of an arm's pickup point from the gap between its blades ``(n,)``, m."""
+        wrist, quat, jaw = (
+            getattr(s, f"psm{arm}_{name}") for name in ("wrist_pos", "tool_quat", "jaw")
+        )
+        pickup = getattr(s, f"pickup_{arm}").unsqueeze(1)
+        return outside_jaws(wrist, quat, jaw, pickup).squeeze(1)
 
     def _closeness(self, a: Tensor, b: Tensor) -> Tensor:
         return torch.exp(-self.rate * distance(a, b))
+
+
+def _open(command: Tensor) -> Tensor:
+    """How far jaws are told to open, from 0 to 1."""
+    return (command / _WIDE_OPEN).clamp(0.0, 1.0)
