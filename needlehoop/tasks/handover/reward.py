@@ -15,9 +15,6 @@ from needlehoop.tasks.psm import outside_jaws
 _WIDE_OPEN = 1.35
 """Angle of jaws that pay nothing for being shut, rad."""
 
-_HOVER = 0.015
-"""Height above its place at which PSM 2 waits while the needle is far, m."""
-
 
 @dataclass(frozen=True)
 class Human:
@@ -29,9 +26,8 @@ class Human:
     way, and up to 0.5 by shutting its jaws about the needle. Letting go earns little before PSM 1
     has let go, and its whole term once the needle is handed.
 
-    PSM 2's way pays from the start, because an arm that is paid for nothing drifts away. It leads
-    with open jaws to above the place where PSM 2 will take the needle, and down to it as the needle
-    comes: an arm that waits in the place itself, or with shut jaws, is in PSM 1's way.
+    PSM 2's way pays from the start, and half of it for open jaws: an arm that is paid for nothing
+    drifts away.
     """
 
     rate: Positive
@@ -58,21 +54,18 @@ class Human:
         return {
             "grasp": self.grasp * torch.where(held, one, 0.3 * way + self._jaws(s, 1)),
             "lift": self.lift * up,
-            "take": self.take * torch.where(taken, one, self._waiting(s, up) + jaws),
+            "take": self.take * torch.where(taken, one, self._waiting(s) + jaws),
             "give": self.give * given,
             "time": -self.time * s.elapsed,
         }
 
-    def _waiting(self, s: Signals, up: Tensor) -> Tensor:
-        """How near PSM 2 waits to where the needle comes, from 0 to 0.3 ``(n,)``.
-
-        ``up``: from 0 to 1, how near to the meeting place PSM 1 holds the needle.
-        """
-        # Its pickup point as it will be with the needle at the meeting place, and above it.
+    def _waiting(self, s: Signals) -> Tensor:
+        """How near PSM 2 is to where it will take the needle, from 0 to 0.3 ``(n,)``."""
+        # Its pickup point as it will be with the needle at the meeting place.
         place = s.pickup_2 + s.meeting - s.needle_middle
-        place = place + torch.stack((0 * up, 0 * up, _HOVER * (1.0 - up)), -1)
-        is_about = self._away(s, 2) == 0
-        ready = torch.where(is_about, torch.ones_like(up), _open(s.psm2_jaw_command))
+        opened = _open(s.psm2_jaw_command)
+        # About the needle they are to shut.
+        ready = torch.where(self._away(s, 2) == 0, torch.ones_like(opened), opened)
         return 0.15 * self._closeness(s.psm2_tool_midpoint, place) * (1.0 + ready)
 
     def _jaws(self, s: Signals, arm: int) -> Tensor:
