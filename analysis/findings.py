@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from analysis import placements, second_round, survival
+from analysis import instruments, placements, survival
 from analysis.comparisons import claims, writers_table
 from analysis.protocol import (
     RANDOM,
@@ -57,13 +57,15 @@ from needlehoop.study.stats.run import (
 )
 
 ROOT = Path(__file__).parents[1]
-DOCS = ROOT / "docs"
-PROTOCOL = ROOT / "results" / "protocol"
+DOCS, RESULTS = ROOT / "docs", ROOT / "results"
 
 STUDIES = ("fast", "table2", "rewards")
 
 PEGS, NEEDLE = "protocol_peg_transfer", "success with the needle"
 """The protocol's study of another task, and what Q1's success is called where it predicts that."""
+
+SURVIVED = "survival"
+"""Runs of the first round of Q1, with their stress tests."""
 
 MOUNTED = "operating_room"
 """Runs with cameras on an instrument or an endoscope."""
@@ -106,19 +108,19 @@ def refilled(name: str, page: str) -> str:
 @cache
 def study(name: str) -> StudyFindings:
     """What the runs of a study of results/ say."""
-    return study_findings(ROOT / "results" / name)
+    return study_findings(RESULTS / name)
 
 
 @cache
 def runs(name: str) -> pd.DataFrame:
     """The runs of one of docs/protocol.md's studies, by its folder in results/."""
-    return runs_of(ROOT / "results" / name)
+    return runs_of(RESULTS / name)
 
 
 @cache
 def camera_predictions() -> list[Prediction]:
     """Who predicted the protocol's camera sets."""
-    return predictions(None, PROTOCOL, [*paper.lists().values()], papers=True)
+    return predictions(None, RESULTS / "protocol", [*paper.lists().values()], papers=True)
 
 
 def peg_predictions() -> list[Prediction]:
@@ -131,9 +133,15 @@ def peg_predictions() -> list[Prediction]:
     return [Prediction("claude", {frozenset(order): order for order in orders}), needle]
 
 
+@cache
+def stress() -> pd.DataFrame:
+    """The stress tests of Q4."""
+    return stress_of(RESULTS / SURVIVED)
+
+
 def survived() -> pd.DataFrame:
-    """What disturbances cost the protocol's runs."""
-    return survival.survival(stress_of(PROTOCOL))
+    """What disturbances cost the runs of Q4."""
+    return survival.survival(stress())
 
 
 def _results() -> pd.DataFrame:
@@ -219,16 +227,15 @@ def _rewards() -> pd.DataFrame:
 def mounted_predictions() -> dict[str, dict[str, dict[str, float]]]:
     """What was said of the sets with cameras on instruments before they were trained."""
     return {
-        "claude": second_round.model_scores(RECORDINGS / "claude_operating_room"),
-        "probe": second_round.probe_scores(ROOT / "results" / MOUNTED),
+        "claude": instruments.model_scores(RECORDINGS / "claude_operating_room"),
+        "probe": instruments.probe_scores(RESULTS / MOUNTED),
     }
 
 
 _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
-    "renewal": lambda: second_round.renewal_table(runs("protocol"), runs("renewal")),
-    "mounted": lambda: second_round.views_table(runs(MOUNTED)),
-    "mounted_questions": lambda: second_round.questions_table(runs(MOUNTED)),
-    "mounted_predictions": lambda: second_round.predictions_table(
+    "mounted": lambda: instruments.views_table(runs(MOUNTED)),
+    "mounted_questions": lambda: instruments.questions_table(runs(MOUNTED)),
+    "mounted_predictions": lambda: instruments.predictions_table(
         mounted_predictions(), runs(MOUNTED)
     ),
     "protocol": lambda: sets_table(runs("protocol")),
@@ -250,9 +257,9 @@ _EVIDENCE: Mapping[str, Callable[[], pd.DataFrame]] = {
     "pairs_predictions": lambda: placements.predictions_table(
         placements.pair_scores(runs("placements")), runs(PAIRS)
     ),
-    "survival": lambda: survival.sets_table(runs("protocol"), survived()),
-    "survival_axes": lambda: survival.axes_table(stress_of(PROTOCOL)),
-    "survival_predicted": lambda: survival.predictions_table(runs("protocol"), stress_of(PROTOCOL)),
+    "survival": lambda: survival.sets_table(runs(SURVIVED), survived()),
+    "survival_axes": lambda: survival.axes_table(stress()),
+    "survival_predicted": lambda: survival.predictions_table(runs(SURVIVED), stress()),
     "writers": lambda: writers_table(runs("protocol_rewards")),
     "results": _results,
     "claims": _claims,
@@ -271,7 +278,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], pd.DataFrame]]] = {
 """Each page's tables, by the comments above them."""
 
 FIGURES: Mapping[str, Callable[[], Figure]] = {
-    "mounted": lambda: second_round.views_figure(runs(MOUNTED)),
+    "mounted": lambda: instruments.views_figure(runs(MOUNTED)),
     "which_cameras": lambda: sets_figure(runs("protocol")),
     "predictions": lambda: predictions_figure(camera_predictions(), means(runs("protocol"))),
     "where_cameras": lambda: placements.places_figure(runs("placements"), runs(PAIRS)),

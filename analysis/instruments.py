@@ -1,4 +1,4 @@
-"""The protocol's second round: which old runs count, and cameras on instruments (Q7)."""
+"""Q7 of docs/protocol.md: cameras on instruments and in an endoscope."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import kendalltau, ttest_1samp
+from scipy.stats import kendalltau
 
 from analysis.protocol import means, more, share
 from needlehoop.study.render.style import COLOURS, FAINT, new_figure
 from needlehoop.study.render.table import percent, written
-from needlehoop.study.stats.statistics import ENOUGH, Estimated, Interval
+from needlehoop.study.stats.statistics import Estimated
 
 RENDERINGS = {"rgb": "colour", "seg": "segmentation", "dep": "colour and depth"}
 VIEWS = {
@@ -38,33 +38,6 @@ def views_of(cameras: str) -> str:
 def rendering_of(cameras: str) -> str:
     """The one rendering of a camera set's cameras."""
     return cameras.partition("_")[0]
-
-
-def renewal_table(old: pd.DataFrame, new: pd.DataFrame) -> pd.DataFrame:
-    """Each renewed camera set, seed by seed against its old runs, with a paired t-interval."""
-    rows = []
-    for cameras, own in new.groupby("cameras"):
-        both = own.merge(old, on=["cameras", "seed"], suffixes=("", "_old"))
-        gaps = (both["success"] - both["success_old"]).to_numpy()
-        found = Estimated(float(gaps.mean()))
-        if len(gaps) >= ENOUGH:
-            ends = ttest_1samp(gaps, 0.0).confidence_interval()
-            found = Estimated(found.value, Interval(float(ends.low), float(ends.high)))
-        stands = "" if found.interval is None else _holds_none(found.interval)
-        rows.append(
-            {
-                "cameras": str(cameras),
-                "before, by seed, %": percent(both["success_old"].tolist()),
-                "now, by seed, %": percent(both["success"].tolist()),
-                "now less before, points (95 %)": written(found, "+.0f", 100.0),
-                "holds 0": stands,
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def _holds_none(ends: Interval) -> str:
-    return "yes" if ends.low <= 0.0 <= ends.high else "no"
 
 
 def _successes(runs: pd.DataFrame, views: str, rendering: str) -> list[float]:

@@ -1,19 +1,18 @@
-"""The protocol's second round: verdicts on runs that were made up."""
+"""Cameras on instruments (Q7): verdicts on runs that were made up."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-import pytest
 
-from analysis import second_round as second
+from analysis import instruments
 
 
 def _runs(mean) -> pd.DataFrame:
     """Five seeds of Q7's 18 sets; ``mean(views, rendering)`` says how often they thread."""
     rows = []
-    for rendering in second.RENDERINGS:
-        for views in second.VIEWS:
+    for rendering in instruments.RENDERINGS:
+        for views in instruments.VIEWS:
             cameras = "+".join(f"{rendering}_{one}" for one in views.split("+"))
             for seed in range(5):
                 success = mean(views, rendering) + 0.01 * (seed - 2)
@@ -24,13 +23,13 @@ def _runs(mean) -> pd.DataFrame:
 def test_a_set_is_enough_in_two_renderings_of_three():
     best = {"rgb": 0.8, "seg": 0.8, "dep": 0.3}
     runs = _runs(lambda views, name: best[name] if views == "wrist" else 0.8)
-    table = second.questions_table(runs).set_index("question")["verdict"]
+    table = instruments.questions_table(runs).set_index("question")["verdict"]
     verdicts = {name.split(" (")[0]: said for name, said in table.items()}
     assert verdicts["one camera on the instrument is enough"] == "yes"
     assert verdicts["the endoscope is enough"] == "yes"
     assert verdicts["the instrument's camera adds something"] == "no"
     worse = _runs(lambda views, name: 0.7 if views == "wrist" else 0.8)
-    table = second.questions_table(worse)
+    table = instruments.questions_table(worse)
     assert table["verdict"].tolist() == ["no", "yes", "no"]
     assert table.iloc[0, 1].startswith("-10 (")
 
@@ -39,28 +38,21 @@ def test_what_the_instruments_camera_adds_is_pooled_within_renderings():
     # The renderings lie far apart; what is added does not.
     base = {"rgb": 0.1, "seg": 0.5, "dep": 0.8}
     runs = _runs(lambda views, name: base[name] + 0.05 * (views == "ecm_left+wrist"))
-    row = second.questions_table(runs).iloc[2]
+    row = instruments.questions_table(runs).iloc[2]
     assert row["verdict"] == "yes"
     assert row["all, points (95 %)"] == "+5 (+4 to +6)"
 
 
 def test_predictions_are_held_against_each_rendering_by_itself():
-    score = dict(zip(second.VIEWS, np.linspace(0.9, 0.4, 6), strict=True))
+    score = dict(zip(instruments.VIEWS, np.linspace(0.9, 0.4, 6), strict=True))
     runs = _runs(lambda views, name: score[views])
     right = {
-        name: {c: score[second.views_of(c)] for c in runs["cameras"] if c.startswith(name)}
-        for name in second.RENDERINGS
+        name: {c: score[instruments.views_of(c)] for c in runs["cameras"] if c.startswith(name)}
+        for name in instruments.RENDERINGS
     }
     wrong = {name: {c: -one for c, one in own.items()} for name, own in right.items()}
-    table = second.predictions_table({"right": right, "wrong": wrong}, runs).set_index("prediction")
+    table = instruments.predictions_table({"right": right, "wrong": wrong}, runs).set_index(
+        "prediction"
+    )
     assert table["τ-b, mean"].tolist() == ["1.00", "-1.00"]
     assert table["its first loses, points"].tolist() == ["0", "50"]
-
-
-@pytest.mark.parametrize(("drop", "holds"), [(0.0, "yes"), (0.2, "no")])
-def test_renewed_runs_are_held_against_the_same_seeds(drop, holds):
-    old = pd.DataFrame({"cameras": "a", "seed": range(5), "success": [0.5, 0.6, 0.7, 0.8, 0.9]})
-    new = old.assign(success=old["success"] - drop + [0.01, -0.01, 0.02, -0.02, 0.0])
-    (row,) = second.renewal_table(old.sample(frac=1, random_state=0), new).to_dict("records")
-    assert row["holds 0"] == holds
-    assert row["before, by seed, %"] == "50, 60, 70, 80, 90"
