@@ -115,7 +115,7 @@ def best_table(runs: pd.DataFrame, done: str = "threaded") -> pd.DataFrame:
     """What the set that does best in the other seeds does in a seed that did not choose it."""
     rows = []
     for seed, left_out in runs.groupby("seed"):
-        chosen = next(iter(means(runs[runs["seed"] != seed])))
+        chosen = next(iter(means(runs.query("seed != @seed"))))
         success = left_out.loc[left_out["cameras"] == chosen, "success"].item()
         rows.append((str(seed), chosen, success))
     rows.append(("mean", "", float(np.mean([one[-1] for one in rows]))))
